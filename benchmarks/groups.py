@@ -53,7 +53,7 @@ def read(folder: Path, n: int, grouped: bool) -> float:
     from dancedata.readers import BatchLoader, GroupDataset, WindowDataset
 
     cls: Any = GroupDataset if grouped else WindowDataset
-    dataset = cls(folder / "store", "train", fields=("edge151", "librosa35"), normalize=False)
+    dataset = cls(folder / "store", "train", fields=("edge151", "librosa35"), scale=None)
     begin = time.perf_counter()
     for batch in BatchLoader(dataset, 64 // SIZE if grouped else 64, shuffle=True):
         float(batch["edge151"].reshape(-1)[0])

@@ -103,7 +103,7 @@ def read(folder: Path, results: Any) -> None:
 
     store = dancedata.open(folder)
     note("open")
-    dataset = WindowDataset(store, fields=("pose", "music"), normalize=False)
+    dataset = WindowDataset(store, fields=("pose", "music"), scale=None)
     note("WindowDataset")
     dataset[len(dataset) // 2]
     note("first sample")

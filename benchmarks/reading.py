@@ -86,14 +86,14 @@ def make_source(work: Path, n_windows: int, wide: int) -> Source:
             folder / "store", clips={"train": n_clips}, fields=fields, length=LENGTH, stride=STRIDE,
             n_frames=(n_frames, n_frames), clips_per_song=1, shard_bytes=256 << 20,
         )  # fmt: skip
-    return Source(folder, WindowDataset(folder / "store", fields=[f.name for f in fields], normalize=False))
+    return Source(folder, WindowDataset(folder / "store", fields=[f.name for f in fields], scale=None))
 
 
 def measures_of(source: Source, peers: Sequence[str] | None) -> dict[tuple[str, int], tuple[Measure, Path]]:
     """Return by (name, workers) a function that makes the loader, and the folder that it reads."""
     kinds = [k for k in PEERS if k is NpLoad or peers is None or any(p.lower() in k.name.lower() for p in peers)]
     dataset, store = source.dataset, source.dataset.store.path
-    augmented = WindowDataset(store, fields=source.fields, mirror=0.5)
+    augmented = WindowDataset(store, fields=source.fields, augment={"mirror": 0.5})
     found: dict[tuple[str, int], tuple[Measure, Path]] = {}
     for kind in kinds:
         if kind.package is not None and importlib.util.find_spec(kind.package) is None:

@@ -209,7 +209,7 @@ def environment(port: int) -> dict[str, str]:
 
 def write_peers(folder: Path) -> None:
     """Write the windows as parquet and tar files, as many as the store has shards."""
-    ds = WindowDataset(folder / "store", fields=list(FIELDS), normalize=False)
+    ds = WindowDataset(folder / "store", fields=list(FIELDS), scale=None)
     parts = np.array_split(np.arange(len(ds)), len(ds.store.shards("train")))
     for number, part in enumerate(parts):
         rows = [[ds.store.read(ds.windows[int(k)], name) for name in FIELDS] for k in part]
@@ -248,7 +248,7 @@ def upload(store: Path, port: int) -> None:
 
 def blocks(where: str | Path) -> Batches:
     """Return this package's batches, in blocks."""
-    ds = WindowDataset(where, fields=list(FIELDS), normalize=False)
+    ds = WindowDataset(where, fields=list(FIELDS), scale=None)
     return BatchLoader(ds, BATCH, sampler=EpochSampler(ds, seed=0, block=BLOCK))
 
 
@@ -290,7 +290,7 @@ def s3fs_h5py(base: str, root: Path, port: int | None = None) -> Batches:
     import h5py
     import s3fs
 
-    ds = WindowDataset(root / "dances/store", fields=list(FIELDS), normalize=False)
+    ds = WindowDataset(root / "dances/store", fields=list(FIELDS), scale=None)
     system = s3fs.S3FileSystem(endpoint_url=base.removesuffix("/dances"), skip_instance_cache=True)
     shards, numbers = ds.store.shards_of(ds.windows)
     order = list(EpochSampler(ds, seed=0, block=BLOCK))

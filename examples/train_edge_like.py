@@ -24,7 +24,7 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata.core.errors import DanceDataError
 from dancedata.formats.bvh.write import write_bvh
-from dancedata.readers import BatchStream, WindowDataset
+from dancedata.readers import BatchStream, Scale, WindowDataset, Windows
 from dancedata.readers.torch_kinematics import Poses, decode, joints
 
 
@@ -181,8 +181,8 @@ def main() -> None:
     args.out.mkdir(parents=True, exist_ok=True)
     ds = dancedata.open(args.data)
     field = next((name for name in ("edge151", "lodge139", "finedance319") if name in ds.fields), "edge151")
-    both = (field, "librosa35")
-    data = WindowDataset(ds, fields=both, normalize=both, length_s=args.seconds, stride_s=0.5, mirror=0.5)
+    both, windows = (field, "librosa35"), Windows(length_s=args.seconds, stride_s=0.5)
+    data = WindowDataset(ds, fields=both, windows=windows, scale=Scale(fields=both), augment={"mirror": 0.5})
     torch.manual_seed(args.seed)
     model = Denoiser(ds.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
     music = dancedata.extract("librosa35", args.song, fps=ds.fps) if args.song else ds.clips[-1].read("librosa35")

@@ -22,7 +22,7 @@ import dancedata
 from dancedata.core.errors import DanceDataError
 from dancedata.core.rotations import slerp
 from dancedata.keymotion import primitives
-from dancedata.readers import WindowDataset
+from dancedata.readers import Primitives, Scale, WindowDataset, Windows
 from dancedata.readers.torch_kinematics import Poses, decode, matrix_from_rotvec
 
 FIELD, CUE, CONTEXT = "lodge139", 8, 32
@@ -83,13 +83,10 @@ def main() -> None:
     genres = sorted({clip.genre for clip in store.clips if clip.genre})
     data = WindowDataset(
         store,
-        fields=(FIELD, "librosa35", "primitives"),
-        normalize=(FIELD, "librosa35"),
-        length_frames=args.frames,
-        stride_frames=max(1, args.frames // 10),
-        primitive_n=args.segment,
-        trim=True,
-        mirror=0.5,
+        fields=(FIELD, "librosa35", Primitives(n=args.segment)),
+        windows=Windows(length=args.frames, stride=max(1, args.frames // 10), trim=True),
+        scale=Scale(fields=(FIELD, "librosa35")),
+        augment={"mirror": 0.5},
     )
     model = GlobalDenoiser(store.fields[FIELD].width, 35, len(genres), args.width, args.layers, args.frames)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -40,6 +40,11 @@ class Step:
     p: float
 
     @property
+    def mirrors(self) -> bool:
+        """Whether samples are mirror images, which have their own words, and a fast way to be read."""
+        return self.augmentation.name == "mirror"
+
+    @property
     def stream(self) -> int:
         """Number of the stream of random numbers: equal names give equal numbers, in any order of the steps."""
         return zlib.crc32(self.name.encode())
@@ -55,7 +60,11 @@ class Step:
 
 
 def steps_of(augment: Augment | None) -> Iterator[Step]:
-    """Yield the steps that plug-ins, names and mappings of names to parameters stand for."""
+    """Yield the steps that plug-ins, names and mappings of names to parameters stand for.
+
+    ``"p"`` among the parameters is the probability that a sample is changed, as is a number instead of them; True:
+    always, False: never.
+    """
     if isinstance(augment, str | Augmentation | Chance):
         raise UsageError("augment is not a list", found=augment, allowed='such as ["yaw"] or {"mirror": 0.5}')
     items: Sequence[Any] = [augment] if isinstance(augment, Mapping) else augment or []
@@ -99,7 +108,7 @@ def _step(name: str, augmentation: Augmentation, chance: float) -> Step:
     return Step(name, augmentation, chance)
 
 
-def numbered(steps: Iterator[Step]) -> Iterator[Step]:
+def numbered(steps: Iterable[Step]) -> Iterator[Step]:
     """Yield steps under different names, so that steps with the same name draw different numbers."""
     counts: dict[str, int] = {}
     for step in steps:

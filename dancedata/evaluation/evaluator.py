@@ -98,7 +98,7 @@ class Evaluator:
     >>> from dancedata import Evaluator
     >>> from dancedata.readers import WindowDataset
     >>> evaluator = Evaluator("data/aistpp", "edge151", normalized=True)
-    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
+    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val"), batch_size=4):
     ...     samples = batch["edge151"]  # of a model that has heard batch["librosa35"]
     ...     evaluator.update(samples, batch["id"])
     >>> evaluator.gather().compute()["fid_k"] >= 0

@@ -225,7 +225,7 @@ def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
     if job.store.scope == "window":
         return job.store.windows(split)
     fields = (MOTION, feature)
-    return job.store.windows(split, length_frames=LENGTH, stride_frames=STRIDE, fields=fields)
+    return job.store.windows(split, length=LENGTH, stride=STRIDE, fields=fields)
 
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:

@@ -146,8 +146,8 @@ def decode_group(
     Examples
     --------
     >>> import dancedata
-    >>> from dancedata.readers import GroupDataset
-    >>> groups = GroupDataset("data/groups", fields=("edge151",), persons=3)
+    >>> from dancedata.readers import Dancers, GroupDataset
+    >>> groups = GroupDataset("data/groups", fields=("edge151",), dancers=Dancers(persons=3))
     >>> sample = groups[0]
     >>> rows, mask = sample["edge151"].numpy(), sample["person_mask"]
     >>> [motion is not None for motion in dancedata.decode_group(rows, "edge151", person_mask=mask, like=groups)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,7 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import SampleAugmentation, SampleField
 from dancedata.core.rotations import Float64Array
-from dancedata.core.sample_steps import Augment, Step, numbered, steps_of
+from dancedata.core.sample_steps import Step, numbered
 from dancedata.store.dataset import Store
 from dancedata.store.motion_fields import sample_field
 
@@ -42,7 +42,7 @@ class Augmenter:
         cls,
         store: Store,
         names: Sequence[str],
-        augment: Augment | None,
+        steps: Iterable[Step],
         *,
         seed: int,
         mirrored: bool = False,
@@ -50,21 +50,18 @@ class Augmenter:
     ) -> Augmenter:
         """Make an augmenter for samples with some fields of a store.
 
-        `augment`: Plug-ins, names, or mappings of names to parameters, among which ``"p"`` is the probability that a
-            sample is changed. A number instead of parameters is that probability; True: always, False: never.
+        `steps`: As `steps_of` makes them of what a caller names.
         `mirrored`: Whether samples are mirrored by other means already.
         `allow_crop`: Whether windows other than the stored ones may be read.
         Raises UsageError: for an unknown augmentation or parameter, and for one that cannot change these samples.
         """
         sample_fields = tuple(sample_field(store, name) for name in names)
-        steps = tuple(numbered(steps_of(augment)))
+        steps = tuple(numbered(steps))
         for step in steps:
             check_step(step, sample_fields, store)
             _check_windows(step, store, allow_crop)
-            if mirrored and step.augmentation.name == "mirror":
-                raise UsageError(
-                    "samples are mirrored twice", fix="give mirror= or augment={'mirror': ...}, not both"
-                )
+            if mirrored and step.mirrors:
+                raise UsageError("samples are mirrored twice", found=step.name, fix="name one mirror in augment")
         droppable = tuple(
             dict.fromkeys(name for step in steps for name in step.augmentation.droppable(sample_fields))
         )

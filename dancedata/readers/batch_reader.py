@@ -22,7 +22,7 @@ from dancedata.core.columns import Mirror
 from dancedata.core.system import memory_file
 from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.music_beats import LABELS, BeatLabels
-from dancedata.readers.presets import PRIMITIVES, PrimitiveSpec
+from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.shard_reader import WindowRows

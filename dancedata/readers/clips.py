@@ -1,9 +1,9 @@
 """ClipDataset: the clips of a built dataset, whole or cropped at random, as a map-style torch dataset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,14 +13,14 @@ from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.clip_collate import pack_clips, pad_clips
-from dancedata.readers.music_beats import StartAt, beat_labels, beat_starts, no_start, require_start_at
-from dancedata.readers.scalers import ScalerLike
-from dancedata.readers.segments import MirrorWords, SegmentChoice
-from dancedata.readers.selection import FilterLike, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset, crop_choices, mirrored_samples
+from dancedata.readers.music_beats import beat_labels, beat_starts, no_start
+from dancedata.readers.options import Item, Scale, ScalerLike, Select, Windows, clash
+from dancedata.readers.selection import no_window_error
+from dancedata.readers.split_dataset import SplitDataset, crop_choices, mirrored_samples
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -28,13 +28,13 @@ from dancedata.store.window_list import WindowList
 class ClipDataset(SplitDataset):
     """Clips of one split, each a dict of tensors and metadata, as `WindowDataset` has them.
 
-    A sample is a whole clip, all frames for which every field has whole rows; or, with `crop_s` or `crop_frames`, a
+    A sample is a whole clip, all frames for which every field has whole rows; or, with a length in `windows`, a
     piece of that length from a random place, a new one in every epoch::
 
         clips = ClipDataset(out, fields=("edge151", "librosa35"))
         loader = DataLoader(clips, batch_size=8, collate_fn=pad_clips, sampler=EpochSampler(clips, seed=0))
 
-        crops = ClipDataset(out, crop_s=5, crops=4)     # all of one length: default_collate is enough
+        crops = ClipDataset(out, windows=Windows(length_s=5), crops=4)  # of one length: default_collate is enough
 
     Whole clips differ in length: `pad_clips` or `pack_clips` make batches of them, and `BucketSampler` puts clips of
     similar length together.
@@ -60,86 +60,61 @@ class ClipDataset(SplitDataset):
         self,
         store: str | Path | Store,
         split: str | Sequence[str] = "train",
-        fields: Sequence[str] | None = None,
+        fields: Sequence[Item] | None = None,
         *,
-        crop_s: float | str | None = None,
-        crop_frames: int | None = None,
+        windows: Windows | None = None,
         crops: int = 1,
-        normalize: bool | Sequence[str] | None = None,
-        mirror: float = 0.0,
-        augment: Augment | None = None,
-        preset: str | None = None,
-        trim: bool | None = None,
-        ignore: Sequence[str] | None = None,
-        protocol: str | None = None,
-        filter: FilterLike = None,
-        start_at: StartAt | None = None,
-        normalizer_covers_mirror: bool = False,
-        normalizer_covers: Augment = (),
-        normalizer_over: Literal["train", "all"] = "train",
-        scaler: ScalerLike = None,
-        clip: bool | None = None,
-        segments: bool | str = False,
-        min_share: float = 0.5,
-        empty: float = 0.0,
-        mirror_words: MirrorWords = "error",
-        columns: Sequence[str] = (),
-        where: Mapping[str, Any] | None = None,
+        select: Select | None = None,
+        scale: Scale | ScalerLike | None = Scale(),
+        augment: Augment = (),
         seed: int = 0,
     ) -> None:
         """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
 
         Parameters
         ----------
-        crop_s, crop_frames
-            Length of random crops, at most one of the two. Default: whole clips.
+        windows
+            A length makes random crops of it; with `start_at` each begins at a random beat, found as for a
+            `WindowDataset`. A stride is not used. Default: whole clips.
         crops
             Crops of each clip in an epoch.
+        select
+            Its filter is one of whole clips.
         augment
-            As for a `WindowDataset`, except "crop": give `crop_s` or `crop_frames`.
-        preset
-            Fields, trim, lists and normalising of a trainer; its windows and its filter are not used.
-        filter
-            A filter of whole clips, as for windows.
-        start_at
-            "downbeat" or "beat": each crop begins at a random one, found as for a `WindowDataset`.
+            As for a `WindowDataset`, except "crop".
 
         Raises
         ------
         StoreError
             If there is no finished dataset at `store`, or it is of window scope.
         UsageError
-            For an unknown split or field, invalid numbers, or if no clip is long enough.
+            For an unknown split or field, invalid numbers, values that do not go together, or if no clip is long
+            enough.
         """
-        super().__init__(store, split, fields, preset, protocol)
-        if self._with_primitives:
-            raise UsageError("primitives are parts of windows, not of clips", fix="read them with a WindowDataset")
-        self.crop_frames = self._crop(crop_s, crop_frames)
-        self.crops = whole("crops", crops)
-        if not self.crops or (self.crops > 1 and self.crop_frames is None):
-            raise UsageError("crops is the number of crops of each clip", found=crops, fix="give crop_s with it")
-        self.start_at = require_start_at(start_at)
-        if self.start_at is not None and self.crop_frames is None:
-            raise UsageError("start_at is the place of crops", found=start_at, fix="give crop_s with it")
+        super().__init__(store, split, fields, select, scale)
+        self._items.require_plain("ClipDataset")
+        place = Windows() if windows is None else windows
+        if not isinstance(place, Windows):
+            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        self.crop_frames, self.start_at = self._crop(place), place.start_at
+        self.crops = whole("crops", crops, 1)
+        if self.crop_frames is None and (self.crops > 1 or self.start_at is not None):
+            raise clash(place, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
         self._starts: dict[str, npt.NDArray[np.int64]] = {}
-        selection = self._select({"whole": True}, trim, ignore, filter, None, where)
+        selection = self._choose(place, {"whole": True})
         spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
         if not spans:
             raise no_window_error(self.store, self.split, self.rejects, self.start_at)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
-        changes = Changes(
-            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
-            normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
-        )  # fmt: skip
-        self._prepare(changes, allow_crop=False)
+        self._prepare(augment, seed, allow_crop=False)
         self._is_random |= self.crop_frames is not None
 
     @property
+    @override
     def lengths(self) -> npt.NDArray[np.int64]:
         """Frames of each sample, (N,), at the store's fps."""
         if self.crop_frames is None:
-            return np.asarray(self.windows.length, dtype=np.int64)
+            return super().lengths
         return np.full(len(self), self.crop_frames, dtype=np.int64)
 
     def __getitem__(self, index: int) -> dict[str, Any]:
@@ -161,24 +136,21 @@ class ClipDataset(SplitDataset):
             for nth in range(len(places))
         ]
 
-    def __repr__(self) -> str:
+    @override
+    def _samples_text(self) -> str:
         kind = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
-        return (
-            f"ClipDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} {kind}, "
-            f"fields: {', '.join(self.fields)}; normalised: {', '.join(self._normalizers) or 'nothing'}; "
-            f"mirror={self.mirror:g})"
-        )
+        return f"{len(self):,} {kind}"
 
-    def _crop(self, crop_s: float | str | None, crop_frames: int | None) -> int | None:
-        if crop_s is not None and crop_frames is not None:
-            raise UsageError("both crop_s and crop_frames are given", fix="give one of them")
-        frames = self.store.grid.frames(crop_s, what="crop_s") if crop_s is not None else crop_frames
-        if frames is None:
+    def _crop(self, place: Windows) -> int | None:
+        if place.length_s is None and place.length is None:
             return None
-        if whole("crop_frames", frames) < 1 or frames % self._period():
+        frames = place.length
+        if place.length_s is not None:
+            frames = self.store.grid.frames(place.length_s, what="length_s")
+        if whole("length", frames or 0) < 1 or (frames or 0) % self._period():
             raise UsageError("the length of a crop is not a whole number of rows of all fields",
                              found=f"{frames} frames", allowed=f"multiples of {self._period()}")  # fmt: skip
-        return int(frames)
+        return int(frames or 0)
 
     def _period(self) -> int:
         """Return the least number of frames that is a whole number of rows of every field."""

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import safe_name
 from dancedata.core.sample_steps import Augment
 from dancedata.core.spatial import middle_of
-from dancedata.core.text import listed
+from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.batch_reader import BatchReader, FieldReader, MemoryPool, Request, blank_of
-from dancedata.readers.scalers import ScalerLike
-from dancedata.readers.segments import MirrorWords, SegmentChoice
-from dancedata.readers.split_dataset import Changes, SplitDataset
+from dancedata.readers.options import Dancers, Item, Scale, ScalerLike, Select, Windows, clash
+from dancedata.readers.split_dataset import SplitDataset
 from dancedata.readers.windows import WindowDataset
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
@@ -30,7 +28,6 @@ from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList
 
 Array = npt.NDArray[Any]
-Choose = Literal["stored", "seed", "left_to_right"]
 #: Stream of random numbers that choose dancers; 1 to 5 are those of orders, mirroring, primitives and augmentations.
 _CHOICE_STREAM = 6
 
@@ -48,26 +45,16 @@ class GroupDataset(WindowDataset):
 
     Parameters
     ----------
-    store, split, fields, normalize, mirror, augment, length_s, length_frames, stride_s, stride_frames, trim
-        As in `WindowDataset`. Augmentations have to say what they act on (`Augmentation.acts_on`).
-    persons
-        Dancers of a sample, P. Default: those of the split's largest group.
-    exactly
-        Only groups of this many dancers, which is then P.
-    choose
-        Which dancers where there are more than P, and their order. "stored": the first, as in the source. "seed":
-        drawn for each (seed, epoch, index), in a new order also where there are exactly P, as GCD does.
-        "left_to_right": by x in the first frame, as given out.
-    singles
-        Whether single dancers are groups of one; else they are left out and counted in `rejects`.
-    segments, min_share, empty, mirror_words
+    store, split, fields, windows, scale, seed
         As in `WindowDataset`: ``"segments"`` and ``"text"`` are lists of P, and ``"segments_group"`` or
-        ``"text_group"`` are those of the whole group.
-    columns, where
-        As in `WindowDataset`: samples have lists of P values, None where there is none. A group is read if its first
-        dancer has the values.
-    scaler, clip, mapped, seed
-        As in `WindowDataset`.
+        ``"text_group"`` are those of the whole group; of free columns samples have lists of P values, None where
+        there is none.
+    dancers
+        `Dancers`: how many, which, in which order, and whether single dancers are read.
+    select
+        Values that a group's first dancer has: ``Select(where=...)`` alone.
+    augment
+        As in `WindowDataset`; augmentations have to say what they act on (`Augmentation.acts_on`).
 
     Raises
     ------
@@ -85,68 +72,48 @@ class GroupDataset(WindowDataset):
 
     Examples
     --------
-    >>> from dancedata.readers import GroupDataset
-    >>> ds = GroupDataset("data/groups", "train", persons=3)
+    >>> from dancedata.readers import Dancers, GroupDataset
+    >>> ds = GroupDataset("data/groups", "train", dancers=Dancers(persons=3))
     >>> ds[0]["edge151"].shape
     torch.Size([3, 150, 151])
     """
 
     _lists_columns = True
-    _wider = "name a wider scaler with scaler="
 
     def __init__(
         self,
         store: str | Path | Store,
         split: str = "train",
-        fields: Sequence[str] | None = None,
+        fields: Sequence[Item] | None = None,
         *,
-        persons: int | None = None,
-        exactly: int | None = None,
-        choose: Choose = "stored",
-        singles: bool = False,
-        normalize: bool | Sequence[str] | None = None,
-        mirror: float = 0.0,
-        augment: Augment | None = None,
-        length_s: float | str | None = None,
-        length_frames: int | None = None,
-        stride_s: float | str | None = None,
-        stride_frames: int | None = None,
-        trim: bool | None = None,
-        scaler: ScalerLike = None,
-        clip: bool | None = None,
-        segments: bool | str = False,
-        min_share: float = 0.5,
-        empty: float = 0.0,
-        mirror_words: MirrorWords = "error",
-        columns: Sequence[str] = (),
-        where: Mapping[str, Any] | None = None,
-        mapped: bool = True,
+        dancers: Dancers = Dancers(),
+        windows: Windows | None = None,
+        select: Select | None = None,
+        scale: Scale | ScalerLike | None = Scale(),
+        augment: Augment = (),
         seed: int = 0,
     ) -> None:
-        SplitDataset.__init__(self, store, split, fields, None, None)
+        SplitDataset.__init__(self, store, split, fields, select, scale)
+        self._items.require_plain("GroupDataset")
         if len(self.splits) > 1:
             raise UsageError("groups are read split by split", found=self.split, fix="join the readers of each split")
-        if choose not in get_args(Choose):
-            raise UsageError(f"unknown choice of dancers {choose!r}", fix=did_you_mean(choose, get_args(Choose)))
-        if persons is not None and exactly is not None:
-            raise UsageError("both persons and exactly are given", fix="give one of them")
-        self.choose = choose
-        lengths = {"length_s": length_s, "length_frames": length_frames}
-        requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
-        dancers = self._select(requested, trim, None, None, None, where)
-        self._group_windows(dancers.windows, exactly, singles, list(dancers.rejects))
+        for value, kind in ((dancers, Dancers), (windows or Windows(), Windows)):
+            if not isinstance(value, kind):
+                raise UsageError(
+                    f"not a value of {kind.__name__}", found=shown(value), fix=f"give {kind.__name__}(...)"
+                )
+        place, self.choose = windows or Windows(), dancers.choose
+        if place.start_at is not None or self._asked != Select(self._asked.where):
+            asked = self._asked if place.start_at is None else place
+            raise clash(asked, "GroupDataset", "groups are chosen by Select(where=...), at the stride, alone")
+        chosen = self._choose(place, place.grid)
+        self._group_windows(chosen.windows, dancers.exactly, dancers.singles, list(chosen.rejects))
         sizes = self._sizes[self._group_of]
-        self.persons = whole("persons", persons or exactly or int(sizes.max(initial=1)), 1)
-        changes = Changes(
-            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=False,
-            normalizer_covers=(), normalizer_over="train", scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
-        )  # fmt: skip
-        self._prepare(changes)
+        self.persons = dancers.persons or dancers.exactly or int(sizes.max(initial=1))
+        self._prepare(augment, seed)
         self._check_augmentations()
-        self._is_random |= choose == "seed"
-        self._primitives = None
-        self.relative_root, self._roots, self.mapped = False, {}, mapped
+        self._is_random |= self.choose == "seed"
+        self._primitives, self._roots = None, {}
         self._stride = self.store.window_grid(**self._choice.windows).stride
         self._starts, self._cached_reader, self._pool = {}, None, MemoryPool()
 
@@ -166,7 +133,7 @@ class GroupDataset(WindowDataset):
             kept &= count == exactly
         if not singles and len(single):
             clips = f"{len(single)} single dancers, the first is {tables.ids[int(single[0])]}"
-            rejects.append(Reject("single", detail=f"{clips}; singles=True reads them as groups of one"))
+            rejects.append(Reject("single", detail=f"{clips}; Dancers(singles=True) reads them as groups of one"))
         lacking = self._without_field(tables, first[:n_groups], count[:n_groups])
         kept[list(lacking)] = False
         rejects += lacking.values()
@@ -182,7 +149,7 @@ class GroupDataset(WindowDataset):
                 where=str(self.store.path),
                 found=f"{n_groups} groups, {len(single)} single dancers; "
                 + "; ".join(r.detail for r in rejects[-2:]),
-                fix="give singles=True, another exactly=, shorter windows, or read dancers with WindowDataset",
+                fix="give Dancers(singles=True), another exactly=, shorter windows, or read with WindowDataset",
             )
         self.windows, self.rejects = dancers.take(places), tuple(rejects)
         self._group_of, self._sizes = group_of_first[self.windows.clip], count
@@ -284,8 +251,14 @@ class GroupDataset(WindowDataset):
         assert isinstance(reader, GroupReader)  # noqa: S101 (made by this class alone)
         return reader
 
-    def __repr__(self) -> str:
-        return f"Group{super().__repr__().removeprefix('Window')[:-1]}; {self.persons} persons, {self.choose})"
+    @override
+    def _samples_text(self) -> str:
+        return f"{super()._samples_text()} of {self.persons} persons, {self.choose}"
+
+    @override
+    def _shape(self, name: str) -> tuple[int | str, ...]:
+        people = (self.persons,) if self.store.field(name).per_clip else ()
+        return *people, *super()._shape(name)
 
 
 class GroupReader(BatchReader):
@@ -295,7 +268,7 @@ class GroupReader(BatchReader):
         self._dataset, self._tables = dataset, dataset.store.tables
         store = dataset.store
         windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
-        rows = {n: store.window_rows(windows[n], n, mapped=dataset.mapped) for n in dataset.fields}
+        rows = {n: store.window_rows(windows[n], n, mapped=store.mapped) for n in dataset.fields}
         fields = [
             FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clip)
             for n in dataset.fields
@@ -363,7 +336,7 @@ class GroupReader(BatchReader):
                     return members[np.lexsort((members, across[:, 2], across[:, 0]))][: self._dataset.persons]
         raise UsageError("dancers cannot be sorted from left to right: no field has their places",
                          where=str(self._store.path), found=", ".join(sorted(self._per_dancer)),
-                         fix='read a field with places, such as edge151, or give choose="stored"')  # fmt: skip
+                         fix='read a field with places, such as edge151, or Dancers(choose="stored")')  # fmt: skip
 
     def _rows_of_group(self, field: FieldReader, request: Request, nth: int, members: IntArray) -> Array:
         """Read the rows of dancers, (P, L, D) of the stored type, mirrored and augmented as one world."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
 from operator import index as as_int
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,6 @@ from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 
 IntArray = npt.NDArray[np.int64]
-Normalizer = Literal["one", "each"]
 #: Stream of random numbers that choose samples of a source; 1 to 9 are those of orders, changes and texts.
 _SOURCE_STREAM = 10
 
@@ -49,7 +48,7 @@ class Mix(EpochDataset):
         Shares of the samples of an epoch, in any unit. Default: every sample once an epoch.
     n_samples
         Samples of an epoch. Default: as many as the datasets have together.
-    normalizer
+    scale
         "one": each field has one scaler over all sources, whose range covers those of their scalers; decode a
         model's columns with ``scaler=mix``. "each": each source keeps its own, and its columns mean something else.
     seed
@@ -90,25 +89,25 @@ class Mix(EpochDataset):
         *,
         weights: Sequence[float] | Mapping[str, float] | None = None,
         n_samples: int | None = None,
-        normalizer: Normalizer = "one",
+        scale: Literal["one", "each"] = "one",
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if normalizer not in get_args(Normalizer):
-            raise UsageError(f"unknown normalizer {normalizer!r}", fix=did_you_mean(normalizer, get_args(Normalizer)))
+        if scale not in ("one", "each"):
+            raise UsageError(f"unknown scale {scale!r}", fix=did_you_mean(scale, ("one", "each")))
         by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(datasets)
         if not by_name:
             raise UsageError("a mix of no datasets", fix="name at least one")
         self.sources = tuple(by_name)
         _require_alike(by_name)
-        self.seed, self.one_normalizer = whole("seed", seed), normalizer == "one"
+        self.seed, self.scale = whole("seed", seed), scale
         sizes = [len(dataset) for dataset in by_name.values()]
         total = sum(sizes) if n_samples is None else whole("n_samples", n_samples, 1)
         self.counts = _counts(self.sources, sizes, _shares(self.sources, sizes, weights), total)
         first = next(iter(by_name.values()))
         self.fields, self.normalized = first.fields, first.normalized
         scalers = {name: _joint([d.scaler(name) for d in by_name.values()]) for name in self.normalized}
-        self.datasets = tuple(d.rescaled(scalers) if self.one_normalizer else d for d in by_name.values())
+        self.datasets = tuple(d.rescaled(scalers) if scale == "one" else d for d in by_name.values())
         self._begin = np.concatenate([[0], np.cumsum(self.counts)])
         whole_sources = all(count % size == 0 for count, size in zip(self.counts, sizes, strict=True))
         self._is_random = not whole_sources or any(dataset._is_random for dataset in self.datasets)
@@ -120,7 +119,7 @@ class Mix(EpochDataset):
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name}: {count:,}" for name, count in zip(self.sources, self.counts, strict=True))
-        scaling = "one normalizer" if self.one_normalizer else "a normalizer each"
+        scaling = "one scaler" if self.scale == "one" else "a scaler each"
         return f"Mix({parts}; fields: {', '.join(self.fields)}; {scaling})"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -157,17 +156,17 @@ class Mix(EpochDataset):
         UsageError
             For a field that is not read, or where each source has a scaler of its own.
         """
-        if not self.one_normalizer:
+        if self.scale == "each":
             raise UsageError(
                 "each source of this mix has a scaler of its own",
-                fix=f"name the source's, mix.datasets[k].scaler({field!r}), or mix with normalizer='one'",
+                fix=f"name the source's, mix.datasets[k].scaler({field!r}), or mix with scale='one'",
             )
         return _joint([dataset.scaler(field) for dataset in self.datasets])
 
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}; by "source/field" where each has its own."""
         states = [dataset.state_dict()["scalers"] for dataset in self.datasets]
-        if self.one_normalizer:
+        if self.scale == "one":
             return {"scalers": {name: states[0][name] for name in self.normalized}}
         named = zip(self.sources, states, strict=True)
         return {"scalers": {f"{source}/{name}": sha for source, state in named for name, sha in state.items()}}
@@ -339,7 +338,7 @@ def _joint(scalers: Sequence[Scaler]) -> Scaler:
     if kinds != {"minmax"}:
         raise UsageError(
             "z-scores of several sources do not join", found=listed(map(repr, scalers)),
-            fix="name one for all sources, scaler={FIELD: Scaler(...)}, or mix with normalizer='each'",
+            fix="name one for all sources, scale={FIELD: Scaler(...)}, or mix with scale='each'",
         )  # fmt: skip
     low, high = (np.stack([getattr(s, name) for s in scalers]) for name in ("data_min", "data_max"))
     return Scaler(
@@ -379,7 +378,7 @@ def _properties(dataset: SplitDataset) -> dict[str, str]:
         "offsets of the body": str(store.skeleton.offsets.round(6).tolist()),
     }
     if isinstance(dataset, WindowDataset):
-        properties["translation"] = "relative" if dataset.relative_root else "absolute"
+        properties["relative to their first frame"] = ", ".join(dataset._items.relative) or "none"
         properties |= {f"shape of {name}": f"{shape} of {dtype}" for name, (shape, dtype) in dataset._layout.items()}
     for name in dataset.fields:
         field = store.field(name)

@@ -115,13 +115,6 @@ def no_start(clip: str, length: int, at: StartAt) -> Reject:
     return Reject("filtered", clip, detail=f"no {at} at which a window of {length} frames could begin")
 
 
-def require_start_at(at: StartAt | None) -> StartAt | None:
-    """Return `at`; UsageError for an unknown one."""
-    if at is not None and at not in LABELS:
-        raise UsageError("unknown value of start_at", found=at, allowed=" or ".join(LABELS))
-    return at
-
-
 def _preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field]:
     """Return fields, those that are read first and in that order."""
     order = {name: place for place, name in enumerate(fields)}

@@ -13,18 +13,17 @@ from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import listed, shown
+from dancedata.readers.options import Relative, Scale, ScalerLike, Select, clash
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
-from dancedata.store.like import Reader, scaling_of
+from dancedata.store.like import scaling_of
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
-#: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
-ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader | None
 
 
-def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> dict[str, Scaler]:
+def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | None) -> dict[str, Scaler]:
     """Return the scalers that the caller names, by field.
 
     UsageError for a scaler of a field that is not read, of other columns or of another dataset, or a reader without
@@ -49,30 +48,27 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike) -> 
         if not by_field:
             raise UsageError("the reader that names the scaler reads no motion field of this one",
                              found=listed(scaler.fields), allowed=listed(fields),
-                             fix="name a reader of the same fields, or scaler={FIELD: ...}")  # fmt: skip
+                             fix="name a reader of the same fields, or scale={FIELD: ...}")  # fmt: skip
     for name in by_field:
         if name not in fields:
             raise UsageError("the scaler is not of a field that is read", found=shown(name),
-                             allowed=", ".join(fields), fix="name the field: scaler={FIELD: ...}")  # fmt: skip
+                             allowed=", ".join(fields), fix="name the field: scale={FIELD: ...}")  # fmt: skip
     joined = {
         name: scaling_of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
     }
     return {name: choice.scaler for name, choice in joined.items() if choice.scaler is not None}
 
 
-def normalized_fields(store: Store, fields: tuple[str, ...], normalize: bool | Sequence[str]) -> tuple[str, ...]:
-    """Return the fields to normalise: motion if `normalize` is True, else those it names."""
-    if isinstance(normalize, bool):
-        return tuple(name for name in fields if normalize and _is_real_motion(store.field(name)))
-    names = (normalize,) if isinstance(normalize, str) else tuple(normalize)
-    for name in names:
+def normalized_fields(store: Store, fields: tuple[str, ...], names: tuple[str, ...] | None) -> tuple[str, ...]:
+    """Return the fields to scale: those of `names`, or motion."""
+    for name in names or ():
         if name not in fields:
-            raise UsageError(f"normalize names a field that is not read: {name!r}", allowed=", ".join(fields),
+            raise UsageError(f"scale names a field that is not read: {name!r}", allowed=", ".join(fields),
                              fix=did_you_mean(name, fields))  # fmt: skip
         if (codebook := store.field(name).codebook) is not None:
-            raise UsageError(f"codes are never normalised: field {name!r}", where=str(store.path),
-                             found=f"codes of {codebook.name}", fix="leave the field out of normalize")  # fmt: skip
-    return names
+            raise UsageError(f"codes are never scaled: field {name!r}", where=str(store.path),
+                             found=f"codes of {codebook.name}", fix="leave the field out of scale")  # fmt: skip
+    return tuple(name for name in fields if _is_real_motion(store.field(name))) if names is None else names
 
 
 def _is_real_motion(field: Field) -> bool:
@@ -88,7 +84,7 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
                 raise UsageError(
                     f"field {field.name!r} cannot be mirrored: codes have no mirror image",
                     where=str(store.path),
-                    fix="read it with mirror=0; the codes of mirrored dances are those of a dataset of their own",
+                    fix="read it without mirror; the codes of mirrored dances are those of a dataset of their own",
                 )
             if field.columns.mirror is None:
                 raise _no_mirror(store, field.name)
@@ -96,42 +92,35 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
     return mirrors
 
 
-def root_columns(store: Store, fields: tuple[str, ...], normalizers: Mapping[str, Scaler]) -> dict[str, slice]:
-    """Return the columns of the root's translation of every motion field.
+def root_columns(store: Store, relative: Sequence[str], scaled: Sequence[str]) -> dict[str, slice]:
+    """Return the columns of the root's translation of the fields that are `relative`.
 
-    UsageError for a field that has no translation, or is normalised.
+    UsageError for a field that has no translation, or is scaled.
     """
     columns = {}
-    for name in fields:
-        if store.field(name).kind != "motion":
-            continue
+    for name in relative:
         if "translation" not in store.fields[name].names:
             raise UsageError(f"field {name!r} has no translation to make relative", where=str(store.path))
-        if name in normalizers:
-            raise UsageError(
-                "a root that is relative to its window's first frame cannot be normalised: the scaler was fitted on "
-                "absolute positions",
-                fix="pass normalize=False, or relative_root=False",
-            )
+        if name in scaled:
+            raise clash(Relative(name), f"scaled {name}", "a scaler is fitted on absolute positions; give scale=None")
         columns[name] = store.fields[name].slice("translation")
     return columns
 
 
-def scaler_of(store: Store, name: str, choice: Choice, *, over: str) -> Scaler:
+def scaler_of(store: Store, name: str, choice: Choice, scale: Scale) -> Scaler:
     """Return the scaler of a field: the stored one, or one over the windows that the caller names.
 
-    The protocol of `choice` defines the train split. `over` is "train", or "all": every row of every clip, from the
-    trim on if windows are trimmed, as Lodge's released scaler was fitted (test included).
+    The protocol of `choice` defines the train split. Over "all" it is fitted on every row of every clip, from the
+    trim on if windows are trimmed, as Lodge's released scaler was (test included).
     """
-    if over == "all":
+    if scale.over == "all":
         return _fit(store, name, _all_rows(store, name, choice.trim))
-    if over != "train":
-        raise UsageError(
-            "a scaler is fitted over train or over all", found=over, fix=did_you_mean(over, ("train", "all"))
-        )
     train = _other_train(store, choice)
     if train is None:
-        return store.scaler(name)
+        return store.scaler(name, scale.kind)
+    if scale.kind != "minmax":
+        why = "z-scores are those of the stored split train; fit others, Scaler('zscore', mean, std)"
+        raise clash(scale, Select(protocol=choice.protocol), why)
     _log.warning(
         "the scaler of %s is that of the train split of protocol %s, not the stored one: save it with the model, "
         "reader.scaler(%r).save(FILE), and name it wherever columns are decoded or measured",
@@ -174,7 +163,7 @@ def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> Scaler:
         if len(rows):
             low, high = np.minimum(low, rows.min(axis=0)), np.maximum(high, rows.max(axis=0))
     if not np.isfinite(low).all():
-        raise UsageError("there are no rows to fit a scaler on", fix="pass normalize=False")
+        raise UsageError("there are no rows to fit a scaler on", fix="give scale=None")
     stored = store.scaler(name).sha256 if name in store.stats["fields"] else ""
     return Scaler("minmax", low, high, dtype=field.dtype, field=name, columns=field.columns.labels, dataset=stored)
 
@@ -183,5 +172,5 @@ def _no_mirror(store: Store, field: str) -> UsageError:
     return UsageError(
         f"field {field!r} cannot be mirrored: its columns do not define a mirror image",
         where=str(store.path),
-        fix="read it with mirror=0, or leave the field out",
+        fix="read it without mirror, or leave the field out",
     )

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from dancedata.core.arguments import probability
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.text import listed
 from dancedata.readers.draws import uniform
+from dancedata.readers.options import Segments, Text
 from dancedata.store.dataset import Store
 from dancedata.store.segments import PlacedRow, PlacedSegment
 
@@ -21,35 +20,20 @@ from dancedata.store.segments import PlacedRow, PlacedSegment
 _EMPTY_STREAM, _SEGMENT_STREAM, _TEXT_STREAM = 7, 8, 9
 #: Numbers of each stream for the dancers of a group and the group itself.
 _SLOTS = 1024
-MirrorWords = Literal["error", "keep"]
-
-
-@dataclass(frozen=True)
-class SegmentChoice:
-    """Arguments of readers about segments; see `WindowDataset`."""
-
-    segments: bool | str = False
-    min_share: float = 0.5
-    empty: float = 0.0
-    mirror_words: MirrorWords = "error"
 
 
 class SegmentReader:
     """Reads the segments of windows, as pure functions of (seed, epoch, index)."""
 
-    def __init__(self, store: Store, choice: SegmentChoice, *, mirrors: bool, seed: int) -> None:
+    def __init__(self, store: Store, choice: Text | Segments, *, mirrors: bool, seed: int) -> None:
         """Check the arguments; `mirrors` tells whether samples may be mirrored.
 
         Raises UsageError: for an unknown layer, one without texts, and one whose words in mirrored windows are not
             known.
         """
-        self._choice, self._seed = choice, seed
-        self._min_share = probability("min_share", choice.min_share)
-        self._empty = probability("empty", choice.empty)
-        if choice.mirror_words not in ("error", "keep"):
-            fix = did_you_mean(str(choice.mirror_words), ("error", "keep"))
-            raise UsageError(f"unknown mirror_words {choice.mirror_words!r}", fix=fix)
-        self.layer = choice.segments if isinstance(choice.segments, str) else None
+        self._seed = seed
+        text = choice if isinstance(choice, Text) else Text("")
+        self.layer, self._min_share, self._empty = text.layer or None, text.min_share, text.empty
         layers = store.layers
         if self.layer is not None and all(layer.name != self.layer for layer in layers):
             fix = did_you_mean(self.layer, sorted({layer.name for layer in layers}))

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
 from dancedata.readers.clip_values import ASKED, chosen_clips
 from dancedata.readers.music_beats import StartAt, windows_at
+from dancedata.readers.options import FilterLike
 from dancedata.store import ClipRecord
 from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
@@ -21,11 +22,9 @@ from dancedata.store.window_list import WindowList
 
 #: The fix for music without downbeats.
 _NO_DOWNBEATS = (
-    "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give start_at='beat', or "
-    "use shorter windows"
+    "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give "
+    "Windows(start_at='beat'), or use shorter windows"
 )
-#: A filter as callers name it: a plug-in, its name and parameters as in a recipe, or False for none.
-FilterLike = WindowFilter | Mapping[str, Any] | Literal[False] | None
 
 
 @dataclass(frozen=True)
@@ -237,7 +236,7 @@ def window_filter(choice: FilterLike) -> WindowFilter | None:
 
     UsageError for an unknown filter or parameter.
     """
-    if choice is None or choice is False:
+    if choice is None:
         return None
     if isinstance(choice, WindowFilter):
         return choice

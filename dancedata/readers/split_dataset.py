@@ -4,16 +4,15 @@ import copy
 import logging
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.arguments import probability, whole
+from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_id import id_text
@@ -26,10 +25,11 @@ from dancedata.readers.clip_values import require_columns, require_where, value_
 from dancedata.readers.draws import uniform
 from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.music_beats import StartAt, estimated_tempo
-from dancedata.readers.presets import Preset, fields_to_read, find_preset, value_or_preset
-from dancedata.readers.scalers import ScalerLike, mirrors_of, named_scalers, normalized_fields, scaler_of
-from dancedata.readers.segments import SegmentChoice, SegmentReader
-from dancedata.readers.selection import Choice, FilterLike, Selection, require_protocol, select, window_filter
+from dancedata.readers.options import Item, Scale, ScalerLike, Select, Windows
+from dancedata.readers.sample_items import SampleItems
+from dancedata.readers.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
+from dancedata.readers.segments import SegmentReader
+from dancedata.readers.selection import Choice, Selection, require_protocol, select, window_filter
 from dancedata.remote import fetch_soon
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
@@ -64,23 +64,6 @@ def primitive_bias(seed: int, epoch: int, window: int) -> int:
     return int(stream.random_raw() % 5) - 2
 
 
-@dataclass(frozen=True)
-class Changes:
-    """Changes of samples on reading; see the parameters of `WindowDataset`."""
-
-    mirror: float
-    augment: Augment | None
-    normalize: bool | Sequence[str] | None
-    normalizer_covers_mirror: bool
-    normalizer_covers: Augment
-    normalizer_over: Literal["train", "all"]
-    scaler: ScalerLike
-    clip: bool | None
-    seed: int
-    words: SegmentChoice
-    columns: Sequence[str] = ()
-
-
 class SplitDataset(EpochDataset):
     """Samples of one split of a built dataset, normalised, mirrored and augmented on reading.
 
@@ -94,51 +77,51 @@ class SplitDataset(EpochDataset):
     rejects: tuple[Reject, ...]
     #: Whether a sample has a list of values of each free column.
     _lists_columns: ClassVar[bool] = False
-    #: How a reader gets a wider scaler.
-    _wider: ClassVar[str] = "name what the scaler has to cover with normalizer_covers="
 
     def __init__(
         self,
         store: str | Path | Store,
         split: str | Sequence[str],
-        fields: Sequence[str] | None,
-        preset: str | None,
-        protocol: str | None,
+        fields: Sequence[Item] | None,
+        select: Select | None,
+        scale: Scale | ScalerLike | None,
     ) -> None:
-        """Open the store and settle the fields. Subclasses then call `_select` and `_prepare`."""
+        """Open the store and settle the fields. Subclasses then call `_choose` and `_prepare`."""
         super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = (*self._store.reference, self._store.overlay)
-        self.preset = preset
-        self._preset: Preset | None = find_preset(self.store, preset)
-        if protocol is not None:
-            require_protocol(self.store, protocol)
-        self._protocol: str | None = value_or_preset(protocol, self._preset, "protocol", None)
+        self._reference = (*self._store.reference, self._store.overlay, self._store.mapped)
+        if not isinstance(select, Select | None):
+            raise UsageError("select is no Select", found=shown(select), fix="give Select({COLUMN: VALUES}, ...)")
+        self._asked, self._scale = select or Select(), Scale.of(scale)
+        if self._asked.protocol is not None:
+            require_protocol(self.store, self._asked.protocol)
         self.splits = self._splits_named(split)
         self.split = "+".join(self.splits)
-        self.fields, self._with_primitives = fields_to_read(self.store, self._preset, fields, preset)
+        self._items = SampleItems.of(self.store, fields)
+        self.fields = self._items.fields
+        self._scaled = normalized_fields(self.store, self.fields, self._scale.fields)
         self._tempos: dict[str, float] = {}
 
-    def _select(
-        self,
-        windows: Mapping[str, Any],
-        trim: bool | None,
-        ignore: Sequence[str] | None,
-        filter_: FilterLike,
-        start_at: StartAt | None = None,
-        where: Mapping[str, Any] | None = None,
-        also: str | None = None,
+    def _choose(
+        self, place: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
     ) -> Selection:
         """Return the windows of the split that have all fields, and another one that is read beside them."""
+        if place.fps is not None and self.store.fps != place.fps:
+            raise UsageError(
+                f"these windows are for {place.fps} frames per second", where=str(self.store.path),
+                found=f"{self.store.fps} frames per second",
+                fix=f"build with fps: {place.fps}, or give windows in seconds",
+            )  # fmt: skip
+        asked = self._asked
         self._choice = Choice(
             fields=self.fields if also is None or also in self.fields else (*self.fields, also),
             windows=windows,
-            trim=value_or_preset(trim, self._preset, "trim", False),
-            ignore=tuple(value_or_preset(ignore, self._preset, "ignore", ())),
-            protocol=self._protocol,
-            filter=window_filter(filter_),
+            trim=place.trim,
+            ignore=asked.ignore,
+            protocol=asked.protocol,
+            filter=window_filter(asked.filter),
             start_at=start_at,
-            where=require_where(self.store, where),
+            where=require_where(self.store, asked.where),
         )
         parts = [select(self.store, split, self._choice) for split in self.splits]
         self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
@@ -149,9 +132,9 @@ class SplitDataset(EpochDataset):
 
     def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
         """Return the splits to read: one, several, or "all"."""
-        if split == "all" and self._protocol is not None:
+        if split == "all" and self._asked.protocol is not None:
             lists = {name for clip in self.store.clips for name in clip.lists}
-            prefix = f"{self._protocol}."
+            prefix = f"{self._asked.protocol}."
             return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
         if split == "all" and "all" not in self.store.splits:
             return self.store.splits
@@ -160,40 +143,30 @@ class SplitDataset(EpochDataset):
             raise UsageError("split names no split, or one of them twice", found=listed(names) or "nothing")
         return names
 
-    def _prepare(self, changes: Changes, *, allow_crop: bool = True) -> None:
-        chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if changes.columns else []
-        self.columns = require_columns(self.store, changes.columns, chosen, lists=self._lists_columns)
-        self.mirror, self.seed = probability("mirror", changes.mirror), whole("seed", changes.seed)
-        mirrored = self.mirror > 0
-        self.normalizer_covers_mirror = bool(changes.normalizer_covers_mirror)
-        self.normalizer_over = changes.normalizer_over
-        self._widened = bool(
-            self.normalizer_covers_mirror or changes.normalizer_covers or self.normalizer_over != "train"
-        )
-        if changes.scaler is not None and self._widened:
-            raise UsageError("scaler and normalizer_... name two scalers", fix="leave one of them out")
-        self._named_scalers = named_scalers(self.store, self.fields, changes.scaler)
-        self.augment = changes.augment
+    def _prepare(self, augment: Augment, seed: int, *, allow_crop: bool = True) -> None:
+        """Prepare what changes samples, of the windows that were chosen."""
+        chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if self._items.columns else []
+        self.columns = require_columns(self.store, self._items.columns, chosen, lists=self._lists_columns)
+        self.seed, self.augment = whole("seed", seed), augment
+        steps = tuple(steps_of(augment))
+        # A mirror that comes first is a permutation of columns as they are read.
+        leading = bool(steps) and steps[0].mirrors
+        self.mirror = steps[0].p if leading else 0.0
         self._augmenter = Augmenter.of(
-            self.store, self.fields, changes.augment, seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
+            self.store, self.fields, steps[leading:], seed=self.seed, mirrored=self.mirror > 0, allow_crop=allow_crop
         )
-        covers_mirror = ["mirror"] if self.normalizer_covers_mirror else []
-        self._covers = (*steps_of(covers_mirror), *steps_of(changes.normalizer_covers))
+        self._mirrors = mirrors_of(self.store, self.fields) if self.mirror else {}
+        self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
+        self._words: SegmentReader | None = None
+        if self._items.words is not None:
+            mirrors = any(step.mirrors and step.p for step in steps)
+            self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
+            self._is_random |= self._words.draws
+        self.clip, self._covers = self._scale.clip, tuple(steps_of(self._scale.covers))
         for step in self._covers:
             check_step(step, self._augmenter.fields, self.store)
-        changed = mirrored or bool(self._augmenter.steps)
-        self.clip = bool(value_or_preset(changes.clip, None if changed else self._preset, "clip", False))
-        self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
-        self._mirrors = mirrors_of(self.store, self.fields) if mirrored else {}
-        self._words: SegmentReader | None = None
-        if changes.words.segments:
-            mirrors = mirrored or any(step.augmentation.name == "mirror" and step.p for step in self._augmenter.steps)
-            self._words = SegmentReader(self.store, changes.words, mirrors=mirrors, seed=self.seed)
-            self._is_random |= self._words.draws
-        normalize = value_or_preset(changes.normalize, self._preset, "normalize", True)
-        self._normalizers = {
-            name: self._scaler(name) for name in normalized_fields(self.store, self.fields, normalize)
-        }
+        self._named_scalers = named_scalers(self.store, self.fields, self._scale.scaler)
+        self._normalizers = {name: self._scaler(name) for name in self._scaled}
         for name, scaler in self._normalizers.items():
             scaler.require_range(self.clip)
             if self.clip or scaler.kind != "minmax":
@@ -203,8 +176,8 @@ class SplitDataset(EpochDataset):
             if times.max() > _FAR:
                 label = self.store.fields[name].labels[int(times.argmax())]
                 _log.warning(
-                    "augment= takes normalised values of %s far beyond [-1, 1], those of %s furthest; %s, or cut "
-                    "values with clip=True", name, label, self._wider,
+                    "augment= takes scaled values of %s far beyond [-1, 1], those of %s furthest; name what the "
+                    "scaler has to cover, Scale(covers=...), or cut values, Scale(clip=True)", name, label,
                 )  # fmt: skip
 
     @property
@@ -224,6 +197,39 @@ class SplitDataset(EpochDataset):
     def __len__(self) -> int:
         return len(self.windows)
 
+    def __repr__(self) -> str:
+        steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
+        steps = [("mirror", self.mirror)] * bool(self.mirror) + steps
+        augment = "".join(f", augment: {name} p={p:g}" for name, p in steps)
+        return (
+            f"{type(self).__name__}({str(self.store.path)!r}, split={self.split!r}, {self._samples_text()}{augment})"
+        )
+
+    def __str__(self) -> str:
+        """Return what a sample is: the shape and type of each entry, and what scales it."""
+        lines = [repr(self)]
+        for name in self.fields:
+            scaler = self._normalizers.get(name)
+            shape, dtype = self._shape(name), self.store.field(name).dtype if scaler is None else "float32"
+            how = "as stored" if scaler is None else f"{scaler.kind} scaler {scaler.sha256[:12]}"
+            how += ", cut to [-1, 1]" if scaler is not None and self.clip else ""
+            lines.append(f"  {name}: ({', '.join(map(str, shape))}) {dtype}, {how}")
+        lines += [f"  {item!r}" for item in (self._items.primitives, self._items.words) if item is not None]
+        return "\n".join(lines + [f"  {name}: of the clip" for name in self.columns])
+
+    def _samples_text(self) -> str:
+        return f"{len(self):,} windows"
+
+    def _shape(self, name: str) -> tuple[int | str, ...]:
+        """Return the shape of a sample's rows of a field; rows that differ in number are "T"."""
+        field, lengths = self.store.field(name), np.unique(self.lengths)
+        return self.store.grid.rows(int(lengths[0]), of=field.grid) if len(lengths) == 1 else "T", field.columns.width
+
+    @property
+    def lengths(self) -> npt.NDArray[np.int64]:
+        """Frames of each sample, (N,), at the store's fps."""
+        return np.asarray(self.windows.length, dtype=np.int64)
+
     def __getstate__(self) -> dict[str, Any]:
         # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
         return {k: v for k, v in self.__dict__.items() if k != "_shards_of_samples"} | {"_store": None}
@@ -231,7 +237,7 @@ class SplitDataset(EpochDataset):
     def scaler(self, field: str) -> Scaler:
         """Return the scaler that a field of this dataset is normalised with.
 
-        For a field that is not normalised, it is the scaler that ``normalize=(field,)`` would use.
+        For a field that is not scaled, it is the scaler that ``Scale(fields=(field,))`` would use.
 
         Raises UsageError: for a field that this dataset does not read.
         """
@@ -264,7 +270,8 @@ class SplitDataset(EpochDataset):
 
         They are those of the fields that are normalised, or whose scaler was named.
         """
-        fields = [self.store.field(name) for name in self.fields] if self._widened else []
+        widened = self._scale.covers or self._scale.over != "train"
+        fields = [self.store.field(name) for name in self.fields] if widened else []
         motion = [field.name for field in fields if field.kind == "motion" and field.codebook is None]
         names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
         return {"scalers": {name: self.scaler(name).sha256 for name in names}}
@@ -281,7 +288,7 @@ class SplitDataset(EpochDataset):
                 "the state is of a reader with other scalers",
                 found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
                 allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
-                fix="name the scaler of that training: WindowDataset(..., scaler=FILE)",
+                fix="name the scaler of that training: WindowDataset(..., scale=FILE)",
             )
 
     @property
@@ -308,7 +315,7 @@ class SplitDataset(EpochDataset):
     def _scaler(self, field: str) -> Scaler:
         if field in self._named_scalers:
             return self._named_scalers[field]
-        scaler = scaler_of(self.store, field, self._choice, over=self.normalizer_over)
+        scaler = scaler_of(self.store, field, self._choice, self._scale)
         return self._covering(field, scaler, self._covers)
 
     def _covering(self, field: str, scaler: Scaler, steps: Sequence[Step]) -> Scaler:

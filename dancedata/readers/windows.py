@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,6 +11,7 @@ from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.readers.batch_reader import (
     Array,
@@ -23,13 +24,14 @@ from dancedata.readers.batch_reader import (
     shared_tensor,
 )
 from dancedata.readers.clip_collate import Batch, Sample, collate
-from dancedata.readers.music_beats import StartAt, beat_labels, require_start_at
-from dancedata.readers.presets import PrimitiveSpec, preset_windows, primitive_spec, value_or_preset
-from dancedata.readers.scalers import ScalerLike, root_columns
-from dancedata.readers.segments import MirrorWords, SegmentChoice
-from dancedata.readers.selection import FilterLike, no_window_error
-from dancedata.readers.split_dataset import Changes, SplitDataset, mirrored_samples, primitive_bias
+from dancedata.readers.music_beats import beat_labels
+from dancedata.readers.options import Item, Scale, ScalerLike, Select, Windows, clash
+from dancedata.readers.primitives import PrimitiveSpec, primitive_spec
+from dancedata.readers.scalers import root_columns
+from dancedata.readers.selection import Choice, Selection, no_window_error
+from dancedata.readers.split_dataset import SplitDataset, mirrored_samples, primitive_bias
 from dancedata.store.dataset import Store
+from dancedata.store.window_list import WindowList
 
 _log = logging.getLogger(__name__)
 
@@ -53,86 +55,30 @@ class WindowDataset(SplitDataset):
         One of ``store.splits``, several, ``("train", "val")``, or "all". A sample has its own split's name; the
         scaler is that of train.
     fields
-        Names of the fields to read, and "primitives" if wanted. Default: the preset's, else edge151 and
-        librosa35, else all fields of the dataset.
-    normalize
-        True: motion fields only. A sequence of field names: those. False: none. Default: the preset's, else
-        True.
-    mirror
-        Probability in [0, 1] that a sample is mirrored.
+        What a sample holds: names of fields; "x/NAME", a free column, of which a sample has its clip's value, a list
+        where the column holds lists, "" and nan where a clip has no text or number; `Relative`, `Primitives`, `Text`,
+        `Segments`. Default: edge151 and librosa35, else all fields of the dataset.
+    windows
+        `Windows`: length, stride and first frames; or a list of one's own, some of ``store.windows(split)``. Default:
+        as stored.
+    select
+        `Select`: which clips and windows.
+    scale
+        `Scale`; a scaler, its file, either by field, or a reader that has one; None: values as they are stored.
     augment
         Augmentations of samples, in their order: plug-ins, names, or mappings of names to parameters as in
         recipes, ``["yaw", {"noise": {"std_degrees": 1}}]`` or ``{"mirror": 0.5, "crop": True}``. ``"p"`` among
         the parameters is the probability that a sample is changed; default: 1.
-    preset
-        "edge", "lodge-global", "lodge-local" or "finenet": fields, windows, trim, lists, filter and root as
-        that trainer uses them. Other arguments take precedence.
-    length_s, length_frames, stride_s, stride_frames
-        Length and stride of windows, if not as stored; at most one of each pair; only for a store of track scope.
-        Windows end where the clip ends, or the first of `fields` in it.
-    trim
-        Whether windows begin at each clip's trim_start, where the dance begins according to the source.
-    ignore
-        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well. "LAYER:LABEL" leaves
-        out windows that overlap a segment of this layer and label, such as "mark:reject" of the viewer's marks.
-    protocol
-        Such as "cross_genre". If the store's clips are in lists of that name ("cross_genre.train"), these lists,
-        and not the stored splits, define which clips `split` has.
-    filter
-        A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``; False:
-        all windows are kept. Default: the preset's.
-    start_at
-        "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other;
-        only for a store of track scope. Clips without any are in `rejects` ("filtered"). The beats are those of
-        the first of `fields` that has such a column, else of the first field of the store.
-    relative_root
-        Whether the translation columns are relative to the window's first frame. Such motion cannot be
-        normalised: a scaler is fitted on absolute positions.
-    primitive_n, primitive_variant
-        Frames of a local segment; "paper" takes the clip's stored key motions, "code" what Lodge's released
-        code finds in the window, shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
-    normalizer_covers_mirror, normalizer_covers
-        A wider scaler than the stored one: its range covers mirrored motion, or these augmentations, as for
-        `augment`. Every reader and command that meets the model's columns then needs that scaler by name.
-    normalizer_over
-        "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test
-        data, and is here to reproduce Lodge's results.
-    scaler
-        A scaler of another reader, such as one that is wider: a normaliser, the file of its ``save``, either by
-        field, or the reader itself. Default: the stored one of each field.
-    clip
-        Whether normalised values are cut to [-1, 1]. Default: as EDGE and Lodge do in their presets, unless
-        samples are mirrored or augmented; else False, and values beyond come back whole.
-    segments
-        True: a sample has ``"segments"``, a list of the segments that its window overlaps (`PlacedSegment`), which
-        `collate` keeps as a list. The name of a layer: it has ``"text"``, one text of that layer, drawn for each
-        (seed, epoch, index); "" where there is none. Mirrored windows have the words of a mirrored dancer.
-    min_share
-        Share of a window that a segment covers at least if its text may be drawn.
-    empty
-        Share of windows with "" as their text, for guidance.
-    mirror_words
-        "error": a layer that may name sides and has no mirrored words cannot be read mirrored. "keep": its words are
-        given as they are.
-    columns
-        Names of free columns, ``["x/level"]``: samples have their clip's value under that name, a list where the
-        column holds lists; "" and nan where a clip has no text or number.
-    where
-        Clips to read, by values of columns, ``{"x/level": (3, 4), "genre": "waltz"}``: one of several values; of a
-        column of lists, lists that have one of them; ``{"clip": IDS}`` are those clips. Others are in `rejects`
-        ("filtered").
-    mapped
-        False: read by position, for files that may be overwritten in place, or file systems that map poorly.
     seed
-        Whole number >= 0, for mirroring and the bias.
+        Whole number >= 0, of everything that is drawn.
 
     Raises
     ------
     StoreError
         If there is no finished dataset at `store`.
     UsageError
-        For an unknown split, field or preset, a probability outside [0, 1], a field that cannot be mirrored or
-        augmented, or windows that this store cannot give.
+        For an unknown split or field, a field that cannot be augmented, windows that this store cannot give, and
+        for two values that do not go together.
 
     Attributes
     ----------
@@ -147,11 +93,12 @@ class WindowDataset(SplitDataset):
     does: the same in every worker, on every rank, and after a resume. Without an epoch each reading draws from
     torch's generator.
 
-    With "primitives" among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D), ``"primitive_start"``,
+    With `Primitives` among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D), ``"primitive_start"``,
     ``"primitive_hard"`` and ``"primitive_filled"`` (K,); for windows of one local segment ``"primitives"`` (8, D)
     alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
 
-    ``samples([INDEX], EPOCH)`` is the sample of an "id" CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. See
+    ``print(dataset)`` says what a sample is, and ``samples([INDEX], EPOCH)`` is that of an "id"
+    CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. See
     docs/reading.md and docs/training.md.
 
     Examples
@@ -169,71 +116,54 @@ class WindowDataset(SplitDataset):
         self,
         store: str | Path | Store,
         split: str | Sequence[str] = "train",
-        fields: Sequence[str] | None = None,
+        fields: Sequence[Item] | None = None,
         *,
-        normalize: bool | Sequence[str] | None = None,
-        mirror: float = 0.0,
-        augment: Augment | None = None,
-        preset: str | None = None,
-        length_s: float | str | None = None,
-        length_frames: int | None = None,
-        stride_s: float | str | None = None,
-        stride_frames: int | None = None,
-        trim: bool | None = None,
-        ignore: Sequence[str] | None = None,
-        protocol: str | None = None,
-        filter: FilterLike = None,
-        start_at: StartAt | None = None,
-        relative_root: bool | None = None,
-        primitive_n: int = 256,
-        primitive_variant: Literal["paper", "code"] = "paper",
-        normalizer_covers_mirror: bool = False,
-        normalizer_covers: Augment = (),
-        normalizer_over: Literal["train", "all"] = "train",
-        scaler: ScalerLike = None,
-        clip: bool | None = None,
-        segments: bool | str = False,
-        min_share: float = 0.5,
-        empty: float = 0.0,
-        mirror_words: MirrorWords = "error",
-        columns: Sequence[str] = (),
-        where: Mapping[str, Any] | None = None,
-        mapped: bool = True,
+        windows: Windows | WindowList | None = None,
+        select: Select | None = None,
+        scale: Scale | ScalerLike | None = Scale(),
+        augment: Augment = (),
         seed: int = 0,
     ) -> None:
-        super().__init__(store, split, fields, preset, protocol)
-        lengths = {"length_s": length_s, "length_frames": length_frames}
-        requested = {**lengths, "stride_s": stride_s, "stride_frames": stride_frames}
-        filter_ = value_or_preset(filter, self._preset, "filter", None)
-        start = require_start_at(start_at)
-        windows = preset_windows(self._preset, requested)
-        length = self.store.window_grid(**windows).length
-        self._primitives: PrimitiveSpec | None = None
-        if self._with_primitives:
-            self._primitives = primitive_spec(self.store, self.fields, length, primitive_n, primitive_variant)
-        also = self._primitives.key_motion if self._primitives is not None else None
-        selection = self._select(windows, trim, ignore, filter_, start, where, also=also)
+        super().__init__(store, split, fields, select, scale)
+        place = Windows() if windows is None or isinstance(windows, WindowList) else windows
+        if not isinstance(place, Windows):
+            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        spec: PrimitiveSpec | None = None
+        if self._items.primitives is not None:
+            grid = self.store.window_grid(**place.grid)
+            length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
+            spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
+        self._primitives, also = spec, spec.key_motion if spec is not None else None
+        if isinstance(windows, WindowList):
+            selection = self._listed(windows, also)
+        else:
+            selection = self._choose(place, place.grid, place.start_at, also)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
-            raise no_window_error(self.store, self.split, self.rejects, start)
-        changes = Changes(
-            mirror=mirror, augment=augment, normalize=normalize, normalizer_covers_mirror=normalizer_covers_mirror,
-            normalizer_covers=normalizer_covers, normalizer_over=normalizer_over, scaler=scaler, clip=clip, seed=seed,
-            words=SegmentChoice(segments, min_share, empty, mirror_words), columns=columns,
-        )  # fmt: skip
-        self._prepare(changes)
-        if start is not None and self._augmenter.crops:
-            raise UsageError("start_at and the augmentation crop both choose windows", fix="leave one of them out")
-        self._is_random |= self._with_primitives and primitive_variant == "code"
-        if self._primitives is not None and self._primitives.field in self._normalizers:
-            self._primitives.refuse_scaling(length)
-        self.relative_root = value_or_preset(relative_root, self._preset, "relative_root", False)
-        self._roots = root_columns(self.store, self.fields, self._normalizers) if self.relative_root else {}
-        self.mapped = mapped
+            raise no_window_error(self.store, self.split, self.rejects, place.start_at)
+        self._prepare(augment, seed)
+        if place.start_at is not None and self._augmenter.crops:
+            raise clash(place, "the augmentation crop", "both choose where windows begin")
+        self._is_random |= spec is not None and spec.variant == "code"
+        self._roots = root_columns(self.store, self._items.relative, self._scaled)
         self._stride = self.store.window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
+
+    def _listed(self, windows: WindowList, also: str | None) -> Selection:
+        """Take windows of the caller's; UsageError for those of another split, or that are selected once more."""
+        if self._asked != Select():
+            raise clash(self._asked, windows, "windows of one's own are selected already")
+        if windows.split != self.split:
+            raise clash(f"split={self.split!r}", windows, "they are of another split")
+        self._choice = Choice(fields=self.fields if also is None else (*self.fields, also))
+        if not windows:
+            raise UsageError("the list of windows is empty", where=str(self.store.path), found=windows)
+        for name in self._choice.fields:
+            self.store.window_rows(windows, name)  # which checks them
+        self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
+        return Selection(windows, ())
 
     def __getitem__(self, index: int) -> dict[str, Any]:
         """Return one window; negative indices count from the end.
@@ -267,15 +197,6 @@ class WindowDataset(SplitDataset):
             Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in metadata.items()}, batch)
             for nth in range(len(request))
         ]
-
-    def __repr__(self) -> str:
-        normalized = ", ".join(self._normalizers) or "nothing"
-        steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
-        augment = "".join(f"; augment: {name}, p={p:g}" for name, p in steps)
-        return (
-            f"WindowDataset({str(self.store.path)!r}, split={self.split!r}, {len(self):,} windows, "
-            f"fields: {', '.join(self.fields)}; normalised: {normalized}; mirror={self.mirror:g}{augment})"
-        )
 
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
@@ -323,13 +244,15 @@ class WindowDataset(SplitDataset):
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""
         if self._cached_reader is None:
-            rows = {name: self.store.window_rows(self.windows, name, mapped=self.mapped) for name in self.fields}
+            rows = {
+                name: self.store.window_rows(self.windows, name, mapped=self.store.mapped) for name in self.fields
+            }
             fields = [
                 FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clip)
                 for n in self.fields
             ]
             for name, values in rows.items():
-                if values.unmapped and self.mapped:
+                if values.unmapped and self.store.mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
             self._cached_reader = BatchReader(
                 self.store,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = ()) -> Store:
+def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), mapped: bool = True) -> Store:
     """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
 
     Parameters
@@ -39,6 +39,8 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     segments
         Files of segments, .csv or .jsonl, that are laid over those of the dataset: marks and corrections. A row
         replaces segments of the same layer, start and end.
+    mapped
+        False: readers read by position, for files that may be overwritten in place, or file systems that map poorly.
 
     Returns
     -------
@@ -64,6 +66,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     folder = local_folder(path).absolute()
     description, listed = open_listed(folder)
     store = Store(folder, description, listed)
+    store.mapped = mapped
     files = [segments] if isinstance(segments, str | Path) else segments
     if files:
         store.overlay = SegmentOverlay.read(
@@ -98,10 +101,14 @@ class Store(SegmentQueries):
         dataset.json.
     overlay
         Segments of files that were named when it was opened.
+    mapped
+        Whether readers copy rows from mapped files.
     """
 
+    mapped = True
+
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, (*self.reference, self.overlay)
+        return reopen, (*self.reference, self.overlay, self.mapped)
 
     @cached_property
     def reference(self) -> tuple[str, str]:
@@ -251,9 +258,9 @@ class Store(SegmentQueries):
         )
 
 
-def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None) -> Store:
+def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
-    store = open_store(path)
+    store = open_store(path, mapped=mapped)
     store.overlay = overlay or store.overlay
     if store.reference[1] != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")

@@ -64,13 +64,13 @@ class SideFiles:
         if f.codebook is not None:
             raise UsageError("codes have no scaler: they are never normalised", where=str(self._folder),
                              found=f"field {f.name}, codes of {f.codebook.name}",
-                             fix="leave the field out of normalize")  # fmt: skip
+                             fix="leave the field out of scale")  # fmt: skip
         if f.name not in self.stats["fields"]:
             raise StoreError(
                 "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
                 where=str(self._folder),
                 found=f"splits {', '.join(sort_splits({s.split for s in self._description.shards}))}",
-                fix="pass normalize=False, or build with a train split",
+                fix="read with scale=None, or build with a train split",
             )
         try:
             state = self.stats["fields"][f.name]["scaler"]

@@ -164,7 +164,8 @@ class Scaler:
 
     def covering(self, field: SampleField, steps: Iterable[Step]) -> Scaler:
         """Return the scaler whose range covers what augmentations make of motion; of another field, this one."""
-        if field.kind != "motion":
+        steps = tuple(steps)
+        if not steps or field.kind != "motion":
             return self
         low, high = self.data_min, self.data_max
         for step in steps:

@@ -33,9 +33,9 @@ class RowQueries(StoreTables):
         split: str,
         *,
         length_s: float | str | Fraction | None = None,
-        length_frames: int | None = None,
+        length: int | None = None,
         stride_s: float | str | Fraction | None = None,
-        stride_frames: int | None = None,
+        stride: int | None = None,
         fields: tuple[str, ...] | None = None,
         trim: bool = False,
         whole: bool = False,
@@ -43,7 +43,7 @@ class RowQueries(StoreTables):
         """List the windows of a split, in the store's order: shard by shard.
 
         `split`: One of `splits`.
-        `length_s`, `length_frames`, `stride_s`, `stride_frames`: Length and stride of the windows, at most one of
+        `length_s`, `length`, `stride_s`, `stride`: Length and stride of the windows, at most one of
             each pair; default: as stored. Other values need a store of track scope.
         `fields`: Fields in which these windows have to begin and end at whole rows, and that their clips have.
             Default: all.
@@ -56,9 +56,7 @@ class RowQueries(StoreTables):
         """
         self.rows_of_split(split)
         tables = self.tables
-        requested = self.window_grid(
-            length_s=length_s, length_frames=length_frames, stride_s=stride_s, stride_frames=stride_frames
-        )
+        requested = self.window_grid(length_s=length_s, length=length, stride_s=stride_s, stride=stride)
         stored = WindowGrid(self._description.length, self._description.stride)
         window_fields = [self.field(name) for name in fields or self._fields]
         if requested == stored and not trim and not whole:
@@ -79,12 +77,12 @@ class RowQueries(StoreTables):
         self,
         *,
         length_s: float | str | Fraction | None = None,
-        length_frames: int | None = None,
+        length: int | None = None,
         stride_s: float | str | Fraction | None = None,
-        stride_frames: int | None = None,
+        stride: int | None = None,
     ) -> WindowGrid:
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
-        return requested_grid(self._description, length_s, length_frames, stride_s, stride_frames)
+        return requested_grid(self._description, length_s, length, stride_s, stride)
 
     def has_field(self, clip_id: str, field: str) -> bool:
         """Return whether a clip has rows of a field: fields that a recipe makes optional may be missing.

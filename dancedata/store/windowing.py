@@ -20,19 +20,20 @@ Seconds = float | str | Fraction
 def requested_grid(
     description: Description,
     length_s: Seconds | None,
-    length_frames: int | None,
+    length: int | None,
     stride_s: Seconds | None,
-    stride_frames: int | None,
+    stride: int | None,
 ) -> WindowGrid:
     """Return the requested length and stride; the stored ones by default."""
-    length = _frames(description, "length", length_s, length_frames, description.length)
-    stride = _frames(description, "stride", stride_s, stride_frames, description.stride)
-    return WindowGrid(length, stride)
+    return WindowGrid(
+        _frames(description, "length", length_s, length, description.length),
+        _frames(description, "stride", stride_s, stride, description.stride),
+    )
 
 
 def _frames(description: Description, what: str, seconds: Seconds | None, frames: int | None, stored: int) -> int:
     if seconds is not None and frames is not None:
-        raise UsageError(f"both {what}_s and {what}_frames are given", fix="give one of them")
+        raise UsageError(f"both {what}_s and {what} are given", fix="give one of them")
     if seconds is not None:
         frames = description.grid.frames(seconds, what=f"{what}_s")
     if frames is None:

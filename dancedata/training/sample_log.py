@@ -76,7 +76,7 @@ class SampleLog:
     >>> from dancedata.readers import WindowDataset
     >>> from dancedata.training import SampleLog
     >>> log = SampleLog(Evaluator("data/aistpp", "edge151", normalized=True), "runs/walls")
-    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val", normalize=True), batch_size=4):
+    >>> for batch in DataLoader(WindowDataset("data/aistpp", "val"), batch_size=4):
     ...     log.update(batch["edge151"], batch)  # samples of a model that has heard batch["librosa35"]
     >>> log.finish(step=400).page
     PosixPath('runs/walls/step-00000400.html')

@@ -18,8 +18,8 @@ from dancedata.augment.mirror import MirrorImage
 from dancedata.augment.yaw import Yaw
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.sample_steps import Chance
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
+from dancedata.core.sample_steps import Chance, steps_of
+from dancedata.readers import BatchLoader, EpochSampler, Relative, Scale, WindowDataset, Windows
 from dancedata.readers.augmenting import Augmenter
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
@@ -28,7 +28,7 @@ FIELDS = ("edge151", "lodge139", "librosa35")
 ALL = {"mirror": 0.5, "yaw": {}, "root_offset": {"p": 0.7}, "noise": {"p": 0.5}, "crop": {"p": 0.8}, "drop": {}}
 
 
-def dataset(path: Path, augment: Any = None, **options: Any) -> WindowDataset:
+def dataset(path: Path, augment: Any = (), **options: Any) -> WindowDataset:
     """Samples as of epoch 0, until a sampler sets another."""
     options = {"fields": FIELDS, "split": "train", **options}
     made = WindowDataset(path, augment=augment, seed=3, **options)
@@ -80,11 +80,11 @@ def test_an_augmenter_that_does_nothing_changes_no_byte(store_path: Path) -> Non
 
 
 def test_mirror_among_augmentations_is_mirroring(store_path: Path) -> None:
-    one, other = dataset(store_path, mirror=1.0), dataset(store_path, [MirrorImage()])
+    one, other = dataset(store_path, {"mirror": 1.0}), dataset(store_path, [{"yaw": 0}, MirrorImage()])
     for k in range(len(one)):
         assert digest(one[k]) == digest(other[k])
     with raises_message(UsageError, "twice"):
-        dataset(store_path, ["mirror"], mirror=0.5)
+        dataset(store_path, [{"mirror": 0.5}, "mirror"])
     half = dataset(store_path, {"mirror": 0.5})
     flags = {half[k]["mirrored"] for k in range(len(half))}
     assert flags == {True, False}
@@ -94,8 +94,8 @@ def test_fields_of_a_sample_are_changed_alike(store_path: Path) -> None:
     """Translations are those of one dancer in every field: +Z up in edge151, +Y up in the others."""
     fields = ("edge151", "lodge139", "joints", "fact219", "lodge")
     augment = {"yaw": {}, "root_offset": {"max_m": 2}, "mirror": 0.5}
-    data = dataset(store_path, augment, fields=fields, normalize=False)
-    plain = dataset(store_path, fields=fields, normalize=False)
+    data = dataset(store_path, augment, fields=fields, scale=None)
+    plain = dataset(store_path, fields=fields, scale=None)
     for k in range(len(data)):
         sample = {name: data[k][name].numpy() for name in fields}
         edge, lodge, fact = sample["edge151"][:, 4:7], sample["lodge139"][:, 4:7], sample["fact219"][::2, :3]
@@ -110,16 +110,16 @@ def test_fields_of_a_sample_are_changed_alike(store_path: Path) -> None:
 
 def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path: Path) -> None:
     augment = ["yaw", {"root_offset": {"max_m": 1}}, "mirror"]
-    data, raw = dataset(store_path, augment, normalizer_covers=augment), dataset(store_path, augment, normalize=False)
+    data, raw = (dataset(store_path, augment, scale=scale) for scale in (Scale(covers=augment), None))
     for name in ("edge151", "lodge139"):
         scaler = data.scaler(name)
         for k in range(len(data)):
             exact = scaler.normalize(raw[k][name].double(), clip=False)
             assert float(exact.abs().max()) <= 1 + 1e-5
             np.testing.assert_array_equal(data[k][name], scaler.normalize(raw[k][name]))
-    val = dataset(store_path, split="val", normalizer_covers=augment)
+    val = dataset(store_path, split="val", scale=Scale(covers=augment))
     np.testing.assert_array_equal(val.scaler("edge151").data_min, data.scaler("edge151").data_min)
-    motion = dataset(store_path, split="val", fields="edge151", normalizer_covers=[*augment, "drop"])
+    motion = dataset(store_path, split="val", fields="edge151", scale=Scale(covers=[*augment, "drop"]))
     np.testing.assert_array_equal(motion.scaler("edge151").data_max, data.scaler("edge151").data_max)
     narrow = dataset(store_path, augment)
     stored = dancedata.open(store_path).scaler("edge151")
@@ -130,13 +130,11 @@ def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
     store_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     store, fields = dancedata.open(store_path), ("edge151", "lodge139")
-    for options, far in (
-        ({}, 2), ({"clip": True}, 0), ({"normalizer_covers": ["noise"]}, 0), ({"normalize": False}, 0),
-    ):  # fmt: skip
+    for scale, far in ((Scale(), 2), (Scale(clip=True), 0), (Scale(covers=["noise"]), 0), (None, 0)):
         caplog.clear()
-        dataset(store_path, ["noise"], fields=fields, **options)
-        assert sum("far beyond [-1, 1]" in message for message in caplog.messages) == far, options
-    wide = dataset(store_path, ["noise"], fields=fields, normalizer_covers=["noise"])
+        dataset(store_path, ["noise"], fields=fields, scale=scale)
+        assert sum("far beyond [-1, 1]" in message for message in caplog.messages) == far, scale
+    wide = dataset(store_path, ["noise"], fields=fields, scale=Scale(covers=["noise"]))
     for name in fields:
         rows = torch.cat([wide[k][name] for k in range(len(wide))])
         turned = [k for k, label in enumerate(store.fields[name].labels) if "translation" not in label]
@@ -147,9 +145,9 @@ def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
 
 def test_crops_are_windows_of_their_clips(store_path: Path) -> None:
     store = dancedata.open(store_path)
-    plain = dataset(store_path, normalize=False)
+    plain = dataset(store_path, scale=None)
     for crop in (Crop(), Crop("stride")):
-        data = dataset(store_path, [crop], normalize=False)
+        data = dataset(store_path, [crop], scale=None)
         starts = set()
         for epoch in range(3):
             data.set_epoch(epoch)
@@ -171,7 +169,7 @@ def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) 
     fields = random_fields({"edge151": 6}, {"half": 4}, half=15)
     write_random_store(tmp_path / "out", fields=fields, n_frames=(60, 90), length=30, stride=16)
     data = WindowDataset(
-        tmp_path / "out", fields=("edge151", "half"), augment=["crop"], length_frames=14, stride_frames=2
+        tmp_path / "out", fields=("edge151", "half"), windows=Windows(length=14, stride=2), augment=["crop"]
     )
     store = data.store
     clip = data.windows[0].clip
@@ -205,7 +203,7 @@ def test_dropped_fields_are_zero_and_say_so(store_path: Path) -> None:
 
 
 def test_relative_roots_are_relative_after_augmenting(store_path: Path) -> None:
-    data = dataset(store_path, ["root_offset"], relative_root=True, normalize=False, fields="edge151")
+    data = dataset(store_path, ["root_offset"], scale=None, fields=Relative("edge151"))
     assert (data[0]["edge151"][0, 4:7] == 0).all()
 
 
@@ -232,10 +230,10 @@ def test_columns_of_an_unknown_representation_are_refused(tmp_path: Path) -> Non
 
 def test_two_of_one_augmentation_draw_different_numbers(store_path: Path) -> None:
     store = dancedata.open(store_path)
-    two = Augmenter.of(store, ("edge151",), [Yaw(), Yaw()], seed=0)
+    two = Augmenter.of(store, ("edge151",), steps_of([Yaw(), Yaw()]), seed=0)
     assert len({step.stream for step in two.steps}) == 2
-    named = Augmenter.of(store, ("edge151",), {"yaw.a": {"max_degrees": 1}, "yaw.b": {}}, seed=0)
+    named = Augmenter.of(store, ("edge151",), steps_of({"yaw.a": {"max_degrees": 1}, "yaw.b": {}}), seed=0)
     assert [step.name for step in named.steps] == ["yaw.a", "yaw.b"]
     assert replace(named, seed=1) != named
     with raises_message(UsageError, "chooses"):
-        Augmenter.of(store, ("edge151",), ["crop"], seed=0, allow_crop=False)
+        Augmenter.of(store, ("edge151",), steps_of(["crop"]), seed=0, allow_crop=False)

@@ -230,7 +230,7 @@ def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
         }
         assert {int(clip.n_frames) for clip in store.clips} == {153}
         assert {clip.audio_start for clip in store.clips} == {Fraction(1, 2)}
-    sample = GroupDataset(tmp_path / "out", "train", normalize=False)[0]
+    sample = GroupDataset(tmp_path / "out", "train", scale=None)[0]
     assert sample["edge151"].shape == (3, 120, 151)
     roots = sample["edge151"][:, :, 4:7]
     np.testing.assert_allclose(np.linalg.norm(roots[1] - roots[0], axis=-1), np.hypot(1.2, 0.3), atol=1e-5)

@@ -16,7 +16,7 @@ import pytest
 from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
 from dancedata.pipeline.describe import describe_built
-from dancedata.readers.presets import PRESETS
+from dancedata.readers.options import PRESETS
 from dancedata.store import open_store, verify_store
 from tests import warm
 from tests.docs.pages import ROOT, blocks, text_of, with_output

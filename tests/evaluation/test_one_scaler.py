@@ -22,7 +22,7 @@ from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.inputs.files import FileClip
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.request import Request
-from dancedata.readers import ClipDataset, WindowDataset
+from dancedata.readers import ClipDataset, Scale, WindowDataset
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling, _warn_once
@@ -30,7 +30,7 @@ from dancedata.viewer.comparisons import comparison_of, file_format
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {
-    "mirror": {"mirror": 1.0}, "yaw": {"augment": ["yaw"]}, "root_offset": {"augment": ["root_offset"]},
+    "mirror": {"augment": {"mirror": 1.0}}, "yaw": {"augment": ["yaw"]}, "root_offset": {"augment": ["root_offset"]},
 }  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def evaluated(store: Store, rows: Any, **options: Any) -> Any:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
 def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: Any) -> None:
-    changed, plain = (reader(store, fields=(FIELD,), normalize=n, **KINDS[kind]) for n in (True, False))
+    changed, plain = (reader(store, fields=(FIELD,), scale=scale, **KINDS[kind]) for scale in (Scale(), None))
     for one in (changed, plain):
         one.set_epoch(0)  # otherwise each read draws again
     beyond = 0.0
@@ -77,7 +77,9 @@ def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: 
 
 
 def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Store) -> None:
-    changed, plain = (WindowDataset(store, fields=(FIELD,), normalize=n, mirror=1.0) for n in (True, False))
+    changed, plain = (
+        WindowDataset(store, fields=(FIELD,), scale=scale, augment={"mirror": 1.0}) for scale in (Scale(), None)
+    )
     evaluator = Evaluator(changed, FIELD)
     places = range(0, len(changed), 6)
     batch = [changed[place] for place in places]
@@ -89,8 +91,8 @@ def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Stor
 
 
 def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> None:
-    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers_mirror=True, normalizer_covers=["yaw"])
-    plain = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)
+    wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["mirror", "yaw"]), augment={"mirror": 1.0})
+    plain = WindowDataset(store, fields=(FIELD,), scale=None, augment={"mirror": 1.0})
     rows, wanted = wide[3][FIELD].numpy(), joints(plain[3][FIELD], store)
     scaler, path = wide.scaler(FIELD), tmp_path / "scaler.json"
     scaler.save(path)
@@ -103,28 +105,28 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
         assert worst(view(tmp_path, rows, store, scaler=given).joints, wanted) < 1e-5
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
     for given in (wide, scaler, path, {FIELD: path}):
-        val = WindowDataset(store, "val", (FIELD,), scaler=given)
+        val = WindowDataset(store, "val", (FIELD,), scale=given)
         np.testing.assert_array_equal(val.scaler(FIELD).data_min, scaler.data_min)
         val.load_state_dict(json.loads(json.dumps(wide.state_dict())))
     with raises_message(UsageError, "scalers"):
         WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
-    with raises_message(UsageError, "normalizer_"):
-        WindowDataset(store, "val", (FIELD,), scaler=wide, normalizer_covers_mirror=True)
+    with raises_message(UsageError, "covers="):
+        WindowDataset(store, "val", (FIELD,), scale=Scale(covers=["mirror"], scaler=wide))
 
 
 def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: Store) -> None:
-    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False, normalizer_covers=["yaw"])
+    wide = WindowDataset(store, fields=(FIELD,), scale=Scale(fields=(), covers=["yaw"]), augment={"mirror": 1.0})
     rows = wide[3][FIELD].numpy()
     scaled, wanted = wide.scaler(FIELD).normalize(rows), joints(rows, store)
     assert worst(dancedata.decode(scaled, FIELD, like=wide, normalized=True).joints(), wanted) < 1e-5
     assert worst(dancedata.decode(rows, FIELD, like=wide).joints(), wanted) < 1e-5
-    val = WindowDataset(store, "val", (FIELD,), scaler=wide)
+    val = WindowDataset(store, "val", (FIELD,), scale=wide)
     np.testing.assert_array_equal(val.scaler(FIELD).data_min, wide.scaler(FIELD).data_min)
     val.load_state_dict(wide.state_dict())
     with raises_message(UsageError, "scalers"):
-        WindowDataset(store, fields=(FIELD,), normalize=False).load_state_dict(wide.state_dict())
+        WindowDataset(store, fields=(FIELD,), scale=None).load_state_dict(wide.state_dict())
     for call in (
-        lambda: WindowDataset(store, fields=(FIELD,), scaler=store),
+        lambda: WindowDataset(store, fields=(FIELD,), scale=store),
         lambda: dancedata.decode(rows, FIELD, like=Subset(wide, [0])),
     ):
         with raises_message(UsageError, "reader"):
@@ -133,7 +135,7 @@ def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: S
     with raises_message(UsageError, "whether"):
         dancedata.decode(rows, FIELD, like=other)
     with raises_message(UsageError, "reader"):
-        WindowDataset(store, fields=(FIELD,), scaler=other)
+        WindowDataset(store, fields=(FIELD,), scale=other)
 
 
 def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> None:
@@ -151,9 +153,9 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
             with pytest.raises(UsageError, match=problem):
                 dancedata.decode(scaler.normalize(rows), FIELD, like=store, scaler=given)
     with raises_message(UsageError, "name the field"):
-        WindowDataset(store, fields=(FIELD,), scaler=lodge)
+        WindowDataset(store, fields=(FIELD,), scale=lodge)
     with raises_message(UsageError, r"s\.data_min", where="field edge151"):
-        WindowDataset(store, fields=(FIELD,), scaler=other)
+        WindowDataset(store, fields=(FIELD,), scale=other)
     with raises_message(UsageError, "scaler"):
         dancedata.decode(rows, FIELD, like=store, scaler=scaler, normalized=False)
 
@@ -258,11 +260,11 @@ def test_the_output_of_an_untrained_network_passes(store: Store, field: str, nor
 
 
 def test_the_commands(store: Store, tmp_path: Path) -> None:
-    wide = WindowDataset(store, fields=(FIELD,), mirror=1.0, normalizer_covers=["root_offset"])
+    wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["root_offset"]), augment={"mirror": 1.0})
     wide.scaler(FIELD).save(tmp_path / "scaler.json")
     (tmp_path / "made").mkdir()
     np.save(tmp_path / "made" / "x.npy", wide[0][FIELD].numpy())
-    wanted = joints(WindowDataset(store, fields=(FIELD,), mirror=1.0, normalize=False)[0][FIELD], store)
+    wanted = joints(WindowDataset(store, fields=(FIELD,), scale=None, augment={"mirror": 1.0})[0][FIELD], store)
 
     def run(*arguments: object) -> Any:
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
@@ -294,7 +296,7 @@ def test_the_commands(store: Store, tmp_path: Path) -> None:
 
 def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) -> None:
     scaler = store.scaler(FIELD)
-    wide = WindowDataset(store, fields=(FIELD,), normalizer_covers_mirror=True).scaler(FIELD)
+    wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["mirror"])).scaler(FIELD)
     for name, own in (("plain", scaler), ("wide", wide)):
         (tmp_path / name).mkdir()
         for clip in list(store.clips)[:3]:

@@ -65,7 +65,7 @@ def normalized(folder: Path, field: str) -> list[float]:
     """Return numbers of a normalised window, as a trainer reads it."""
     from dancedata.readers import WindowDataset
 
-    sample = WindowDataset(folder, split="train", fields=(field,), normalize=True)[1][field]
+    sample = WindowDataset(folder, fields=(field,), split="train")[1][field]
     return [round(float(value), 6) for value in np.asarray(sample)[2, :8]]
 
 

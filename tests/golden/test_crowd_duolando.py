@@ -25,7 +25,7 @@ from dancedata.metrics import (
 )
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
 from dancedata.metrics.set_statistics import STATISTICS
-from dancedata.readers import GroupDataset
+from dancedata.readers import GroupDataset, Windows
 from tests.golden.conftest import load
 
 DUETS = ("Waltz_5_0", "Waltz_6_0", "Ballet_9_0", "Qiaqiaqia_12_1")
@@ -105,7 +105,7 @@ def test_windows(facts: Any, store: Path, key: str, split: str) -> None:
         assert found == list(zip(wanted["names"], wanted["lengths"], strict=True))
         return
     length, stride = int(key[1:3]), int(key[-1])
-    dataset = GroupDataset(store, split, length_frames=length, stride_frames=stride, normalize=False)
+    dataset = GroupDataset(store, split, windows=Windows(length=length, stride=stride), scale=None)
     assert sorted(window.clip.rsplit("_", 1)[0] for window in dataset.windows) == wanted["names"]
     assert set(wanted["lengths"]) == {length}
     np.testing.assert_array_equal(dataset[1]["file"][:, 0], dataset.windows[1].start + np.arange(length))
@@ -115,7 +115,7 @@ def test_windows(facts: Any, store: Path, key: str, split: str) -> None:
 def test_first_and_last_window(crowd: Path, facts: Any, store: Path, split: str) -> None:
     """Joints relative to the pelvis, fingers relative to their wrist and times 10, as Duolando's loader has them."""
     golden = load(crowd / "duolando" / "dd100.npz")
-    dataset = GroupDataset(store, split, normalize=False)
+    dataset = GroupDataset(store, split, scale=None)
     places = sorted(range(len(dataset)), key=lambda k: (dataset.windows[k].clip, dataset.windows[k].start))
     first, last = dataset[places[0]], dataset[places[-1]]
     assert first["roles"] == ["follower", "leader"]

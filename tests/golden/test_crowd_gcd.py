@@ -15,7 +15,7 @@ from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
 from dancedata.metrics import beat_alignment, diversity, frechet, group_kinetic, motion_beats
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, frame_features
 from dancedata.metrics.set_statistics import STATISTICS
-from dancedata.readers import GroupDataset
+from dancedata.readers import Dancers, GroupDataset
 from dancedata.representations.gcd151 import SMPL24_GCD, Gcd151
 from tests.golden.conftest import Arrays, load
 
@@ -51,7 +51,7 @@ def groups(crowd: Path, cache: Path, tmp_path_factory: pytest.TempPathFactory) -
     }  # fmt: skip
     dancedata.build(recipe, crowd / "inputs" / "aioz_gdance", out, jobs=1, cache=cache, progress=False)
     splits = dancedata.open(out).splits
-    return {split: GroupDataset(out, split, persons=7, normalize=False) for split in splits}
+    return {split: GroupDataset(out, split, dancers=Dancers(persons=7), scale=None) for split in splits}
 
 
 def sample(groups: Mapping[str, GroupDataset], name: str, start: int) -> dict[str, Any]:

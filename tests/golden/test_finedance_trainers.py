@@ -10,7 +10,7 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.core.clip import Window
 from dancedata.pipeline.build import build
-from dancedata.readers import WindowDataset
+from dancedata.readers import PRESETS, Primitives, Scale, WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 
@@ -48,7 +48,7 @@ def test_lodge_sees_its_own_windows(
 ) -> None:
     windows = peers.load("lodge_dataset_index.npz")
     index, tracks, genres = (windows[f"L{length}_w{parts}_{split}.{k}"] for k in ("index", "tracks", "genre"))
-    dataset = WindowDataset(store, split, preset=preset, normalize=False)
+    dataset = WindowDataset(store, split, **PRESETS[preset] | {"scale": None})
     # Lodge joins the tracks, each cut to the shorter of motion and music, and counts frames through.
     music = {c.id: len(store.clip(c.id).read("librosa35")) - c.trim_start for c in store.clips}
     before = np.cumsum([0, *(min(lodge.shape(t)[0], music[t]) for t in tracks)])
@@ -68,7 +68,7 @@ def test_lodge_sees_its_own_windows(
 
 
 def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
-    dataset = WindowDataset(store, preset="lodge-local", normalizer_over="all")
+    dataset = WindowDataset(store, **PRESETS["lodge-local"] | {"scale": Scale(over="all")})
     known = peers.load("lodge_normalizer.npz")
     scaler = dataset.scaler("lodge139")
     np.testing.assert_allclose(scaler.data_min, known["data_min"], rtol=0, atol=MOTION)
@@ -79,14 +79,16 @@ def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
     found, wanted = known.pair("normalized_first300", scaler.normalize(rows, clip=True))
     assert (np.abs(found - wanted) <= allowed).all()
     # By default the scaler knows train alone.
-    assert not np.allclose(WindowDataset(store, preset="lodge-local").scaler("lodge139").data_max, scaler.data_max)
+    assert not np.allclose(
+        WindowDataset(store, **PRESETS["lodge-local"]).scaler("lodge139").data_max, scaler.data_max
+    )
 
 
 @pytest.mark.parametrize("split", ["train", "test"])
 def test_finenet_sees_its_own_windows(store: Store, peers: Any, split: str) -> None:
     # FineDance's rule by hand, from the files: contacts, raw columns, windows of 120 every 12, the filter on train,
     # the root relative to a copy of the window.
-    dataset = WindowDataset(store, split, preset="finenet")
+    dataset = WindowDataset(store, split, **PRESETS["finenet"])
     contacts = {name.split(".")[0]: rows for name, rows in peers.load("finedance_contacts.npz").items()}
     expected = []
     for clip in ("001", "004") if split == "train" else ("063",):
@@ -106,7 +108,7 @@ def test_finenet_sees_its_own_windows(store: Store, peers: Any, split: str) -> N
 
 def test_overlapping_windows_do_not_spoil_each_other(store: Store) -> None:
     # FineDance's loader subtracts the root in a view of the corpus; here a window reads the same twice.
-    dataset = WindowDataset(store, preset="finenet")
+    dataset = WindowDataset(store, **PRESETS["finenet"])
     first = dataset[1]["finedance319"].clone()
     dataset[0], dataset[2]
     assert (dataset[1]["finedance319"] == first).all()
@@ -126,7 +128,7 @@ def test_the_music_is_lodges(store: Store, peers: Any) -> None:
 
 def test_lodges_released_key_motion_through_the_reader(store: Store, peers: Any) -> None:
     dataset = WindowDataset(
-        store, preset="lodge-global", fields=("lodge139", "primitives"), normalize=False, primitive_variant="code"
+        store, **PRESETS["lodge-global"] | {"fields": ("lodge139", Primitives(variant="code")), "scale": None}
     )
     known = peers.load("lodge_key_motion.npz")
     clip = known["clip_source"].tolist().index("001+0")

@@ -27,7 +27,7 @@ from dancedata.evaluation.music import Resources, clip_music
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.readers import WindowDataset
+from dancedata.readers import Scale, WindowDataset
 from dancedata.report import write_report
 from dancedata.report.pieces import ClipReader
 from dancedata.store import Store, verify_store
@@ -125,8 +125,8 @@ def test_the_song_begins_after_the_clip(
     for window in windows:
         begin = window.start + offset
         np.testing.assert_array_equal(store.read(window, "librosa35"), expected[begin : begin + 60])
-    assert WindowDataset(store, fields=("librosa35",), normalize=False)[0]["librosa35"].shape == (60, 35)
-    cut = store.windows("train", length_frames=30, stride_frames=10)
+    assert WindowDataset(store, fields=("librosa35",), scale=None)[0]["librosa35"].shape == (60, 35)
+    cut = store.windows("train", length=30, stride=10)
     assert cut[0].start == -offset
     assert store.starts("a", 60).start == -offset
     row, rows = store.rows_within("a", "librosa35")
@@ -253,6 +253,6 @@ def test_exports_of_whole_clips_name_music_that_begins_later(
 
 def test_a_scaler_over_all_rows_takes_music_that_begins_later(build: Any) -> None:
     store = build("-1")
-    scaler = WindowDataset(store, "train", normalize=("librosa35",), normalizer_over="all").scaler("librosa35")
+    scaler = WindowDataset(store, "train", scale=Scale(fields=("librosa35",), over="all")).scaler("librosa35")
     _, rows = store.rows_within("a", "librosa35")
     np.testing.assert_array_equal(scaler.data_max, rows.max(axis=0).astype(np.float64))

@@ -22,7 +22,16 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.pipeline.describe import describe_store
 from dancedata.pipeline.plan import make_plan
-from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, WindowDataset, pad_clips
+from dancedata.readers import (
+    BatchLoader,
+    ClipDataset,
+    Dancers,
+    EpochSampler,
+    GroupDataset,
+    Scale,
+    WindowDataset,
+    pad_clips,
+)
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.report import write_report
 from dancedata.store import Store, verify_store
@@ -137,7 +146,7 @@ def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: P
     assert stats == {
         "n": 3 * ROWS, "min": covered.min(axis=0).tolist(), "max": covered.max(axis=0).tolist(), "counts": counts,
     }  # fmt: skip
-    with raises_message(UsageError, "normalize", where="out"):
+    with raises_message(UsageError, "scale", where="out"):
         store.scaler("file.tokens")
     (tmp_path / "report").mkdir()
     write_report(store.path, tmp_path / "report" / "page.html")
@@ -249,7 +258,7 @@ def test_codes_of_music_are_shared(source: Path, build: Callable[..., Store]) ->
     save(source, "m")
     store = build({"of": "music", "path": "tokens/{music}.npy"})
     assert store.field("file.tokens").kind == "audio"
-    sample = GroupDataset(store, fields=("joints", "file.tokens"), mirror=1.0, augment=None)
+    sample = GroupDataset(store, fields=("joints", "file.tokens"), augment={"mirror": 1.0})
     assert sample[0]["file.tokens"].shape == (15, WIDTH)
     np.testing.assert_array_equal(sample[0]["file.tokens"], codes("m")[:15])
 
@@ -257,7 +266,7 @@ def test_codes_of_music_are_shared(source: Path, build: Callable[..., Store]) ->
 def test_padding_is_the_pad(build: Callable[..., Store]) -> None:
     store = build({"codebook": {"name": "vq", "sizes": list(SIZES), "pad": -7}})
     fields = ("joints", "file.tokens")
-    groups = GroupDataset(store, fields=fields, persons=4)
+    groups = GroupDataset(store, fields=fields, dancers=Dancers(persons=4))
     rows = groups[0]["file.tokens"]
     np.testing.assert_array_equal(rows[:2], [codes("g_p0")[:15], codes("g_p1")[:15]])
     assert (rows[2:] == -7).all()
@@ -280,8 +289,8 @@ def test_padding_is_the_pad(build: Callable[..., Store]) -> None:
 
 
 CHANGES: tuple[dict[str, Any], ...] = (
-    {"normalize": ["file.tokens"]}, {"mirror": 0.5}, {"augment": ["yaw"]}, {"augment": ["noise"]},
-    {"augment": {"mirror": 0.5}},
+    {"scale": Scale(fields=("file.tokens",))}, {"augment": {"mirror": 0.5}}, {"augment": ["yaw"]},
+    {"augment": ["noise"]}, {"augment": ["yaw", {"mirror": 0.5}]},
 )  # fmt: skip
 
 

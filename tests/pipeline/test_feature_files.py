@@ -107,7 +107,7 @@ def test_rows_at_their_own_rate(source: Path, build: Callable[..., Store], scope
         first = window.start * 25 // 30
         np.testing.assert_array_equal(store.read(window, "file.muq"), ramp(150)[first : first + 50])
     assert store.clip("a").music == "m"
-    sample = WindowDataset(store, fields=("file.muq",), normalize=False)[1]
+    sample = WindowDataset(store, fields=("file.muq",), scale=None)[1]
     np.testing.assert_array_equal(sample["file.muq"], ramp(150)[25:75])
 
 

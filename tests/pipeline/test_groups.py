@@ -124,7 +124,7 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
     source_roots = np.load(source / "a.npz")["trans"][:, ::2]
     offset = np.asarray(SMPL24.offsets)[0] if np.ndim(SMPL24.offsets) == 2 else 0.0
     np.testing.assert_allclose(distances(roots(store, "a")), distances(source_roots + offset), atol=1e-5)
-    sample = GroupDataset(store, fields=("joints", "librosa35"), normalize=False)[0]
+    sample = GroupDataset(store, fields=("joints", "librosa35"), scale=None)[0]
     assert sample["joints"].shape == (3, 60, 72)
     assert [line.split()[:3] for line in describe_store(tmp_path / "out").split("\n")[3:5]] == [
         ["split", "clips", "groups"], ["train", "5", "2"],

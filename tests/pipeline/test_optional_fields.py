@@ -20,7 +20,7 @@ from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.pipeline.check import check
 from dancedata.pipeline.copies import _CopiedArray
 from dancedata.pipeline.diff import diff
-from dancedata.readers import ClipDataset, GroupDataset, WindowDataset
+from dancedata.readers import ClipDataset, Dancers, GroupDataset, Primitives, Scale, WindowDataset, Windows
 from dancedata.readers.scalers import scaler_of
 from dancedata.readers.selection import Choice
 from dancedata.recipes.copies import CopySpec
@@ -117,7 +117,7 @@ def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     assert ds["bvh_1"].joints().shape == (120, 24, 3)
 
 
-@pytest.mark.parametrize("options", [{}, {"length_frames": 45}, {"stride_frames": 10}, {"whole": True}])
+@pytest.mark.parametrize("options", [{}, {"length": 45}, {"stride": 10}, {"whole": True}])
 def test_windows_are_of_clips_that_have_their_fields(mixed: Path, options: dict[str, Any]) -> None:
     ds = open_store(mixed)
     for split in ds.splits:
@@ -156,7 +156,7 @@ def test_statistics_and_scalers_are_of_the_rows_that_there_are(mixed: Path) -> N
     np.testing.assert_array_equal(stats["min"], rows.min(axis=0))
     np.testing.assert_array_equal(stats["max"], rows.max(axis=0))
     both = np.concatenate([ds[clip][FIELD] for clip in ("hands_1", "hands_2")])
-    scaler = scaler_of(ds, FIELD, Choice((FIELD,)), over="all")
+    scaler = scaler_of(ds, FIELD, Choice((FIELD,)), Scale(over="all"))
     np.testing.assert_array_equal(scaler.data_max, both.max(axis=0))
 
 
@@ -176,7 +176,7 @@ def test_a_field_that_no_train_clip_has_has_no_statistics(captures: Path, cache:
         ds.scaler(FIELD)
     with pytest.raises(UsageError, match="left out: no_field"):
         WindowDataset(tmp_path / "out", "train", [FIELD])
-    assert len(WindowDataset(tmp_path / "out", "test", [FIELD], normalize=False)) == 14
+    assert len(WindowDataset(tmp_path / "out", "test", [FIELD], scale=None)) == 14
 
 
 def test_check_report_view_and_tables_know_it(mixed: Path, captures: Path) -> None:
@@ -263,14 +263,14 @@ def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch
     with pytest.raises(UsageError, match="no rows of field lodge"):
         ds["bvh_1"]["lodge"]
     # Primitives are of the clips that have the minima that they are chosen by; those that need none, of all.
-    options: dict[str, Any] = {"length_frames": 96, "normalize": False, "primitive_n": 48}
-    with_minima = WindowDataset(ds, "train", ["edge151", "primitives"], **options)
+    options: dict[str, Any] = {"windows": Windows(length=96), "scale": None}
+    with_minima = WindowDataset(ds, "train", fields=["edge151", Primitives(n=48)], **options)
     assert {window.clip for window in with_minima.windows} == {"hands_1"}
     assert {(r.clip, r.reason, r.detail) for r in with_minima.rejects} == {
         ("bvh_1", "no_field", "kept without lodge")
     }
     assert with_minima[0]["primitives"].shape == (7, 8, 151)  # 3 hard ones and 2 x 2 soft ones
-    borders = WindowDataset(ds, "train", ["edge151", "primitives"], **{**options, "primitive_n": 96})
+    borders = WindowDataset(ds, "train", fields=["edge151", Primitives(n=96)], **options)
     assert {window.clip for window in borders.windows} == {"bvh_1", "hands_1"}
     # Reports and pages find key motions by themselves where none are stored, as in a dataset without the field.
     scenes = Scenes(ds)
@@ -361,7 +361,7 @@ def test_a_group_with_a_dancer_without_the_field_is_left_out(tmp_path: Path, sha
     write_store(tmp_path, replace(HEADER, fields=optional), clips, shard_bytes=shard_bytes)
     assert not [p for p in verify_store(tmp_path) if p.severity == "error"]
     ds = open_store(tmp_path)
-    groups = GroupDataset(ds, "train", fields=["edge151", "joints"], normalize=False, singles=True)
+    groups = GroupDataset(ds, "train", fields=["edge151", "joints"], dancers=Dancers(singles=True), scale=None)
     names = {groups[k]["group"] for k in range(len(groups))}
     assert names == {"train0", "train2", "train3"}
     reason = [r.detail for r in groups.rejects if r.reason == "no_field"]
@@ -372,7 +372,7 @@ def test_a_group_with_a_dancer_without_the_field_is_left_out(tmp_path: Path, sha
         for place, clip in enumerate(filter(None, sample["clips"])):
             start, rows = sample["start"], ds[clip]["joints"]
             assert np.array_equal(sample["joints"][place].numpy(), rows[start : start + 20])
-    others = GroupDataset(ds, "train", fields=["edge151"], normalize=False)
+    others = GroupDataset(ds, "train", fields=["edge151"], scale=None)
     assert {others[k]["group"] for k in range(len(others))} == {f"train{k}" for k in range(len(SIZES["train"]))}
     assert len(measure(ds).groups.rows) == 6
 

@@ -53,7 +53,7 @@ SMALL = ("audio={}", "keymotion=lodge", "windows.length_s=1", "windows.stride_s=
 
 def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from dancedata.readers import WindowDataset
+    from dancedata.readers import Select, WindowDataset
 
     run_build(corpus, tmp_path / "all", "aist++", SMALL)
     everything = dancedata.open(tmp_path / "all")
@@ -74,11 +74,11 @@ def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path
     lost = {clip for clip, _ in counts} - {clip for clip, start in counts if (clip, start) not in few}
     assert {r["clip"] for r in rejects if "window" not in r} == lost
     for given in ({"minima": {"least": least}}, Minima(least)):
-        read = WindowDataset(everything, fields=("edge151",), normalize=False, filter=given)
+        read = WindowDataset(everything, fields=("edge151",), select=Select(filter=given), scale=None)
         assert {(r.clip, r.window) for r in read.rejects} == few
         assert {r.reason for r in read.rejects} == {"filtered"}
     with raises_message(UsageError, "rotation_6d"):
-        WindowDataset(everything, fields=("edge151",), filter=Minima(field="edge151"))
+        WindowDataset(everything, fields=("edge151",), select=Select(filter=Minima(field="edge151")))
     notes = make_plan(load_recipe("aist++", (*SMALL, "rules=minima")), corpus).to_json()["notes"]
     assert any("before the minima filter" in note for note in notes)
 

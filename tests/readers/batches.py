@@ -5,31 +5,33 @@ from typing import Any
 
 import torch
 
-from dancedata.readers import WindowDataset
+import dancedata
+from dancedata.readers import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store.dataset import Store
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
 MODES: dict[str, dict[str, Any]] = {
-    "plain": {"normalize": False},
+    "plain": {"scale": None},
     "normalised": {},
-    "mirrored and normalised": {"mirror": 0.5, "normalize": FIELDS},
-    "relative root": {"fields": ("lodge139",), "relative_root": True, "normalize": False, "mirror": 0.5},
-    "unmapped": {"mirror": 0.5, "mapped": False},
-    "other windows": {"length_frames": 30, "stride_frames": 7, "mirror": 0.5},
+    "mirrored and normalised": {"augment": {"mirror": 0.5}, "scale": Scale(fields=FIELDS)},
+    "relative root": {"fields": (Relative("lodge139"),), "scale": None, "augment": {"mirror": 0.5}},
+    "unmapped": {"augment": {"mirror": 0.5}},
+    "other windows": {"windows": Windows(length=30, stride=7), "augment": {"mirror": 0.5}},
     "primitives": {
-        "fields": ("librosa35", "lodge139", "primitives"), "length_frames": 150, "stride_frames": 5,
-        "primitive_n": 50, "mirror": 0.5,
+        "fields": ("librosa35", "lodge139", Primitives(n=50)), "windows": Windows(length=150, stride=5),
+        "augment": {"mirror": 0.5},
     },
-    "borders": {"fields": ("lodge139", "primitives"), "primitive_n": 40, "mirror": 0.5},
-    "preset": {
-        "preset": "lodge-local", "fields": None, "length_frames": 40, "stride_frames": 9, "mirror": 0.5,
-        "filter": False,
+    "borders": {"fields": ("lodge139", Primitives(n=40)), "augment": {"mirror": 0.5}},
+    "preset": PRESETS["lodge-local"] | {
+        "windows": Windows(length=40, stride=9, trim=True), "select": Select(), "scale": Scale(),
+        "augment": {"mirror": 0.5},
     },
 }  # fmt: skip
 
 
 def dataset_of(store: Store, mode: str = "mirrored and normalised", **options: Any) -> WindowDataset:
     """Samples as of epoch 0, until a sampler sets another."""
+    store = dancedata.open(store.path, mapped=False) if mode == "unmapped" else store
     dataset = WindowDataset(store, **{"fields": FIELDS, "seed": 3, **MODES[mode], **options})
     dataset.set_epoch(0)
     return dataset

@@ -17,7 +17,7 @@ pytest.importorskip("torch")
 import torch
 from torch.utils.data import DataLoader, Subset, default_collate
 
-from dancedata.readers import BatchLoader, ClipDataset, WindowDataset
+from dancedata.readers import BatchLoader, ClipDataset, Scale, WindowDataset
 from dancedata.readers.batch_reader import MemoryPool, shared_tensor
 from dancedata.readers.clip_collate import collate
 from dancedata.store.dataset import Store
@@ -31,7 +31,7 @@ def plain(dataset: WindowDataset, place: int, mirrored: bool, name: str) -> np.n
     if mirrored and dataset.store.field(name).kind == "motion":
         assert columns.mirror is not None
         rows = columns.mirror.apply(rows)
-    if dataset.relative_root and "translation" in columns.names:
+    if name in dataset._roots:
         root = columns.slice("translation")
         rows[:, root] = rows[:, root] - rows[:1, root]
     if name in dataset._normalizers:
@@ -248,7 +248,7 @@ def test_a_torch_that_takes_no_collate_functions(mixed_store: Store, monkeypatch
 def test_fields_of_half_precision_are_normalised_in_float32(mixed_store: Store) -> None:
     """All three ways of reading, against numpy in float64: float16 would be off by 1e-3."""
     names = ("half", "fast")
-    options: dict[str, Any] = {"fields": ("half", "fast", "lodge139"), "normalize": names, "seed": 3}
+    options: dict[str, Any] = {"fields": ("half", "fast", "lodge139"), "scale": Scale(fields=names), "seed": 3}
     windows = WindowDataset(mixed_store, **options)
     batch = next(iter(BatchLoader(windows, 4)))
     clips = ClipDataset(mixed_store, **options)

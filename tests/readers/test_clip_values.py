@@ -19,7 +19,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
-from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, WindowDataset
+from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, Select, WindowDataset
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import OVERRIDE, may_share_audio, require_shareable
@@ -52,6 +52,9 @@ def written(folder: Path, *, terms: tuple[Licence | None, ...] = (None,)) -> Pat
     return folder / "store"
 
 
+USUAL = ("edge151", "librosa35")
+
+
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return written(tmp_path_factory.mktemp("clip values"))
@@ -66,7 +69,7 @@ def ids(dataset: Any) -> set[str]:
 
 def test_samples_and_batches_have_the_values(path: Path) -> None:
     names = ["x/level", "x/teacher", "x/share", "x/indoors", "x/tags"]
-    dataset = WindowDataset(path, columns=names, where={"x/level": (1, 2, 3, 5)})
+    dataset = WindowDataset(path, fields=(*USUAL, *names), select=Select({"x/level": (1, 2, 3, 5)}))
     of_clip = {f"train_c{k:02d}": values for k, values in enumerate(COLUMNS)}
     for sample in (dataset[k] for k in range(len(dataset))):
         wanted = of_clip[sample["clip"]]
@@ -82,7 +85,7 @@ def test_samples_and_batches_have_the_values(path: Path) -> None:
         assert one["x/share"].shape == (8,)
         assert [len(tags) for tags in one["x/tags"]] == [len(of_clip[c].get("tags", ())) for c in one["clip"]]
         assert one["x/teacher"] == [of_clip[clip].get("teacher", "") for clip in one["clip"]]
-    (sample, *_) = ClipDataset(path, columns="x/teacher", where={"x/teacher": "ben"})
+    (sample, *_) = ClipDataset(path, fields=(*USUAL, "x/teacher"), select=Select({"x/teacher": "ben"}))
     assert sample["x/teacher"] == "ben"
 
 
@@ -94,7 +97,7 @@ def test_groups_have_a_value_of_each_dancer(tmp_path: Path) -> None:
         scope="track", fps=Fraction(30), length=20, stride=10, order="time", fields=(field,), skeleton=SMPL24, meta={}
     )
     write_store(tmp_path, header, clips)
-    dataset = GroupDataset(tmp_path, columns=["x/height"])
+    dataset = GroupDataset(tmp_path, fields=("joints", "x/height"))
     found = {sample["group"]: sample["x/height"] for sample in (dataset[k] for k in range(len(dataset)))}
     assert found == {"train0": [None, 161, None], "train1": [None, 161, 162]}
 
@@ -118,14 +121,14 @@ def test_groups_have_a_value_of_each_dancer(tmp_path: Path) -> None:
     ],
 )
 def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[int]) -> None:
-    dataset = WindowDataset(path, where=where)
+    dataset = WindowDataset(path, select=Select(where))
     assert ids(dataset) == {f"train_c{k:02d}" for k in wanted}
     filtered = [reject for reject in dataset.rejects if reject.reason == "filtered"]
     assert {reject.clip for reject in filtered} == {f"train_c{k:02d}" for k in set(range(6)) - wanted}
     assert next(iter(where)) in filtered[0].detail
     # With lists to ignore the clips are chosen another way.
-    assert ids(WindowDataset(path, where=where, ignore=["nothing"])) == ids(dataset)
-    assert ids(ClipDataset(path, where=where)) == ids(dataset)
+    assert ids(WindowDataset(path, select=Select(where, ignore=["nothing"]))) == ids(dataset)
+    assert ids(ClipDataset(path, select=Select(where))) == ids(dataset)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +137,7 @@ def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[i
 )
 def test_wrong_choices(path: Path, where: Any) -> None:
     with raises_message(UsageError, "level|role"):
-        WindowDataset(path, where=where)
+        WindowDataset(path, select=Select(where))
 
 
 def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path) -> None:
@@ -152,13 +155,13 @@ def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path)
 
 def test_no_clip_is_left(path: Path) -> None:
     with raises_message(UsageError, r"store\.to_pandas"):
-        WindowDataset(path, where={"x/level": 4})
+        WindowDataset(path, select=Select({"x/level": 4}))
 
 
 def test_wrong_columns(path: Path) -> None:
     for columns in (["x/levle"], ["genre"], ["x/level"]):
-        with raises_message(UsageError, "level"):
-            WindowDataset(path, columns=columns)
+        with raises_message(UsageError, "level|genre"):
+            WindowDataset(path, fields=(*USUAL, *columns))
 
 
 # ---- info, report, exports

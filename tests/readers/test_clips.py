@@ -22,7 +22,11 @@ from dancedata.readers import (
     BucketSampler,
     ClipDataset,
     EpochSampler,
+    Primitives,
+    Relative,
+    Scale,
     WindowDataset,
+    Windows,
     pack_clips,
     pad_clips,
 )
@@ -55,7 +59,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def test_a_sample_is_a_whole_clip(made: RandomStore, store: Store) -> None:
-    clips = ClipDataset(store, fields=(MOTION, AUDIO, "fast"), normalize=False)
+    clips = ClipDataset(store, fields=(MOTION, AUDIO, "fast"), scale=None)
     assert len(clips) == 9
     for k, sample in enumerate(clips):
         clip = made.clip(sample["clip"])
@@ -72,8 +76,8 @@ def test_a_sample_is_a_whole_clip(made: RandomStore, store: Store) -> None:
 def test_crops_are_windows(made: RandomStore, store: Store) -> None:
     """Equal bit for bit to the window at the same place, mirrored and normalised."""
     for mirror in (0.0, 1.0):
-        crops = ClipDataset(store, fields=PAIR, crop_frames=30, crops=3, mirror=mirror)
-        windows = WindowDataset(store, fields=PAIR, length_frames=30, stride_frames=1, mirror=mirror)
+        crops = ClipDataset(store, fields=PAIR, windows=Windows(length=30), augment={"mirror": mirror}, crops=3)
+        windows = WindowDataset(store, fields=PAIR, windows=Windows(length=30, stride=1), augment={"mirror": mirror})
         places = {(w.clip, w.start): k for k, w in enumerate(windows.windows)}
         starts = []
         for epoch in (0, 1):
@@ -91,7 +95,7 @@ def test_crops_are_windows(made: RandomStore, store: Store) -> None:
 
 
 def test_crops_reach_both_ends(store: Store) -> None:
-    crops = ClipDataset(store, fields=PAIR, crop_frames=36, crops=1)
+    crops = ClipDataset(store, fields=PAIR, windows=Windows(length=36), crops=1)
     spans = {w.clip: w.length for w in crops.windows}
     first, last = set(), set()
     for epoch in range(400):
@@ -107,26 +111,26 @@ def test_crops_reach_both_ends(store: Store) -> None:
 
 def test_clips_shorter_than_a_crop_are_rejects(store: Store) -> None:
     longest = int(ClipDataset(store, fields=PAIR).lengths.max())
-    crops = ClipDataset(store, fields=PAIR, crop_frames=longest)
+    crops = ClipDataset(store, fields=PAIR, windows=Windows(length=longest))
     assert len(crops) + len(crops.rejects) == 9
     assert {reject.reason for reject in crops.rejects} == {"too_short"}
     with raises_message(UsageError, "filters", where="store"):
-        ClipDataset(store, fields=PAIR, crop_frames=longest + 1)
+        ClipDataset(store, fields=PAIR, windows=Windows(length=longest + 1))
 
 
 def test_crops_begin_at_whole_rows_of_slow_fields(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 8}, {"slow": 3}, slow="7.5")
     made = write_random_store(tmp_path / "s", clips={"train": 4}, fields=fields, length=40, stride=20)
-    whole = ClipDataset(made.path, fields=(MOTION, "slow"), normalize=False)
+    whole = ClipDataset(made.path, fields=(MOTION, "slow"), scale=None)
     assert all(sample[MOTION].shape[0] == 4 * sample["slow"].shape[0] for sample in whole)
-    crops = ClipDataset(made.path, fields=(MOTION, "slow"), crop_frames=32, normalize=False)
+    crops = ClipDataset(made.path, fields=(MOTION, "slow"), windows=Windows(length=32), scale=None)
     for epoch in range(5):
         crops.set_epoch(epoch)
         for sample in crops:
             assert sample["start"] % 4 == 0
             np.testing.assert_array_equal(sample["slow"], made.rows(sample["clip"], "slow", sample["start"], 32))
     with raises_message(UsageError, "fields"):
-        ClipDataset(made.path, fields=(MOTION, "slow"), crop_frames=30)
+        ClipDataset(made.path, fields=(MOTION, "slow"), windows=Windows(length=30))
 
 
 def test_padded_and_packed(store: Store) -> None:
@@ -144,14 +148,16 @@ def test_padded_and_packed(store: Store) -> None:
             assert torch.equal(packed[field][low:high], rows)
     assert padded["clip"] == packed["clip"] == [sample["clip"] for sample in samples]
     assert pad_clips(samples, length=300)["fast"].shape[1] == 300
-    with raises_message(UsageError, "crop_frames", where="clip train_c00, field edge151"):
+    with raises_message(UsageError, "length", where="clip train_c00, field edge151"):
         pad_clips(samples, length=20)
 
 
 def test_wrong_arguments_are_named(store: Store, tmp_path: Path) -> None:
-    crops: list[dict[str, Any]] = [{"crop_s": 1, "crop_frames": 30}, {"crops": 2}, {"crops": 0, "crop_frames": 30}]
-    for wrong in (*crops, {"crop_frames": 0}, {"fields": ("edge151", "primitives")}, {"split": "tain"}):
-        with raises_message(UsageError, "crop_s|fields|parts|tain"):
+    crops: list[dict[str, Any]] = [{"crops": 2}, {"crops": 0, "windows": Windows(length=30)}]
+    crops += [{"windows": Windows(length=0)}, {"windows": store.windows("train")}, {"windows": Windows(fps=60)}]
+    items = [{"fields": ("edge151", Primitives())}, {"fields": (Relative("edge151"),)}]
+    for wrong in (*crops, *items, {"split": "tain"}):
+        with raises_message(UsageError, "crops|length|Windows|frames per second|ClipDataset|tain"):
             ClipDataset(store, **{"fields": PAIR, **wrong})
     windowed = write_random_store(tmp_path / "w", scope="window", clips={"train": 2})
     with raises_message(StoreError, "scope", where="w"):
@@ -174,7 +180,7 @@ def test_scalers_cover_values_beyond_the_clips(store: Store) -> None:
     """Those of a train set of windows, of which "crop" and "drop" change no row."""
     plain = ClipDataset(store, "val", fields=("edge151",))
     for covers in (["crop"], [{"drop": {"fields": ["librosa35"]}}], ["drop", "crop"]):
-        clips = ClipDataset(store, "val", fields=("edge151",), normalizer_covers=covers)
+        clips = ClipDataset(store, "val", fields=("edge151",), scale=Scale(covers=covers))
         np.testing.assert_array_equal(clips.scaler("edge151").data_min, plain.scaler("edge151").data_min)
 
 
@@ -243,7 +249,7 @@ def test_buckets_by_frames(store: Store) -> None:
 @pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
 @pytest.mark.parametrize("workers", [0, 2, 4])
 def test_a_stream_resumes_at_any_step(made: RandomStore, workers: int) -> None:
-    crops = ClipDataset(made.path, fields=PAIR, crop_frames=30, mirror=0.5, seed=1)
+    crops = ClipDataset(made.path, fields=PAIR, windows=Windows(length=30), augment={"mirror": 0.5}, seed=1)
     wanted = [BatchStream(crops, 3, seed=5).batch(step) for step in range(12)]
     crops.set_epoch(17)  # has no effect on a stream
     for start in (0, 7):
@@ -255,7 +261,7 @@ def test_a_stream_resumes_at_any_step(made: RandomStore, workers: int) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 def test_streams_of_windows_and_of_buckets(made: RandomStore) -> None:
-    windows = WindowDataset(made.path, fields=PAIR, mirror=0.5, seed=2)
+    windows = WindowDataset(made.path, fields=PAIR, augment={"mirror": 0.5}, seed=2)
     by_map = DataLoader(windows, 16, sampler=EpochSampler(windows, seed=2))
     stream = BatchStream(windows, 16, seed=2)
     assert stream.steps_per_epoch == len(by_map)
@@ -325,7 +331,7 @@ def test_augmented_crops_are_augmented_windows(tmp_path: Path) -> None:
         "augment": {"mirror": 0.5, "drop": {"p": 0.5, "fields": ["librosa35"]}},
         "seed": 4,
     }
-    crops = ClipDataset(made.path, crop_frames=30, **arguments)
+    crops = ClipDataset(made.path, windows=Windows(length=30), **arguments)
     windows = WindowDataset(made.path, **arguments)
     changed = 0
     for epoch in range(6):

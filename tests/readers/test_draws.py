@@ -19,7 +19,15 @@ import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
 from dancedata.core.errors import UsageError
-from dancedata.readers import BatchLoader, BatchStream, BucketSampler, ClipDataset, EpochSampler, WindowDataset
+from dancedata.readers import (
+    BatchLoader,
+    BatchStream,
+    BucketSampler,
+    ClipDataset,
+    EpochSampler,
+    WindowDataset,
+    Windows,
+)
 from dancedata.readers.split_dataset import mirrored_samples
 from dancedata.store.dataset import Store
 
@@ -30,7 +38,7 @@ EPOCHS = 3
 
 @pytest.fixture
 def train(mixed_store: Store) -> WindowDataset:
-    return WindowDataset(mixed_store, fields=FIELDS, mirror=0.5, seed=3)
+    return WindowDataset(mixed_store, fields=FIELDS, augment={"mirror": 0.5}, seed=3)
 
 
 def loader_of(data: Any, **options: Any) -> Any:
@@ -80,7 +88,7 @@ def halves(data: Any) -> Any:
 
 
 def concat(data: WindowDataset) -> Any:
-    other = WindowDataset(data.store, split="val", fields=FIELDS, mirror=0.5, augment=data.augment, seed=4)
+    other = WindowDataset(data.store, fields=FIELDS, augment=data.augment, split="val", seed=4)
     return ConcatDataset([Subset(data, range(0, len(data), 2)), ConcatDataset([other])])
 
 
@@ -191,7 +199,7 @@ def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(
 )  # fmt: skip
 def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: str, n_workers: int) -> None:
     def opened() -> tuple[EpochSampler, Any]:
-        own = WindowDataset(mixed_store, fields=FIELDS, mirror=0.5, augment={"drop": 0.5}, seed=3)
+        own = WindowDataset(mixed_store, fields=FIELDS, augment={"mirror": 0.5, "drop": 0.5}, seed=3)
         data = {"whole": own, "halves": halves(own), "concat": concat(own)}[part]
         sampler = EpochSampler(data, seed=1)
         return sampler, loader_of(data, sampler=sampler, num_workers=n_workers)
@@ -247,14 +255,14 @@ def test_a_batch_loader_passes_on_the_epoch_of_a_sampler_that_has_no_dataset(tra
 
 
 def test_crops_and_buckets_draw_new_numbers_too(mixed_store: Store) -> None:
-    crops = ClipDataset(mixed_store, fields=FIELDS, crop_frames=40, crops=3, seed=1)
+    crops = ClipDataset(mixed_store, fields=FIELDS, windows=Windows(length=40), crops=3, seed=1)
     starts = [[sample["start"] for sample in crops.samples(range(len(crops)))] for _ in range(2)]
     assert starts[0] != starts[1]
     torch.manual_seed(3)
     again = [sample["start"] for sample in crops.samples(range(len(crops)))]
     torch.manual_seed(3)
     assert again == [sample["start"] for sample in crops.samples(range(len(crops)))]
-    clips = ClipDataset(mixed_store, fields=FIELDS, mirror=0.5)
+    clips = ClipDataset(mixed_store, fields=FIELDS, augment={"mirror": 0.5})
     next(iter(BucketSampler(clips, batch_size=2)))
     assert clips.epoch == 0
 
@@ -262,12 +270,12 @@ def test_crops_and_buckets_draw_new_numbers_too(mixed_store: Store) -> None:
 def test_nothing_is_taken_from_torchs_generator_without_a_draw(mixed_store: Store) -> None:
     torch.manual_seed(3)
     state = torch.get_rng_state()
-    for options in ({}, {"mirror": 1.0}):
+    for options in ({}, {"augment": {"mirror": 1.0}}):
         data = WindowDataset(mixed_store, fields=FIELDS, **options)  # type: ignore[arg-type]
         assert data.epoch is None
         _ = data[0], data.__getitems__([1, 2]), next(iter(BatchLoader(data, 2)))
     assert torch.equal(torch.get_rng_state(), state)
-    random = WindowDataset(mixed_store, fields=FIELDS, mirror=0.5)
+    random = WindowDataset(mixed_store, fields=FIELDS, augment={"mirror": 0.5})
     random.set_epoch(1)
     random[0]
     assert torch.equal(torch.get_rng_state(), state)
@@ -319,7 +327,7 @@ class Slotted:
 
 
 def test_the_sampler_reaches_wrapped_datasets(train: WindowDataset) -> None:
-    other = WindowDataset(train.store, fields=FIELDS, mirror=0.5)
+    other = WindowDataset(train.store, fields=FIELDS, augment={"mirror": 0.5})
     sampler = EpochSampler(ConcatDataset([Held(train), Subset(other, [1, 2])]))
     sampler.set_epoch(4)
     next(iter(sampler))

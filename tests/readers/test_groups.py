@@ -12,8 +12,8 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, GroupDataset, WindowDataset
-from dancedata.readers.groups import Choose
+from dancedata.readers import BatchLoader, Dancers, GroupDataset, WindowDataset
+from dancedata.readers.options import Choose
 from dancedata.store import Store, open_store, verify_store, write_store
 from dancedata.store.stored_clip import StoredClip
 from tests.groups_store import HEADER, LENGTH, SIZES, stored
@@ -40,7 +40,7 @@ def distances(joints: torch.Tensor, mask: torch.Tensor) -> list[float]:
 
 
 def raw(store: Store, **options: Any) -> GroupDataset:
-    return GroupDataset(store, fields=("joints", "tune"), normalize=False, **options)
+    return GroupDataset(store, fields=("joints", "tune"), scale=None, **options)
 
 
 def test_the_store_is_sound_and_groups_are_whole(folder: Path, store: Store) -> None:
@@ -78,20 +78,22 @@ def test_a_sample_holds_the_rows_of_all_dancers(store: Store) -> None:
 
 
 def test_dancers_are_read_one_by_one_too(store: Store) -> None:
-    dancers = WindowDataset(store, fields=("joints",), normalize=False)
-    groups = raw(store, singles=True)
+    dancers = WindowDataset(store, fields=("joints",), scale=None)
+    groups = raw(store, dancers=Dancers(singles=True))
     rows = {s["joints"].numpy().tobytes() for s in (dancers[k] for k in range(len(dancers)))}
     of_groups = [groups[k] for k in range(len(groups))]
     assert {row.numpy().tobytes() for s in of_groups for row in s["joints"][s["person_mask"]]} == rows
 
 
-@pytest.mark.parametrize(("options", "n"), [({"persons": 2}, 2), ({"persons": 7}, 7), ({"exactly": 3}, 3)])
-def test_more_and_fewer_dancers_than_places(store: Store, options: dict[str, int], n: int) -> None:
-    dataset = raw(store, **options)
+@pytest.mark.parametrize(
+    ("dancers", "n"), [(Dancers(persons=2), 2), (Dancers(persons=7), 7), (Dancers(exactly=3), 3)]
+)
+def test_more_and_fewer_dancers_than_places(store: Store, dancers: Dancers, n: int) -> None:
+    dataset = raw(store, dancers=dancers)
     samples = [dataset[k] for k in range(len(dataset))]
     assert {tuple(s["joints"].shape) for s in samples} == {(n, LENGTH, 72)}
     sizes = {s["group"]: int(s["person_mask"].sum()) for s in samples}
-    if "exactly" in options:
+    if dancers.exactly:
         assert sizes == {"train1": 3, "train3": 3}
         assert {r.reason for r in dataset.rejects} == {"single", "group_size"}
     else:
@@ -109,9 +111,10 @@ def test_absent_dancers_are_the_middle_of_the_scaler(store: Store) -> None:
 @pytest.mark.parametrize(
     "options",
     [
-        {"mirror": 1.0}, {"augment": ["yaw"]}, {"augment": [{"root_offset": {"max_m": 2}}]},
-        {"augment": ["yaw", "root_offset", "mirror"]}, {"augment": ["yaw"], "choose": "left_to_right"},
-        {"augment": ["yaw"], "choose": "seed"},
+        {"augment": {"mirror": 1.0}}, {"augment": ["yaw"]}, {"augment": [{"root_offset": {"max_m": 2}}]},
+        {"augment": ["yaw", "root_offset", "mirror"]},
+        {"augment": ["yaw"], "dancers": Dancers(choose="left_to_right")},
+        {"augment": ["yaw"], "dancers": Dancers(choose="seed")},
     ],
     ids=str,
 )  # fmt: skip
@@ -128,9 +131,9 @@ def test_the_world_changes_as_one(store: Store, options: dict[str, Any]) -> None
 
 
 def test_noise_is_drawn_for_each_body(store: Store) -> None:
-    dataset = GroupDataset(store, fields=("edge151",), normalize=False, augment=[{"noise": {"std_degrees": 2}}])
+    dataset = GroupDataset(store, fields=("edge151",), scale=None, augment=[{"noise": {"std_degrees": 2}}])
     dataset.set_epoch(0)
-    plain = GroupDataset(store, fields=("edge151",), normalize=False)
+    plain = GroupDataset(store, fields=("edge151",), scale=None)
     change = (dataset[0]["edge151"] - plain[0]["edge151"])[:2]
     assert change.abs().amax() > 0
     assert not torch.equal(change[0], change[1])
@@ -147,7 +150,7 @@ def test_an_augmentation_says_what_it_acts_on(store: Store) -> None:
 
 
 def test_left_to_right_is_by_x_as_given_out(store: Store) -> None:
-    dataset = raw(store, choose="left_to_right", mirror=0.5, persons=3)
+    dataset = raw(store, dancers=Dancers(persons=3, choose="left_to_right"), augment={"mirror": 0.5})
     dataset.set_epoch(1)
     mirrored = 0
     for index in range(len(dataset)):
@@ -165,9 +168,9 @@ def test_left_to_right_is_by_x_as_given_out(store: Store) -> None:
 def test_dancers_are_drawn_by_seed_epoch_and_index(store: Store) -> None:
     drawn = {}
     for epoch in range(30):
-        dataset = raw(store, choose="seed", persons=3, seed=5)
+        dataset = raw(store, dancers=Dancers(persons=3, choose="seed"), seed=5)
         dataset.set_epoch(epoch)
-        again = raw(store, choose="seed", persons=3, seed=5)
+        again = raw(store, dancers=Dancers(persons=3, choose="seed"), seed=5)
         again.set_epoch(epoch)
         index = next(k for k in range(len(dataset)) if dataset[k]["group"] == "train2")
         members = dataset[index]["members"].tolist()
@@ -183,7 +186,11 @@ def test_dancers_are_drawn_by_seed_epoch_and_index(store: Store) -> None:
 @pytest.mark.parametrize("choose", ["stored", "seed", "left_to_right"])
 def test_loaders_give_the_samples(store: Store, choose: Choose) -> None:
     dataset = GroupDataset(
-        store, fields=("edge151", "tune"), mirror=0.5, augment=["yaw"], choose=choose, persons=3, seed=2
+        store,
+        fields=("edge151", "tune"),
+        dancers=Dancers(persons=3, choose=choose),
+        augment=[{"mirror": 0.5}, "yaw"],
+        seed=2,
     )
     dataset.set_epoch(4)
     wanted = [dataset[k] for k in range(len(dataset))]
@@ -217,7 +224,7 @@ def test_the_order_of_the_tracker_does_not_matter(store: Store, tmp_path: Path) 
             store.stats["fields"]["joints"][name], other.stats["fields"]["joints"][name], rtol=1e-12, atol=1e-15
         )
     datasets = [
-        GroupDataset(s, fields=("joints",), normalize=False, augment=["yaw"], mirror=0.5) for s in (store, other)
+        GroupDataset(s, fields=("joints",), scale=None, augment=[{"mirror": 0.5}, "yaw"]) for s in (store, other)
     ]
     for dataset in datasets:
         dataset.set_epoch(0)
@@ -251,11 +258,11 @@ def test_dancers_of_a_group_share_their_time(tmp_path: Path, change: Callable[[S
 def test_no_groups_and_unknown_choices(tmp_path: Path, store: Store) -> None:
     write_store(tmp_path, HEADER, stored({"train": ()}))
     with raises_message(UsageError, "singles"):
-        GroupDataset(tmp_path, fields=("joints",), normalize=False)
-    assert len(GroupDataset(tmp_path, fields=("joints",), normalize=False, singles=True)) == 2
+        GroupDataset(tmp_path, fields=("joints",), scale=None)
+    assert len(GroupDataset(tmp_path, fields=("joints",), dancers=Dancers(singles=True), scale=None)) == 2
     with raises_message(UsageError, "left_to_right"):
-        raw(store, choose="tallest")
+        Dancers(choose="tallest")  # type: ignore[arg-type]
     with raises_message(UsageError, "persons"):
-        raw(store, persons=2, exactly=2)
+        Dancers(persons=2, exactly=2)
     with raises_message(UsageError, "singles"):
-        raw(store, exactly=4)
+        raw(store, dancers=Dancers(exactly=4))

@@ -11,7 +11,7 @@ pytest.importorskip("torch")
 
 from torch.utils.data import DataLoader
 
-from dancedata.readers import EpochSampler, WindowDataset
+from dancedata.readers import EpochSampler, WindowDataset, Windows
 from dancedata.readers.split_dataset import mirrored_samples
 from dancedata.store.dataset import open_store
 
@@ -48,7 +48,7 @@ def seen(loader: DataLoader[Any]) -> list[tuple[int, bool]]:
 def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epoch(
     store_path: Path, method: str
 ) -> None:
-    dataset = WindowDataset(store_path, normalize=False, mirror=0.5, seed=9, stride_frames=3)
+    dataset = WindowDataset(store_path, windows=Windows(stride=3), scale=None, augment={"mirror": 0.5}, seed=9)
     assert len(dataset) >= 1000
     # Read here as well before the workers start: a file handle opened here must not reach them.
     dataset[0]
@@ -75,7 +75,9 @@ def test_accelerate_resumes_in_the_middle_of_an_epoch(store_path: Path) -> None:
     accelerate = pytest.importorskip("accelerate", reason="Accelerate is not installed")
 
     def start() -> tuple[EpochSampler, Any]:
-        dataset = WindowDataset(store_path, fields=(AUDIO,), mirror=0.5, seed=2, stride_frames=90)
+        dataset = WindowDataset(
+            store_path, fields=(AUDIO,), windows=Windows(stride=90), augment={"mirror": 0.5}, seed=2
+        )
         sampler = EpochSampler(dataset, seed=2, rank=0, world_size=1)
         loader = DataLoader(dataset, batch_size=8, sampler=sampler)
         return sampler, accelerate.Accelerator(cpu=True).prepare(loader)

@@ -156,7 +156,7 @@ def test_compressed_fields_are_read_and_named(
     wanted = {field: [plain.read(window, field) for window in windows] for field in plain.fields}
     store = repacked(plain, "motion/pose", "audio/tune")
     with caplog.at_level(logging.WARNING):
-        dataset = WindowDataset(store, fields=tuple(store.fields), normalize=False)
+        dataset = WindowDataset(store, fields=tuple(store.fields), scale=None)
         for place in range(len(dataset)):
             for field in store.fields:
                 np.testing.assert_array_equal(dataset[place][field].numpy(), wanted[field][place])
@@ -184,7 +184,7 @@ def test_a_compressed_field_that_is_broken(tmp_path: Path, stores: dict[str, Sto
     with pytest.raises(StoreError, match=r"train-00000.*(cannot be read|not those that the build wrote)"):
         store.read(store.windows("train")[0], "pose")
     with pytest.raises(StoreError, match=r"train-00000.*(cannot be read|not those that the build wrote)"):
-        next(iter(BatchLoader(WindowDataset(store, fields=("pose",), normalize=False), 4)))
+        next(iter(BatchLoader(WindowDataset(store, fields=("pose",), scale=None), 4)))
 
 
 def test_a_file_system_that_maps_nothing(
@@ -197,7 +197,7 @@ def test_a_file_system_that_maps_nothing(
     monkeypatch.setattr(mmap, "mmap", refuse)
     assert_reads_as_the_store(store, store.windows("train"))
     with caplog.at_level(logging.WARNING):
-        dataset = WindowDataset(store, fields=("pose",), normalize=False, mirror=1.0)
+        dataset = WindowDataset(store, fields=("pose",), scale=None, augment={"mirror": 1.0})
         mirror = store.fields["pose"].mirror
         assert mirror is not None
         wanted = mirror.apply(store.read(dataset.windows[5], "pose"))

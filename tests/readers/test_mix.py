@@ -17,6 +17,7 @@ from dancedata.readers import (
     BatchStream,
     BucketSampler,
     ClipDataset,
+    Dancers,
     EpochSampler,
     GroupDataset,
     Mix,
@@ -103,7 +104,7 @@ def equal(a: dict[str, Any], b: dict[str, Any]) -> None:
 @pytest.mark.parametrize("workers", [0, 2])
 def test_all_loaders_give_the_same_bits_and_resume_anywhere(stores: dict[str, Store], workers: int) -> None:
     def made() -> Mix:
-        return Mix(windows(stores, mirror=0.5), weights=(3, 1, 1), seed=2)
+        return Mix(windows(stores, augment={"mirror": 0.5}), weights=(3, 1, 1), seed=2)
 
     mix = made()
     whole = [*BatchLoader(mix, 5, sampler=EpochSampler(mix, seed=3))]
@@ -122,7 +123,7 @@ def test_all_loaders_give_the_same_bits_and_resume_anywhere(stores: dict[str, St
 
 
 def test_a_repeated_sample_is_changed_anew(stores: dict[str, Store]) -> None:
-    mix = Mix(windows(stores, mirror=0.5), weights=(1, 1, 60), n_samples=62 * 6, seed=0)
+    mix = Mix(windows(stores, augment={"mirror": 0.5}), weights=(1, 1, 60), n_samples=62 * 6, seed=0)
     mirrored: dict[str, set[bool]] = {}
     for sample in mix.samples(range(len(mix)), 0):
         if sample["source"] == "small":
@@ -147,7 +148,7 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
         sample = mix[k]
         plain = stores[sample["source"]].clip(sample["clip"]).read(name)[sample["start"] :][:40]
         np.testing.assert_array_equal(sample[name].numpy(), scaler.normalize(plain).astype(np.float32))
-    alone = WindowDataset(stores["small"], scaler=mix)
+    alone = WindowDataset(stores["small"], scale=mix)
     torch.testing.assert_close(alone[0][name], mix[42][name], rtol=0, atol=0)
     assert alone.state_dict() == mix.state_dict()
     mix.load_state_dict(alone.state_dict())
@@ -157,7 +158,7 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
 
 
 def test_each_source_may_keep_its_scaler(stores: dict[str, Store]) -> None:
-    mix = Mix(windows(stores), normalizer="each")
+    mix = Mix(windows(stores), scale="each")
     [name] = mix.normalized
     torch.testing.assert_close(mix[42][name], WindowDataset(stores["small"])[0][name], rtol=0, atol=0)
     assert set(mix.state_dict()["scalers"]) == {f"{source}/{name}" for source in stores}
@@ -178,12 +179,19 @@ def test_groups_and_clips_mix(tmp_path: Path, stores: dict[str, Store]) -> None:
     for name, sizes in {"a": (2, 3), "b": (3,)}.items():
         (tmp_path / name).mkdir()
         write_store(tmp_path / name, HEADER, stored({"train": sizes}), shard_bytes=300_000)
-    groups = Mix({name: GroupDataset(tmp_path / name, persons=3) for name in "ab"}, weights=(1, 1), n_samples=6)
+    groups = Mix(
+        {name: GroupDataset(tmp_path / name, dancers=Dancers(persons=3)) for name in "ab"},
+        weights=(1, 1),
+        n_samples=6,
+    )
     [batch] = BatchLoader(groups, 6)
     assert batch["edge151"].shape == (6, 3, 20, 151)
     assert batch["source"] == ["a"] * 3 + ["b"] * 3
     with raises_message(UsageError, "int64"):
-        Mix({name: GroupDataset(tmp_path / name) for name in "ab"} | {"c": GroupDataset(tmp_path / "a", persons=2)})
+        Mix(
+            {name: GroupDataset(tmp_path / name) for name in "ab"}
+            | {"c": GroupDataset(tmp_path / "a", dancers=Dancers(persons=2))}
+        )
     clips = Mix({name: ClipDataset(store) for name, store in stores.items()})
     batches = [*DataLoader(clips, 4, collate_fn=pad_clips, sampler=EpochSampler(clips))]
     assert sum(len(batch["id"]) for batch in batches) == 16
@@ -223,11 +231,11 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
     [
         {"weights": (1, 2)}, {"weights": (1, 0, 1)}, {"weights": (1, float("nan"), 1)},
         {"weights": {"large": 1, "tiny": 1, "small": 1}}, {"weights": (1, 1, 1000), "n_samples": 10},
-        {"normalizer": "all"}, {"seed": -1},
+        {"scale": "all"}, {"seed": -1},
     ],
 )  # fmt: skip
 def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "n_samples|negative|normalizer|shares|sources"):
+    with raises_message(UsageError, "n_samples|negative|scale|shares|sources"):
         Mix(windows(stores), **options)
 
 
@@ -250,7 +258,7 @@ def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) 
     from dancedata.readers import BalancedSampler
     from dancedata.store.like import opened, scaling_of, store_of
 
-    mix = Mix(windows(stores, normalize=True))
+    mix = Mix(windows(stores))
     field = mix.normalized[0]
     columns = stores["large"].fields[field].labels
     for like in (stores["large"], None):

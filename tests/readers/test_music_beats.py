@@ -3,7 +3,6 @@
 import pickle
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +19,7 @@ from torch.utils.data import DataLoader
 from dancedata.audio.beats import Beats
 from dancedata.audio.librosa35 import Librosa35
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import (
-    BatchLoader,
-    ClipDataset,
-    WindowDataset,
-    pack_clips,
-    pad_clips,
-)
+from dancedata.readers import BatchLoader, ClipDataset, Scale, WindowDataset, Windows, pack_clips, pad_clips
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
@@ -85,15 +78,15 @@ def test_a_tempo_that_is_not_stated_is_that_of_the_beats(
     assert estimated > 10
 
 
-@pytest.mark.parametrize("normalize", [True, FIELDS, False])
-def test_samples_have_labels(store: Store, normalize: Any) -> None:
-    windows = WindowDataset(store, "train", FIELDS, normalize=normalize, mirror=0.5, augment={"drop": {"p": 0.5}})
+@pytest.mark.parametrize("scale", [Scale(), Scale(fields=FIELDS), None])
+def test_samples_have_labels(store: Store, scale: Any) -> None:
+    windows = WindowDataset(store, "train", FIELDS, scale=scale, augment={"mirror": 0.5, "drop": {"p": 0.5}})
     for sample in (windows[3], windows.samples([5, 2])[1]):
         rows = rows_of(store, sample)
         assert sample["beat"].dtype == sample["downbeat"].dtype == torch.bool
         assert np.array_equal(sample["beat"], rows[:, 0] == 1)
         assert np.array_equal(sample["downbeat"], rows[:, 1] == 1)
-    whole = ClipDataset(store, "train", FIELDS, normalize=normalize)[1]
+    whole = ClipDataset(store, "train", FIELDS, scale=scale)[1]
     assert np.array_equal(whole["downbeat"], store.read_clip(whole["clip"], "beats")[:, 1] == 1)
 
 
@@ -128,7 +121,7 @@ def test_labels_are_padded_and_packed(store: Store) -> None:
 
 @pytest.mark.parametrize("at", ["beat", "downbeat"])
 def test_windows_begin_at_beats(store: Store, at: str) -> None:
-    windows = WindowDataset(store, "train", FIELDS, start_at=at, length_s=4, stride_frames=1)
+    windows = WindowDataset(store, "train", FIELDS, windows=Windows(length_s=4, stride=1, start_at=at))
     column = ("beat", "downbeat").index(at)
     expected = {
         (clip.id, start)
@@ -142,8 +135,8 @@ def test_windows_begin_at_beats(store: Store, at: str) -> None:
 
 
 def test_a_stride_is_the_least_distance(store: Store) -> None:
-    every = WindowDataset(store, "train", FIELDS, start_at="beat", length_s=2, stride_frames=1)
-    some = WindowDataset(store, "train", FIELDS, start_at="beat", length_s=2, stride_s=2)
+    every = WindowDataset(store, "train", FIELDS, windows=Windows(length_s=2, stride=1, start_at="beat"))
+    some = WindowDataset(store, "train", FIELDS, windows=Windows(length_s=2, stride_s=2, start_at="beat"))
     for clip in {w.clip for w in every.windows}:
         starts = [w.start for w in some.windows if w.clip == clip]
         assert starts[0] == min(w.start for w in every.windows if w.clip == clip)
@@ -154,24 +147,26 @@ def test_a_stride_is_the_least_distance(store: Store) -> None:
 
 def test_beats_of_another_field(store: Store) -> None:
     """librosa35 has beats and no downbeats: these are then those of the field beats, though it is not read."""
-    windows = WindowDataset(store, "train", ("edge151", "librosa35"), start_at="beat", length_s=2)
+    windows = WindowDataset(store, "train", ("edge151", "librosa35"), windows=Windows(length_s=2, start_at="beat"))
     column = store.fields["librosa35"].slice("beat").start
     # Its beats are a row late, and windows begin at their instants.
     assert all(store.read(w, "librosa35")[1, column] == 1 for w in windows.windows)
-    windows = WindowDataset(store, "train", ("edge151", "librosa35"), start_at="downbeat", length_s=2)
+    windows = WindowDataset(
+        store, "train", ("edge151", "librosa35"), windows=Windows(length_s=2, start_at="downbeat")
+    )
     assert all(store.read(w, "beats")[0, 1] == 1 for w in windows.windows)
 
 
 def test_fields_of_two_rates(store: Store) -> None:
-    windows = WindowDataset(store, "train", ("fast", "beats"), start_at="downbeat", length_s=2)
+    windows = WindowDataset(store, "train", ("fast", "beats"), windows=Windows(length_s=2, start_at="downbeat"))
     sample = windows[0]
     assert sample["fast"].shape[0] == 2 * sample["beats"].shape[0]
     assert bool(sample["downbeat"][0])
 
 
 def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
-    plain = WindowDataset(store, "train", FIELDS, normalizer_over="all")
-    cut = WindowDataset(store, "train", FIELDS, start_at="downbeat", normalizer_over="all")
+    plain = WindowDataset(store, "train", FIELDS, scale=Scale(over="all"))
+    cut = WindowDataset(store, "train", FIELDS, windows=Windows(start_at="downbeat"), scale=Scale(over="all"))
     assert np.array_equal(plain.scaler("edge151").data_min, cut.scaler("edge151").data_min)
 
 
@@ -187,8 +182,8 @@ def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.
 
     monkeypatch.setattr(Store, "read_clip", silent)
     for made in (
-        WindowDataset(store, "train", FIELDS, start_at="downbeat"),
-        ClipDataset(store, "train", FIELDS, start_at="downbeat", crop_s=3),
+        WindowDataset(store, "train", FIELDS, windows=Windows(start_at="downbeat")),
+        ClipDataset(store, "train", FIELDS, windows=Windows(length_s=3, start_at="downbeat")),
     ):
         (reject,) = made.rejects
         assert (reject.reason, reject.clip) == ("filtered", first)
@@ -197,7 +192,7 @@ def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.
 
 
 def test_crops_begin_at_random_downbeats(store: Store) -> None:
-    crops = ClipDataset(store, "train", FIELDS, crop_s=3, crops=2, start_at="downbeat", seed=3)
+    crops = ClipDataset(store, "train", FIELDS, windows=Windows(length_s=3, start_at="downbeat"), crops=2, seed=3)
     seen = set()
     for epoch in range(9):
         for sample in crops.samples(range(len(crops)), epoch):
@@ -212,15 +207,15 @@ def test_crops_begin_at_random_downbeats(store: Store) -> None:
 
 
 def test_invalid_arguments(store: Store, store_path: Path) -> None:
-    for made in (WindowDataset, partial(ClipDataset, crop_s=3)):
-        with raises_message(UsageError, "start_at"):
-            made(store, "train", FIELDS, start_at="bar")
+    with raises_message(UsageError, "start_at"):
+        Windows(start_at="bar")  # type: ignore[arg-type]
+    for reader in (WindowDataset, ClipDataset):
         with raises_message(UsageError, "beat_this", where="store"):
-            made(store_path, fields=("edge151",), start_at="downbeat")
+            reader(store_path, fields=("edge151",), windows=Windows(length_s=3, start_at="downbeat"))
     with raises_message(UsageError, "start_at"):
-        WindowDataset(store, "train", FIELDS, start_at="beat", augment=["crop"])
+        WindowDataset(store, "train", FIELDS, windows=Windows(start_at="beat"), augment=["crop"])
     with raises_message(UsageError, "start_at"):
-        ClipDataset(store, "train", FIELDS, start_at="beat")
+        ClipDataset(store, "train", FIELDS, windows=Windows(start_at="beat"))
 
 
 def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
@@ -229,7 +224,7 @@ def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "out", scope="window", fields=fields)
     assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
     with raises_message(StoreError, "scope", where="out"):
-        WindowDataset(made.path, fields=FIELDS, start_at="beat")
+        WindowDataset(made.path, fields=FIELDS, windows=Windows(start_at="beat"))
 
 
 def test_music_without_downbeats_is_an_error(tmp_path: Path) -> None:
@@ -244,6 +239,6 @@ def test_music_without_downbeats_is_an_error(tmp_path: Path) -> None:
     ]
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, silent)
-    for settings in (partial(WindowDataset, length_s=4), partial(ClipDataset, crop_s=4)):
+    for reader in (WindowDataset, ClipDataset):
         with raises_message(UsageError, "start_at", where="out"):
-            settings(tmp_path / "out", fields=FIELDS, start_at="downbeat")
+            reader(tmp_path / "out", fields=FIELDS, windows=Windows(length_s=4, start_at="downbeat"))

@@ -100,17 +100,17 @@ def of_clips(out: Path) -> Callable[[], Rows]:
 
 
 def of_dataset(out: Path, **options: Any) -> Callable[[], Rows]:
-    dataset = WindowDataset(out, fields=FIELDS, normalize=False, **options)
+    dataset = WindowDataset(open_store(out, **options), fields=FIELDS, scale=None)
     return lambda: of_batches([{k: [v] for k, v in dataset[i].items()} for i in range(len(dataset))])
 
 
 def of_batch_loader(out: Path, **options: Any) -> Callable[[], Rows]:
-    loader = BatchLoader(WindowDataset(out, fields=FIELDS, normalize=False, **options), 8)
+    loader = BatchLoader(WindowDataset(open_store(out, **options), fields=FIELDS, scale=None), 8)
     return lambda: of_batches(loader)
 
 
 def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Callable[[], Rows]:
-    dataset = WindowDataset(out, fields=FIELDS, normalize=False, **options)
+    dataset = WindowDataset(open_store(out, **options), fields=FIELDS, scale=None)
     # One where they start slowly: torch complains if the first one's error comes before the second one exists.
     n_workers = 2 if method == "fork" else 1
     loader = DataLoader(
@@ -194,7 +194,7 @@ def test_a_first_read_after_an_overwrite_stops(
 
 
 def test_forked_workers_keep_the_files_mapped_by_their_parent(out: Path, overwrite: Overwrite, truth: Rows) -> None:
-    dataset = WindowDataset(out, fields=FIELDS, normalize=False)
+    dataset = WindowDataset(out, fields=FIELDS, scale=None)
     _ = dataset[0]
     overwrite(out, 2)
     loader = DataLoader(dataset, 8, num_workers=2, multiprocessing_context="fork")
@@ -202,7 +202,12 @@ def test_forked_workers_keep_the_files_mapped_by_their_parent(out: Path, overwri
 
 
 def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Overwrite, truth: Rows) -> None:
-    reads = [of_store(out), of_dataset(out), of_workers(out, "fork", False), of_batch_loader(out, mapped=False)]
+    reads = [
+        of_store(out),
+        of_dataset(out),
+        of_workers(out, "fork", False),
+        of_batch_loader(out, mapped=False),
+    ]
     overwrite(out, 1)
     for read in reads:
         assert_equal(read(), truth)

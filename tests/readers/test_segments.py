@@ -17,7 +17,17 @@ import dancedata
 from dancedata.core.clip import Window
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.segments import Layer, Segment
-from dancedata.readers import BatchLoader, BatchStream, ClipDataset, EpochSampler, GroupDataset, WindowDataset
+from dancedata.readers import (
+    BatchLoader,
+    BatchStream,
+    ClipDataset,
+    Dancers,
+    EpochSampler,
+    GroupDataset,
+    Segments,
+    Text,
+    WindowDataset,
+)
 from dancedata.store import Store, open_store, verify_store, write_store
 from tests.groups_store import HEADER, LENGTH, SIZES, stored
 from tests.messages import raises_message
@@ -59,12 +69,12 @@ def store(folder: Path) -> Store:
     return open_store(folder)
 
 
-def windows(store: Store, **options: Any) -> WindowDataset:
-    return WindowDataset(store, fields=("joints",), **options)
+def windows(store: Store, words: Text | Segments, **options: Any) -> WindowDataset:
+    return WindowDataset(store, fields=("joints", words), **options)
 
 
-def groups(store: Store, **options: Any) -> GroupDataset:
-    return GroupDataset(store, fields=("joints",), **options)
+def groups(store: Store, words: Text | Segments, **options: Any) -> GroupDataset:
+    return GroupDataset(store, fields=("joints", words), **options)
 
 
 def test_a_window_has_the_segments_that_it_overlaps(store: Store) -> None:
@@ -87,7 +97,7 @@ def test_the_mask_of_a_layer(store: Store) -> None:
 
 
 def test_samples_and_batches_keep_lists(store: Store) -> None:
-    dataset = windows(store, segments=True)
+    dataset = windows(store, Segments())
     sample = dataset[0]
     assert sample["segments"] == store.segments_in(Window(sample["clip"], sample["start"], LENGTH))
     batch = next(iter(BatchLoader(dataset, 4)))
@@ -97,7 +107,7 @@ def test_samples_and_batches_keep_lists(store: Store) -> None:
 
 
 def test_a_text_is_drawn_by_seed_epoch_and_index(store: Store) -> None:
-    dataset = windows(store, segments="description", seed=3)
+    dataset = windows(store, Text("description"), seed=3)
     first, again = (
         [dataset.samples(range(len(dataset)), epoch)[k]["text"] for k in range(len(dataset))] for epoch in (0, 0)
     )
@@ -116,65 +126,60 @@ def test_a_text_is_drawn_by_seed_epoch_and_index(store: Store) -> None:
 
 def test_texts_come_by_share_and_the_rest_is_empty(store: Store) -> None:
     # Window 0 of this clip is [0, 20): "steps" covers all of it, "waves" half, "all in a line" all.
-    dataset = windows(store, segments="description")
+    dataset = windows(store, Text("description"))
     place = next(k for k, w in enumerate(dataset.windows) if w.clip == "train1_p0" and w.start == 0)
     drawn = Counter(dataset.samples([place], epoch)[0]["text"] for epoch in range(600))
     waves = drawn["train1_p0 waves"]
     assert drawn.keys() == {"train1_p0 steps left", "train1_p0 goes left", "train1_p0 waves", "all in a line"}
     assert 90 < waves < 150  # 0.5 of 2.5 shares of 600
     assert abs(drawn["train1_p0 steps left"] - drawn["train1_p0 goes left"]) < 50
-    strict = windows(store, segments="description", min_share=0.6)
+    strict = windows(store, Text("description", min_share=0.6))
     assert "train1_p0 waves" not in {strict.samples([place], epoch)[0]["text"] for epoch in range(50)}
-    guided = windows(store, segments="description", empty=0.25)
+    guided = windows(store, Text("description", empty=0.25))
     texts = [guided.samples([place], epoch)[0]["text"] for epoch in range(400)]
     assert 70 < texts.count("") < 130
     kept = [text for text in texts if text]
     full = [dataset.samples([place], epoch)[0]["text"] for epoch in range(400)]
     assert kept == [text for text, other in zip(full, texts, strict=True) if other]
-    assert {sample["text"] for sample in windows(store, segments="moves").samples(range(9))} == {""}
+    assert {sample["text"] for sample in windows(store, Text("moves")).samples(range(9))} == {""}
 
 
 def test_mirrored_windows_have_mirrored_words(store: Store) -> None:
-    dataset = windows(store, segments="description", mirror=1.0)
+    dataset = windows(store, Text("description"), augment={"mirror": 1.0})
     texts = {sample["text"] for sample in dataset.samples(range(len(dataset)), 0)}
     assert any("steps right" in text for text in texts)
     assert not any("left" in text for text in texts)
-    augmented = windows(store, segments="description", augment={"mirror": 1.0})
+    augmented = windows(store, Text("description"), augment=[{"yaw": 0}, {"mirror": 1.0}])
     assert [s["text"] for s in augmented.samples(range(5), 0)] == [s["text"] for s in dataset.samples(range(5), 0)]
-    moves = windows(store, segments=True, mirror=1.0, mirror_words="keep").samples(range(4), 0)
+    moves = windows(store, Segments(mirror_words="keep"), augment={"mirror": 1.0}).samples(range(4), 0)
     labels = {(p.segment.label, p.segment.joint) for s in moves for p in s["segments"] if p.segment.label}
     assert labels == {("right turn", store.skeleton.other_side[4])}
 
 
 def test_words_that_may_name_sides_are_never_given_mirrored_unasked(store: Store) -> None:
-    for options in ({"mirror": 0.5}, {"augment": {"mirror": 0.5}}):
+    for augment in ({"mirror": 0.5}, ["root_offset", {"mirror": 0.5}]):
         with raises_message(UsageError, "mirror_words"):
-            windows(store, segments="french", **options)
+            windows(store, Text("french"), augment=augment)
     with raises_message(UsageError, "mirror_words"):
-        groups(store, segments=True, mirror=1.0)
-    kept = windows(store, segments="french", mirror=1.0, mirror_words="keep")
+        groups(store, Segments(), augment={"mirror": 1.0})
+    kept = windows(store, Text("french", mirror_words="keep"), augment={"mirror": 1.0})
     assert kept.samples([0], 0)[0]["text"] == "à gauche"
-    assert windows(store, segments="description", mirror=0.5)
-    assert windows(store, segments="french").samples([0], 0)[0]["text"] == "à gauche"
+    assert windows(store, Text("description"), augment={"mirror": 0.5})
+    assert windows(store, Text("french")).samples([0], 0)[0]["text"] == "à gauche"
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"segments": "descriptions"}, {"segments": True, "min_share": 1.5}, {"segments": True, "empty": -1},
-     {"segments": True, "mirror_words": "maybe"}],
-)  # fmt: skip
-def test_arguments_are_checked(store: Store, options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "descriptions|mirror_words|probability"):
-        windows(store, **options)
+def test_arguments_are_checked(store: Store) -> None:
+    with raises_message(UsageError, "descriptions"):
+        windows(store, Text("descriptions"))
 
 
 def test_windows_moved_by_crop_are_asked_anew(store: Store) -> None:
-    for sample in windows(store, segments=True, augment=["crop"]).samples(range(20), 0):
+    for sample in windows(store, Segments(), augment=["crop"]).samples(range(20), 0):
         assert sample["segments"] == store.segments_in(Window(sample["clip"], sample["start"], sample["length"]))
 
 
 def test_a_group_has_a_text_for_each_dancer_and_one_for_all(store: Store) -> None:
-    dataset = groups(store, segments="description", choose="seed", min_share=0.1)
+    dataset = groups(store, Text("description", min_share=0.1), dancers=Dancers(choose="seed"))
     for sample in dataset.samples(range(len(dataset)), 0):
         if sample["start"] + LENGTH > 60:
             continue
@@ -186,17 +191,17 @@ def test_a_group_has_a_text_for_each_dancer_and_one_for_all(store: Store) -> Non
     batch = next(iter(BatchLoader(dataset, 3, sampler=EpochSampler(dataset, shuffle=False, seed=0))))
     assert batch["text"][0] == draws
     assert batch["text_group"] == ["all in a line"] * 3
-    everything = groups(store, segments=True)[0]
+    everything = groups(store, Segments())[0]
     assert [len(placed) for placed in everything["segments"][:2]] == [3, 3]
     assert everything["segments"][2:] == [[], [], []]
     assert [p.segment.texts for p in everything["segments_group"]] == [("all in a line",)]
 
 
 def test_whole_clips_have_segments_too(store: Store) -> None:
-    dataset = ClipDataset(store, fields=("joints",), segments=True)
+    dataset = ClipDataset(store, fields=("joints", Segments()))
     batch = ClipDataset.pad([dataset[0], dataset[3]])
     assert [len(placed) for placed in batch["segments"]] == [len(dataset[k]["segments"]) for k in (0, 3)]
-    assert ClipDataset(store, fields=("joints",), segments="description")[0]["text"]
+    assert ClipDataset(store, fields=("joints", Text("description")))[0]["text"]
 
 
 # ---- files laid over a dataset
@@ -230,7 +235,7 @@ def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store
     assert opened.segments("train0_p0") == store.segments("train0_p0")
     assert np.flatnonzero(opened.mask(Window("train0_p1", 10, 20), "mark")).tolist() == [5]
     assert mark.layer.kind == "instant"
-    dataset = windows(opened, segments=True)
+    dataset = windows(opened, Segments())
     place = next(k for k, w in enumerate(dataset.windows) if w.clip == "train0_p1")
     again = pickle.loads(pickle.dumps(dataset))
     assert repr(again[place]["segments"]) == repr(dataset[place]["segments"])  # nan is not equal to itself

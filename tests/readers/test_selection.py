@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.filters.movement import Movement
-from dancedata.readers import WindowDataset
+from dancedata.readers import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
@@ -72,11 +72,11 @@ def _ids(dataset: WindowDataset) -> list[str]:
 
 
 def _read(store: Store, **options: object) -> WindowDataset:
-    return WindowDataset(store, **{"fields": ("lodge139",), "normalize": False, **options})  # type: ignore[arg-type]
+    return WindowDataset(store, **{"fields": ("lodge139",), "scale": None, **options})  # type: ignore[arg-type]
 
 
 def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
-    dataset = _read(store, ignore=("ignored", "ignored.finenet"))
+    dataset = _read(store, select=Select(ignore=("ignored", "ignored.finenet")))
     assert _ids(dataset) == ["train_c00", "train_c03", "train_c04", "train_c05"]
     assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [
         ("ignored", "train_c01", "on the list ignored"),
@@ -85,22 +85,25 @@ def test_lists_that_are_ignored_are_named_in_rejects(store: Store) -> None:
 
 
 def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
-    assert _ids(_read(store, protocol="other")) == [*(f"train_c{k:02d}" for k in range(1, 6)), "test_c00"]
-    assert _ids(_read(store, split="val", protocol="other")) == ["train_c00", "test_c01"]
+    assert _ids(_read(store, select=Select(protocol="other"))) == [
+        *(f"train_c{k:02d}" for k in range(1, 6)),
+        "test_c00",
+    ]
+    assert _ids(_read(store, split="val", select=Select(protocol="other"))) == ["train_c00", "test_c01"]
     with raises_message(UsageError, "split", where="out"):
-        _read(store, split="test", protocol="other")
+        _read(store, split="test", select=Select(protocol="other"))
     # A misspelt protocol would read the stored splits.
     with raises_message(UsageError, "ohter", where="out"):
-        _read(store, protocol="ohter")
+        _read(store, select=Select(protocol="ohter"))
 
 
 def test_a_protocols_own_ignore_list(store: Store) -> None:
-    assert "train_c02" in _ids(_read(store, protocol="one"))
-    assert "train_c02" not in _ids(_read(store, protocol="one", ignore=("ignored",)))
+    assert "train_c02" in _ids(_read(store, select=Select(protocol="one")))
+    assert "train_c02" not in _ids(_read(store, select=Select(protocol="one", ignore=("ignored",))))
 
 
 def test_windows_begin_after_the_trim(store: Store) -> None:
-    dataset = _read(store, trim=True)
+    dataset = _read(store, windows=Windows(trim=True))
     assert [w.start for w in dataset.windows if w.clip == "train_c04"] == list(range(130, N - LENGTH + 1, 60))
     assert [w.start for w in dataset.windows if w.clip == "train_c03"] == list(range(0, N - LENGTH + 1, 60))
     index = next(k for k, w in enumerate(dataset.windows) if w.clip == "train_c04")
@@ -110,37 +113,40 @@ def test_windows_begin_after_the_trim(store: Store) -> None:
 
 
 def test_still_windows_are_left_out_of_train_alone(store: Store) -> None:
-    dataset = _read(store, filter=Movement(field="lodge139"))
+    dataset = _read(store, select=Select(filter=Movement(field="lodge139")))
     still = [r for r in dataset.rejects if r.reason == "still"]
     rows = store.clip("train_c03").read("lodge139")
     wanted = [k for k in range(0, N - LENGTH + 1, 60) if not rows[k : k + LENGTH].std(axis=0).mean() > 0.07]
     assert [(r.clip, r.window) for r in still] == [("train_c03", k) for k in wanted]
     assert len(dataset) + len(still) == len(_read(store))
     given = {"movement": {"field": "lodge139", "min_std": 1e9}}
-    assert not _read(store, split="test", filter=given).rejects
+    assert not _read(store, split="test", select=Select(filter=given)).rejects
     with raises_message(UsageError, "filters", where="out"):
-        _read(store, filter=given)
+        _read(store, select=Select(filter=given))
     with raises_message(UsageError, "min_sdt"):
-        _read(store, filter={"movement": {"min_sdt": 1}})
+        _read(store, select=Select(filter={"movement": {"min_sdt": 1}}))
     with raises_message(UsageError, "still"):
-        _read(store, filter={"still": {}})
+        _read(store, select=Select(filter={"still": {}}))
 
 
 def test_clips_shorter_than_the_windows_are_named(store: Store) -> None:
-    dataset = _read(store, length_frames=500, trim=True)
+    dataset = _read(store, windows=Windows(length=500, trim=True))
     assert [(r.reason, r.clip) for r in dataset.rejects] == [("too_short", "train_c04")]
     assert "130 of them trimmed" in dataset.rejects[0].detail
 
 
 def test_explicit_arguments_override_a_preset(store: Store) -> None:
-    local = WindowDataset(store, preset="lodge-local")
+    with raises_message(UsageError, "cross_genre", where="out"):
+        WindowDataset(store, **PRESETS["lodge-local"])
+    given = PRESETS["lodge-local"] | {"select": replace(PRESETS["lodge-local"]["select"], protocol=None)}
+    local = WindowDataset(store, **given)
     assert local.fields == ("lodge139", "librosa35")
     assert {w.length for w in local.windows} == {256}
     assert {(r.reason, r.clip) for r in local.rejects} >= {("ignored", "train_c01"), ("still", "train_c03")}
     assert local[0]["genre_id"] == 1
     assert float(local[0]["lodge139"].abs().max()) <= 1
     other = WindowDataset(
-        store, preset="lodge-local", length_frames=120, trim=False, ignore=(), filter=False, normalize=False
+        store, **PRESETS["lodge-local"] | {"windows": Windows(length=120), "select": Select(), "scale": None}
     )
     assert not other.rejects
     assert {w.length for w in other.windows} == {120}
@@ -148,39 +154,40 @@ def test_explicit_arguments_override_a_preset(store: Store) -> None:
 
 
 def test_relative_root(store: Store) -> None:
-    dataset = _read(store, relative_root=True, mirror=1.0)
+    dataset = _read(store, fields=(Relative("lodge139"),), augment={"mirror": 1.0})
     window = dataset.windows[5]
     mirror = store.fields["lodge139"].mirror
     assert mirror is not None
     rows = mirror.apply(store.read(window, "lodge139"))
     rows[:, 4:7] -= rows[0, 4:7].copy()
     np.testing.assert_array_equal(dataset[5]["lodge139"].numpy(), rows)
-    with raises_message(UsageError, "relative_root"):
-        _read(store, relative_root=True, normalize=True)
+    with raises_message(UsageError, "Relative"):
+        _read(store, fields=(Relative("lodge139"),), scale=Scale())
 
 
 def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.LogCaptureFixture) -> None:
-    dataset = WindowDataset(store, fields=("lodge139",), protocol="other", split="val")
+    dataset = WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), split="val")
     assert "that of the train split of protocol other, not the stored one" in caplog.text
-    train = _read(store, protocol="other")
+    train = _read(store, select=Select(protocol="other"))
     rows = np.concatenate([store.read(w, "lodge139") for w in train.windows])
     wanted = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, wanted.data_min)
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_max, wanted.data_max)
-    everything = WindowDataset(store, fields=("lodge139",), normalizer_over="all").scaler("lodge139")
+    everything = WindowDataset(store, fields=("lodge139",), scale=Scale(over="all")).scaler("lodge139")
     rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
-    with raises_message(UsageError, "fitted"):
-        WindowDataset(store, fields=("lodge139",), normalizer_over="alll")  # type: ignore[arg-type]
+    with raises_message(UsageError, "zscore"):
+        WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))
 
 
 def test_a_scaler_is_that_of_whole_clips_however_their_windows_are_chosen(store: Store) -> None:
-    plain = WindowDataset(store, fields=("lodge139",), protocol="one").scaler("lodge139")
-    for options in ({"trim": True}, {"length_frames": 300}, {"filter": {"movement": {"field": "lodge139"}}}):
-        dataset = WindowDataset(store, fields=("lodge139",), protocol="one", **options)  # type: ignore[arg-type]
+    plain = WindowDataset(store, fields=("lodge139",), select=Select(protocol="one")).scaler("lodge139")
+    filtered = Select(protocol="one", filter={"movement": {"field": "lodge139"}})
+    for options in ({"windows": Windows(trim=True)}, {"windows": Windows(length=300)}, {"select": filtered}):
+        dataset = WindowDataset(store, **{"fields": ("lodge139",), "select": Select(protocol="one"), **options})  # type: ignore[arg-type]
         np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, plain.data_min)
     # Fewer clips of the stored train split are another set of train clips too.
-    fewer = WindowDataset(store, fields=("lodge139",), protocol="one", ignore=("ignored",))
+    fewer = WindowDataset(store, fields=("lodge139",), select=Select(ignore=("ignored",), protocol="one"))
     rows = np.concatenate([store.read(w, "lodge139") for w in fewer.windows])
     np.testing.assert_array_equal(fewer.scaler("lodge139").data_min, rows.min(axis=0))
     np.testing.assert_array_equal(fewer.scaler("lodge139").data_max, rows.max(axis=0))
@@ -200,14 +207,14 @@ def test_mirrored_copies_are_for_training_under_every_protocol(tmp_path: Path) -
     made = _with_clips(
         tmp_path, lambda c: replace(c, source="train_c00", lists=sources[c.id]) if c.id in sources else c
     )
-    options = {"fields": ("edge151",), "protocol": "p", "normalize": False}
+    options = {"fields": ("edge151",), "select": Select(protocol="p"), "scale": None}
     assert _ids(WindowDataset(made, **options)) == ["train_c00", "train_c01"]  # type: ignore[arg-type]
     assert _ids(WindowDataset(made, "val", **options)) == ["train_c03"]  # type: ignore[arg-type]
 
 
 def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
     made = _with_clips(tmp_path, lambda c: replace(c, lists=()) if c.id == "train_c02" else c)
-    dataset = WindowDataset(made, fields=("edge151",), protocol="p", normalize=False)
+    dataset = WindowDataset(made, fields=("edge151",), select=Select(protocol="p"), scale=None)
     assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [("unassigned", "train_c02", "on no list of p")]
 
 
@@ -220,7 +227,7 @@ def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_an_invalid_movement_filter(store: Store, given: object) -> None:
     with raises_message(UsageError, "min_std|splits"):
-        _read(store, filter=given)
+        _read(store, select=Select(filter=given))
 
 
 def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
@@ -231,9 +238,9 @@ def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, [replace(c, trim_start=7) for c in made.clips])
     store = open_store(tmp_path / "out")
-    both = store.windows("train", fields=("fast", "slow"), trim=True, length_frames=20, stride_frames=10)
+    both = store.windows("train", fields=("fast", "slow"), trim=True, length=20, stride=10)
     assert [w.start for w in both][:6] == [8, 18, 28, 38, 48, 58]
-    alone = store.windows("train", fields=("fast",), trim=True, length_frames=20, stride_frames=10)
+    alone = store.windows("train", fields=("fast",), trim=True, length=20, stride=10)
     assert [w.start for w in alone][:6] == [7, 17, 27, 37, 47, 57]
     rows = store.clip(both[0].clip).read("slow")
     np.testing.assert_array_equal(store.read(both[0], "slow"), rows[4:14])
@@ -250,21 +257,21 @@ def test_the_filter_looks_at_the_rows_of_a_field_of_another_rate(tmp_path: Path)
     (tmp_path / "out").mkdir()
     write_store(tmp_path / "out", made.header, [replace(clip, motion=rows)])
     store = open_store(tmp_path / "out")
-    dataset = _read(store, fields=("edge151",), filter={"movement": {"field": "fast"}})
+    dataset = _read(store, fields=("edge151",), select=Select(filter={"movement": {"field": "fast"}}))
     assert [w.start for w in dataset.windows] == [0, 60]
     assert [r.window for r in dataset.rejects] == [30]
 
 
 def test_local_borders_need_no_key_motions(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "none", length=30)
-    item = WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=30, normalize=False)[0]
+    item = WindowDataset(made.path, fields=("edge151", Primitives(n=30)), scale=None)[0]
     assert (item["primitives"][:4] == item["edge151"][:4]).all()
     assert (item["primitives"][4:] == item["edge151"][-4:]).all()
 
 
 def test_primitives_of_stored_minima(store: Store) -> None:
     dataset = WindowDataset(
-        store, fields=("lodge139", "primitives"), length_frames=480, stride_frames=60, primitive_n=120, mirror=0.5
+        store, fields=("lodge139", Primitives(n=120)), windows=Windows(length=480, stride=60), augment={"mirror": 0.5}
     )
     for k in range(0, len(dataset), 7):
         item = dataset[k]
@@ -283,12 +290,10 @@ def test_primitives_of_stored_minima(store: Store) -> None:
 
 
 def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> None:
-    options = {
-        "fields": ("lodge139", "primitives"), "length_frames": 512, "stride_frames": 40, "primitive_variant": "code",
-    }  # fmt: skip
+    options = {"fields": ("lodge139", Primitives(variant="code")), "windows": Windows(length=512, stride=40)}
     # Rows that are rotations, which the code's joints need.
     with pytest.raises(Exception, match=r"rotation|bad"):
-        _ = [WindowDataset(store, normalize=False, **options)[k] for k in range(3)]  # type: ignore[arg-type]
+        _ = [WindowDataset(store, scale=None, **options)[k] for k in range(3)]  # type: ignore[arg-type]
     dataset = _read(store)
     biases = [[dataset._bias(k) for k in range(200)] for _ in range(2)]
     assert biases[0] == biases[1]
@@ -299,12 +304,12 @@ def test_the_codes_bias_is_a_function_of_seed_epoch_and_index(store: Store) -> N
 
 def test_requirements_of_primitives(store: Store, tmp_path: Path) -> None:
     with raises_message(UsageError, "primitives"):
-        WindowDataset(store, fields=("librosa35", "primitives"))
-    with raises_message(UsageError, "primitive_n"):
-        WindowDataset(store, fields=("lodge139", "primitives"), primitive_n=100)
+        WindowDataset(store, fields=("librosa35", Primitives()))
+    with raises_message(UsageError, "n=100"):
+        WindowDataset(store, fields=("lodge139", Primitives(n=100)))
     made = write_random_store(tmp_path / "none", length=30)
-    with raises_message(UsageError, "primitive_variant", where="none"):
-        WindowDataset(made.path, fields=("edge151", "primitives"), primitive_n=15)
+    with raises_message(UsageError, "variant", where="none"):
+        WindowDataset(made.path, fields=("edge151", Primitives(n=15)))
 
 
 def test_window_scope_has_no_trim(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def test_accelerate_with_two_processes(store_path: Path, tmp_path: Path) -> None
     pytest.importorskip("accelerate")
     (ours,) = [block for block in BLOCKS if "import Accelerator" in block]
     start = "import torch\nfrom torch.utils.data import DataLoader\nfrom dancedata.readers import *\n"
-    start += f"train = WindowDataset({str(store_path)!r}, mirror=0.5, seed=0)\n"
+    start += f"train = WindowDataset({str(store_path)!r}, augment={{'mirror': 0.5}}, seed=0)\n"
     script = tmp_path / "script.py"
     script.write_text(start + ours + RANKS)
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
@@ -86,10 +86,10 @@ def lightning_page(tmp_path: Path) -> dict[str, Any]:
     pytest.importorskip("lightning")
     made = write_random_store(tmp_path / "s", clips={"train": 2, "val": 1}, n_frames=(200, 200), length=35, stride=15)
     (ours,) = [block for block in BLOCKS if "import lightning" in block]
-    train = WindowDataset(made.path, mirror=0.5, seed=0)
+    train = WindowDataset(made.path, augment={"mirror": 0.5}, seed=0)
     assert len(train) == 24
     names: dict[str, Any] = {"torch": torch, "train": train, "OUT": made.path, "seen": [], "validated": []}
-    exec("from torch.utils.data import DataLoader\nfrom dancedata.readers import BatchStream, WindowDataset\n", names)
+    exec("from torch.utils.data import DataLoader\nfrom dancedata.readers import *\n", names)
     exec(compile(ours, str(PAGE), "exec"), names)
     page = names["Dance"]
 

@@ -19,7 +19,7 @@ import torch
 from torch.utils.data import default_collate
 
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.readers import BatchLoader, ClipDataset, WindowDataset
+from dancedata.readers import PRESETS, BatchLoader, ClipDataset, Scale, WindowDataset, Windows
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
@@ -33,7 +33,7 @@ def store(store_path: Path) -> Store:
 
 
 def test_item_is_the_window_and_its_metadata(store: Store) -> None:
-    dataset = WindowDataset(str(store.path), normalize=False)
+    dataset = WindowDataset(str(store.path), scale=None)
     window = store.windows("train")[3]
     record = next(record for record in store.clips if record.id == window.clip)
     item = dataset[3]
@@ -59,7 +59,7 @@ def test_unknown_tempo_is_nan_so_that_collate_works(store: Store) -> None:
 
 
 def test_items_are_the_callers_own(store: Store) -> None:
-    dataset = WindowDataset(store, normalize=False)
+    dataset = WindowDataset(store, scale=None)
     before = dataset[0][MOTION].clone()
     dataset[0][MOTION].zero_()
     assert torch.equal(dataset[0][MOTION], before)
@@ -90,37 +90,39 @@ def test_fields(store: Store) -> None:
     "wrong",
     [
         {"split": "trian"}, {"fields": ("edge15",)}, {"fields": ()}, {"fields": (AUDIO, AUDIO)},
-        {"fields": (AUDIO,), "normalize": (MOTION,)}, {"mirror": 1.5}, {"mirror": -0.1}, {"mirror": math.nan},
-        {"mirror": "yes"}, {"seed": -1}, {"preset": "egde"}, {"preset": "lodge-global"}, {"preset": "finenet"},
+        {"fields": (AUDIO,), "scale": Scale(fields=(MOTION,))}, {"augment": {"mirror": 1.5}},
+        {"augment": {"mirror": -0.1}}, {"augment": {"mirror": math.nan}}, {"augment": {"mirror": "yes"}},
+        {"seed": -1}, PRESETS["lodge-global"], PRESETS["finenet"],
         {"fields": ("lodge139",)}, {"fields": ("lodge319",)}, {"fields": ("joints",)},
     ],
 )  # fmt: skip
 def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, object]) -> None:
-    with raises_message(DanceDataError, "field|negative|preset|probability|trian"):
+    with raises_message(DanceDataError, "field|negative|protocol|probability|trian"):
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
 
 
 def test_preset_edge(store: Store) -> None:
-    dataset = WindowDataset(store, preset="edge")
+    dataset = WindowDataset(store, **PRESETS["edge"])
     assert dataset.fields == (MOTION, AUDIO)
     assert list(dataset.windows) == list(store.windows("train", length_s=5, stride_s=0.5))
     assert float(dataset[0][MOTION].abs().max()) <= 1.0
-    assert WindowDataset(store, preset="edge", fields=(MOTION,), length_frames=60)[0][MOTION].shape == (60, 151)
+    shorter = WindowDataset(store, **PRESETS["edge"] | {"fields": (MOTION,), "windows": Windows(length=60)})
+    assert shorter[0][MOTION].shape == (60, 151)
 
 
 def test_window_scope_and_half_precision(tmp_path: Path) -> None:
     motion, audio = random_fields({MOTION: 151}, {AUDIO: 35})
     written = write_random_store(tmp_path, scope="window", fields=(motion, replace(audio, dtype="float16")))
-    dataset = WindowDataset(tmp_path, normalize=False)
+    dataset = WindowDataset(tmp_path, scale=None)
     for place in (0, len(dataset) - 1):
         item = dataset[place]
         assert item[AUDIO].dtype == torch.float16
         for field in (MOTION, AUDIO):
             rows = written.rows(item["clip"], field, item["start"], item["length"])
             np.testing.assert_array_equal(item[field].numpy(), rows)
-    assert WindowDataset(tmp_path, normalize=(AUDIO,))[0][AUDIO].dtype == torch.float32
+    assert WindowDataset(tmp_path, scale=Scale(fields=(AUDIO,)))[0][AUDIO].dtype == torch.float32
     with raises_message(DanceDataError, "scope"):
-        WindowDataset(tmp_path, length_frames=20)
+        WindowDataset(tmp_path, windows=Windows(length=20))
 
 
 def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:
@@ -148,19 +150,19 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
 def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
     fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
     write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with raises_message(UsageError, "preset"):
-        WindowDataset(tmp_path, preset="edge")
+    with raises_message(UsageError, "30 frames per second"):
+        WindowDataset(tmp_path, **PRESETS["edge"] | {"fields": (MOTION,)})
 
 
 # --- normalising
 
 
 @pytest.mark.parametrize("split", ["train", "val"])
-@pytest.mark.parametrize(("options", "normal"), [({}, MOTION), ({"normalize": (AUDIO,)}, AUDIO)])
+@pytest.mark.parametrize(("options", "normal"), [({}, MOTION), ({"scale": Scale(fields=(AUDIO,))}, AUDIO)])
 def test_the_named_fields_are_normalised_else_motion_alone(
     store: Store, split: str, options: dict[str, Any], normal: str
 ) -> None:
-    raw, found = (WindowDataset(store, split, **given)[7] for given in ({"normalize": False}, options))
+    raw, found = (WindowDataset(store, split, **given)[7] for given in ({"scale": None}, options))
     (plain,) = {MOTION, AUDIO} - {normal}
     assert torch.equal(raw[plain], found[plain])
     assert found[normal].dtype == torch.float32
@@ -168,8 +170,8 @@ def test_the_named_fields_are_normalised_else_motion_alone(
 
 
 def test_normalising_spans_train_and_comes_back(store: Store) -> None:
-    raw = WindowDataset(store, normalize=False, length_frames=150, stride_frames=50)
-    dataset = WindowDataset(store, length_frames=150, stride_frames=50)
+    raw = WindowDataset(store, windows=Windows(length=150, stride=50), scale=None)
+    dataset = WindowDataset(store, windows=Windows(length=150, stride=50))
     normal = torch.cat([item[MOTION] for item in dataset.__getitems__(range(len(dataset)))])
     plain = torch.cat([item[MOTION] for item in raw.__getitems__(range(len(raw)))])
     assert float(normal.min()) == pytest.approx(-1.0, abs=1e-6)
@@ -189,8 +191,8 @@ def test_scaler_of_a_field_that_is_not_read(store: Store) -> None:
 def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) -> None:
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
-    raw = WindowDataset(store, normalize=False)
-    dataset = WindowDataset(store, mirror=1.0, normalizer_covers_mirror=True)
+    raw = WindowDataset(store, scale=None)
+    dataset = WindowDataset(store, scale=Scale(covers=["mirror"]), augment={"mirror": 1.0})
     scaler = dataset.scaler(MOTION)
     for place in range(0, len(raw), 97):
         plain = raw[place][MOTION].numpy()
@@ -200,32 +202,32 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
 
 
 def test_edges_clip_is_selected_by_name(store: Store) -> None:
-    raw, edges = WindowDataset(store, normalize=False), store.scaler(MOTION)
+    raw, edges = WindowDataset(store, scale=None), store.scaler(MOTION)
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
     expected = edges.normalize(mirror.apply(raw[7][MOTION].numpy()))
     assert np.abs(expected).max() > 1.1
-    whole, cut = WindowDataset(store, mirror=1.0), WindowDataset(store, mirror=1.0, clip=True)
+    whole, cut = (
+        WindowDataset(store, augment={"mirror": 1.0}),
+        WindowDataset(store, scale=Scale(clip=True), augment={"mirror": 1.0}),
+    )
     np.testing.assert_allclose(whole[7][MOTION].numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(cut[7][MOTION].numpy(), expected.clip(-1, 1), atol=1e-6)
-    presets = [
-        WindowDataset(store, preset="edge", **options).clip for options in ({}, {"mirror": 0.5}, {"clip": False})
-    ]
-    assert presets == [True, False, False]
+    assert WindowDataset(store, **PRESETS["edge"], augment={"mirror": 0.5}).clip  # as EDGE does, mirrored or not
 
 
 def test_val_has_the_scaler_of_train(store: Store) -> None:
     probe = np.linspace(-3, 3, 151)
     plain = store.scaler(MOTION).normalize(probe)
-    train, val = WindowDataset(store, mirror=0.5), WindowDataset(store, split="val")
+    train, val = WindowDataset(store, augment={"mirror": 0.5}), WindowDataset(store, split="val")
     for reader in (train, val):
         np.testing.assert_array_equal(reader.scaler(MOTION).normalize(probe), plain)
     val.load_state_dict(train.state_dict())
-    wide = WindowDataset(store, mirror=0.5, normalizer_covers_mirror=True)
+    wide = WindowDataset(store, scale=Scale(covers=["mirror"]), augment={"mirror": 0.5})
     assert not np.array_equal(wide.scaler(MOTION).normalize(probe), plain)
     with pytest.raises(UsageError, match=f"found edge151 {wide.scaler(MOTION).sha256}"):
         WindowDataset(store, split="val").load_state_dict(wide.state_dict())
-    val = WindowDataset(store, split="val", scaler=wide)
+    val = WindowDataset(store, scale=wide, split="val")
     np.testing.assert_array_equal(val.scaler(MOTION).data_max, wide.scaler(MOTION).data_max)
     val.load_state_dict(wide.state_dict())
     assert not val[0]["mirrored"]
@@ -244,10 +246,10 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(store, "field", field)
     with raises_message(UsageError, "mirror", where="store"):
-        WindowDataset(store, mirror=0.5)
+        WindowDataset(store, augment={"mirror": 0.5})
     with raises_message(UsageError, "mirror", where="store"):
-        WindowDataset(store, normalizer_covers_mirror=True)
-    assert WindowDataset(store, fields=(AUDIO,), mirror=0.5)[0][AUDIO].shape == (150, 35)
+        WindowDataset(store, scale=Scale(covers=["mirror"]))
+    assert WindowDataset(store, fields=(AUDIO,), augment={"mirror": 0.5})[0][AUDIO].shape == (150, 35)
     assert len(WindowDataset(store)) > 0
 
 
@@ -256,7 +258,7 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])
 def test_copies_read_the_same_and_have_their_own_epoch(store: Store, how: str) -> None:
-    dataset = WindowDataset(store, mirror=0.5, seed=4, stride_frames=150)
+    dataset = WindowDataset(store, windows=Windows(stride=150), augment={"mirror": 0.5}, seed=4)
     dataset.set_epoch(3)
     dataset[0]
     twin = pickle.loads(pickle.dumps(dataset)) if how == "pickle" else copy.deepcopy(dataset)

@@ -8,7 +8,7 @@ import torch
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.readers import BatchLoader, ClipDataset, Mix, WindowDataset
+from dancedata.readers import BatchLoader, ClipDataset, Mix, Scale, Select, WindowDataset
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
 from tests.messages import raises_message
@@ -40,12 +40,12 @@ def test_batches_are_numpys_z_scores(store: Store, rows: np.ndarray) -> None:
     np.testing.assert_allclose(scaler.mean, mean, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(scaler.std, std, rtol=1e-7, atol=1e-9)
     divisor = np.where(scaler.constant, 1, scaler.std).astype(np.float32)
-    train = WindowDataset(store, "train", fields=[FIELD], scaler=scaler)
+    train = WindowDataset(store, "train", fields=[FIELD], scale=scaler)
     batch = next(iter(BatchLoader(train, 16)))
     for sample, clip, start in zip(batch[FIELD].numpy(), batch["clip"], batch["start"], strict=True):
         raw = store.clip(clip).read(FIELD)[start : start + 150]
         np.testing.assert_array_equal(sample, (raw - scaler.mean.astype(np.float32)) / divisor)
-    whole = np.concatenate([sample[FIELD].numpy() for sample in ClipDataset(store, fields=[FIELD], scaler=scaler)])
+    whole = np.concatenate([sample[FIELD].numpy() for sample in ClipDataset(store, fields=[FIELD], scale=scaler)])
     alive = ~scaler.constant
     assert np.abs(whole.mean(axis=0)).max() < 0.1  # whole clips have some rows that no window covers
     np.testing.assert_allclose(whole.std(axis=0)[alive], 1, atol=0.05)
@@ -77,9 +77,9 @@ def test_files(store: Store, tmp_path: Path) -> None:
     assert (loaded.kind, loaded.sha256, loaded.field) == ("zscore", scaler.sha256, FIELD)
     store.scaler(FIELD).save(tmp_path / "m.json")
     assert Scaler.load(tmp_path / "m.json").kind == "minmax"
-    of_file = WindowDataset(store, fields=[FIELD], scaler=tmp_path / "z.json")
+    of_file = WindowDataset(store, fields=[FIELD], scale=tmp_path / "z.json")
     np.testing.assert_array_equal(
-        of_file[0][FIELD].numpy(), WindowDataset(store, fields=[FIELD], scaler=scaler)[0][FIELD].numpy()
+        of_file[0][FIELD].numpy(), WindowDataset(store, fields=[FIELD], scale=scaler)[0][FIELD].numpy()
     )
     text = (tmp_path / "z.json").read_text()
     (tmp_path / "z.json").write_text(text.replace(str(scaler.mean[3]), "0.5", 1))
@@ -88,7 +88,7 @@ def test_files(store: Store, tmp_path: Path) -> None:
 
 
 def test_decoded_motion_is_the_dancers(store: Store) -> None:
-    reader = WindowDataset(store, "val", fields=[FIELD], scaler=store.scaler(FIELD, "zscore"))
+    reader = WindowDataset(store, "val", fields=[FIELD], scale=store.scaler(FIELD, "zscore"))
     window = reader.windows[0]
     expected = dancedata.decode(store.read(window, FIELD), FIELD, like=store, normalized=False).joints()
     for options in ({"like": reader}, {"like": store, "scaler": store.scaler(FIELD, "zscore")}):
@@ -100,7 +100,7 @@ def test_decoded_motion_is_the_dancers(store: Store) -> None:
 
 def test_another_scaler_is_doubted(store: Store, caplog: pytest.LogCaptureFixture) -> None:
     """Z-scores that are taken as min-max values are far from motion, and so they are as they stand."""
-    reader = WindowDataset(store, "val", fields=[FIELD], scaler=store.scaler(FIELD, "zscore"))
+    reader = WindowDataset(store, "val", fields=[FIELD], scale=store.scaler(FIELD, "zscore"))
     dancedata.decode(reader[0][FIELD].numpy(), FIELD, like=store, normalized=True)
     assert "with either choice" in caplog.text
 
@@ -108,9 +108,9 @@ def test_another_scaler_is_doubted(store: Store, caplog: pytest.LogCaptureFixtur
 def test_what_z_scores_cannot(store: Store) -> None:
     scaler = store.scaler(FIELD, "zscore")
     with pytest.raises(UsageError, match="no range to cut"):
-        WindowDataset(store, fields=[FIELD], scaler=scaler, clip=True)
-    with pytest.raises(UsageError, match="two scalers"):
-        WindowDataset(store, fields=[FIELD], scaler=scaler, mirror=0.5, normalizer_covers_mirror=True)
+        WindowDataset(store, fields=[FIELD], scale=Scale(clip=True, scaler=scaler))
+    with pytest.raises(UsageError, match="go together"):
+        WindowDataset(store, fields=[FIELD], scale=Scale(covers=["mirror"], scaler=scaler), augment={"mirror": 0.5})
     with raises_message(UsageError, "zscore|mirror"):
         store.scaler(FIELD, "zscore", covers=["mirror"])
     with raises_message(UsageError, "zscore"):
@@ -123,13 +123,13 @@ def test_what_z_scores_cannot(store: Store) -> None:
 
 def test_mixes_take_one_for_all(store: Store) -> None:
     scaler = store.scaler(FIELD, "zscore")
-    readers = {split: WindowDataset(store, split, fields=[FIELD], scaler=scaler) for split in ("train", "val")}
+    readers = {split: WindowDataset(store, split, fields=[FIELD], scale=scaler) for split in ("train", "val")}
     mix = Mix(readers)
     assert mix.scaler(FIELD).sha256 == scaler.sha256
     np.testing.assert_array_equal(mix.datasets[1][0][FIELD].numpy(), readers["val"][0][FIELD].numpy())
     other = Scaler("zscore", scaler.mean + 1, scaler.std)
     with pytest.raises(UsageError, match="do not join"):
-        Mix({**readers, "val": WindowDataset(store, "val", fields=[FIELD], scaler={FIELD: other})})
+        Mix({**readers, "val": WindowDataset(store, "val", fields=[FIELD], scale={FIELD: other})})
 
 
 @pytest.mark.parametrize("reader", [WindowDataset, ClipDataset])
@@ -150,8 +150,8 @@ def test_several_splits(store: Store, reader: type[WindowDataset]) -> None:
 
 def test_clips_by_id(store: Store) -> None:
     chosen = [clip.id for clip in store.clips if clip.split == "train"][1:]
-    train = WindowDataset(store, fields=[FIELD], where={"clip": chosen})
+    train = WindowDataset(store, fields=[FIELD], select=Select({"clip": chosen}))
     assert {train.windows.clip_ids[k] for k in train.windows.clip} == set(chosen)
     assert [reject.clip for reject in train.rejects] == [store.clips[0].id]
     with pytest.raises(UsageError, match="no clip named"):
-        WindowDataset(store, fields=[FIELD], where={"clip": chosen[0] + "x"})
+        WindowDataset(store, fields=[FIELD], select=Select({"clip": chosen[0] + "x"}))

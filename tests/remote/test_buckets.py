@@ -67,7 +67,7 @@ def test_goes_on_from_a_part(bucket: str, published: Path) -> None:
 
 def test_forked_workers(bucket: str, published: Path) -> None:
     """obstore is used in this process before, and would hang in a forked child."""
-    remote, local = (WindowDataset(where, "val", normalize=False) for where in (bucket, published))
+    remote, local = (WindowDataset(where, "val", scale=None) for where in (bucket, published))
     loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context="fork", timeout=60)
     for a, b in zip(loader, DataLoader(local, batch_size=16), strict=True):
         assert torch.equal(a["pose"], b["pose"])
@@ -81,7 +81,7 @@ def test_forked_workers_execute_nothing_of_the_working_folder(
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
-    remote = WindowDataset(dancedata.open(bucket), "val", normalize=False)
+    remote = WindowDataset(dancedata.open(bucket), "val", scale=None)
     loader = DataLoader(remote, batch_size=16, num_workers=1, multiprocessing_context="fork", timeout=60)
     assert len(list(loader)) == len(list(DataLoader(WindowDataset(published, "val"), batch_size=16)))
     assert not (tmp_path / "executed").exists()
@@ -122,8 +122,8 @@ def test_a_server_that_is_gone(monkeypatch: pytest.MonkeyPatch, bucket: str) -> 
 
 
 def _same_rows(address: str, published: Path) -> None:
-    local = WindowDataset(published, "val", normalize=False)
-    remote = WindowDataset(address, "val", normalize=False)
+    local = WindowDataset(published, "val", scale=None)
+    remote = WindowDataset(address, "val", scale=None)
     assert all(torch.equal(a["pose"], b["pose"]) for a, b in zip(remote, local, strict=True))
     folder = pull(address, progress=False).path
     assert all((folder / p.name).read_bytes() == p.read_bytes() for p in published.iterdir() if p.name != "README.md")

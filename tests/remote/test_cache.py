@@ -82,7 +82,7 @@ def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:
     server.folder = tmp_path
     write_groups(tmp_path / "groups", 60)
     address = f"{server.url}/groups"
-    remote, local = (GroupDataset(where, "train", normalize=False) for where in (address, tmp_path / "groups"))
+    remote, local = (GroupDataset(where, "train", scale=None) for where in (address, tmp_path / "groups"))
     assert len(remote) == len(local) > 0
     assert np.array_equal(remote[0]["person_mask"], local[0]["person_mask"])
     result = CliRunner().invoke(app, ["view", address, "--export", str(tmp_path / "page.html"), "--quiet"])

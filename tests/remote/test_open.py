@@ -50,7 +50,7 @@ def test_a_reader_begins_after_the_first_shard(server: Server) -> None:
 @pytest.mark.parametrize("context", ["fork", "forkserver"])
 def test_readers_and_workers(server: Server, published: Path, context: str) -> None:
     address = f"{server.url}/store"
-    remote, local = (WindowDataset(where, "train", normalize=False) for where in (address, published))
+    remote, local = (WindowDataset(where, "train", scale=None) for where in (address, published))
     assert len(remote) == len(local)
     loader = torch.utils.data.DataLoader(remote, batch_size=4, num_workers=2, multiprocessing_context=context)
     for a, b in zip(loader, torch.utils.data.DataLoader(local, batch_size=4), strict=True):
@@ -148,7 +148,7 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
         sent.append(handler.path)
         return not go_on.wait(30)
 
-    remote, local = (WindowDataset(where, "train", normalize=False) for where in (f"{server.url}/store", published))
+    remote, local = (WindowDataset(where, "train", scale=None) for where in (f"{server.url}/store", published))
     size = max(np.diff([*local.shard_starts, len(local)]).tolist())
     orders = [EpochSampler(ds, seed=4, block=size) for ds in (remote, local)]
     shards, numbers = local._shards_of_samples
@@ -171,7 +171,7 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
 def _rank(rank: int, world: int, address: str, file: str, cache: str, results: Any) -> None:
     os.environ["DANCEDATA_CACHE"] = cache  # the server that forks was started by another test
     torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
-    ds = WindowDataset(address, "train", normalize=False)
+    ds = WindowDataset(address, "train", scale=None)
     sampler = EpochSampler(ds, seed=2, block=64)
     batches = list(BatchLoader(ds, 4, sampler=sampler))
     sums = {int(i): float(rows.sum()) for b in batches for i, rows in zip(b["index"], b["pose"], strict=True)}
@@ -194,7 +194,7 @@ def test_ranks_see_each_window_once_and_fetch_once(
     for process in ranks:
         process.join(60)
         assert process.exitcode == 0
-    local = WindowDataset(published, "train", normalize=False)
+    local = WindowDataset(published, "train", scale=None)
     assert set(seen[0]) | set(seen[1]) == set(range(len(local)))
     assert len(seen[0]) + len(seen[1]) <= len(local) + 1  # the last one again, where they are odd
     for index, total in (seen[0] | seen[1]).items():
@@ -204,10 +204,10 @@ def test_ranks_see_each_window_once_and_fetch_once(
 
 @pytest.mark.parametrize("world", [1, 2, 8])
 def test_ranks_by_sampler(server: Server, published: Path, world: int) -> None:
-    local = WindowDataset(published, "train", normalize=False)
+    local = WindowDataset(published, "train", scale=None)
     seen: list[int] = []
     for rank in range(world):
-        ds = WindowDataset(f"{server.url}/store", "train", normalize=False)
+        ds = WindowDataset(f"{server.url}/store", "train", scale=None)
         sampler = EpochSampler(ds, seed=2, block=64, rank=rank, world_size=world, drop_last=True)
         for batch in BatchLoader(ds, 4, sampler=sampler):
             seen += batch["index"].tolist()

@@ -156,7 +156,7 @@ def test_window_list_is_a_sequence(make_store: Any) -> None:
 def test_other_windows_at_read_time(make_store: Any) -> None:
     made = make_store(n_frames=(70, 130), shard_bytes=20_000)
     store = open_store(made.path)
-    windows = store.windows("train", length_s=2, stride_frames=7)
+    windows = store.windows("train", length_s=2, stride=7)
     wanted = [Window(c.id, s, 60) for c in made.clips if c.split == "train" for s in range(0, c.n_frames - 60 + 1, 7)]
     assert list(windows) == wanted
     for window in windows:
@@ -165,7 +165,7 @@ def test_other_windows_at_read_time(make_store: Any) -> None:
                 store.read(window, name), made.rows(window.clip, name, window.start, window.length)
             )
     assert store.windows("train", length_s="1", stride_s=0.5) == store.windows("train")
-    assert len(store.windows("train", stride_frames=1)) > len(store.windows("train"))
+    assert len(store.windows("train", stride=1)) > len(store.windows("train"))
 
 
 def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
@@ -182,10 +182,10 @@ def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
     )  # fmt: skip
     write_store(out, made.header, [clip])
     store = open_store(out)
-    assert [w.start for w in store.windows("train", stride_frames=10)] == [0, 10, 20, 30]
+    assert [w.start for w in store.windows("train", stride=10)] == [0, 10, 20, 30]
     # Left to the motion alone, the windows go on; frame 99 has only one of its two rows at 60 a second.
-    assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose",))][-1] == 70
-    assert [w.start for w in store.windows("train", stride_frames=10, fields=("pose", "fast"))][-1] == 60
+    assert [w.start for w in store.windows("train", stride=10, fields=("pose",))][-1] == 70
+    assert [w.start for w in store.windows("train", stride=10, fields=("pose", "fast"))][-1] == 60
     assert store.clip("c").read("music").shape == (60, 5)
     assert store.clip("c").read_song("music").shape == (60, 5)
     with raises_message(UsageError, "read_clip", where="out"):
@@ -200,8 +200,8 @@ def test_fractional_rows_are_refused(make_store: Any) -> None:
     made = make_store(fields=[*make_store().header.fields, slow], length=32, stride=16)
     store = open_store(made.path)
     with raises_message(UsageError, "stride"):
-        store.windows("train", stride_frames=7)
-    window = store.windows("train", stride_frames=7, fields=("pose", "music"))[1]
+        store.windows("train", stride=7)
+    window = store.windows("train", stride=7, fields=("pose", "music"))[1]
     assert store.read(window, "pose").shape == (32, 7)
     with raises_message(UsageError, "slow", where="clip train_c00"):
         store.read(window, "slow")
@@ -209,7 +209,7 @@ def test_fractional_rows_are_refused(make_store: Any) -> None:
 
 def test_window_scope_has_its_windows_only(make_store: Any) -> None:
     store = open_store(make_store(scope="window").path)
-    window = store.windows("train", length_s=1, stride_frames=15)[0]
+    window = store.windows("train", length_s=1, stride=15)[0]
     for attempt in (
         lambda: store.windows("train", length_s=2),
         lambda: store.windows("train", stride_s=1),
@@ -232,7 +232,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
         lambda: store.scaler("fas"),
         lambda: store.clip("train_c0"),
         lambda: store.read(Window("train_x00", 0, 30), "pose"),
-        lambda: store.windows("train", stride_frames=1, fields=("posse",)),
+        lambda: store.windows("train", stride=1, fields=("posse",)),
     ):
         with raises_message(UsageError, "layer|trian|val_c01", where="store1"):
             attempt()
@@ -256,12 +256,12 @@ def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, len
 
 @pytest.mark.parametrize(
     "options",
-    [{"length_s": 1, "length_frames": 30}, {"stride_s": 1, "stride_frames": 30}, {"length_frames": 0},
-     {"stride_frames": -3}, {"length_s": 0.51}, {"length_frames": 2.5}],
+    [{"length_s": 1, "length": 30}, {"stride_s": 1, "stride": 30}, {"length": 0}, {"stride": -3}, {"length_s": 0.51},
+     {"length": 2.5}],
 )  # fmt: skip
 def test_wrong_windows_are_refused(make_store: Any, options: dict[str, Any]) -> None:
     store = open_store(make_store().path)
-    with raises_message(UsageError, "length_s|positive|stride_frames"):
+    with raises_message(UsageError, "length_s|positive|stride"):
         store.windows("train", **options)
 
 
@@ -322,7 +322,7 @@ def test_without_train_windows_there_is_no_scaler(make_store: Any) -> None:
     store = open_store(make_store(clips={"test": 2}).path)
     assert store.stats["fields"] == {}
     assert "no train windows" in store.stats["note"]
-    with raises_message(StoreError, "normalize", where="store1"):
+    with raises_message(StoreError, "scale", where="store1"):
         store.scaler("pose")
 
 

@@ -21,7 +21,7 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata import Evaluator
 from dancedata.core.errors import UsageError
-from dancedata.readers import ClipDataset, WindowDataset, pad_clips
+from dancedata.readers import ClipDataset, Scale, WindowDataset, pad_clips
 from dancedata.store import Store, open_store
 from dancedata.training import SampleLog
 from tests.messages import raises_message
@@ -55,7 +55,7 @@ def evaluator(path: Path) -> Evaluator:
 
 
 def windows(path: Path, split: str = "val") -> WindowDataset:
-    return WindowDataset(path, split, fields=FIELDS, normalize=("edge151",))
+    return WindowDataset(path, split, fields=FIELDS, scale=Scale(fields=("edge151",)))
 
 
 def page_of(path: Path) -> dict[str, Any]:
@@ -111,7 +111,7 @@ def test_a_page_shows_each_sample_beside_its_window(path: Path, store: Store, tm
 
 
 def test_whole_clips_that_are_padded(path: Path, tmp_path: Path) -> None:
-    clips = ClipDataset(path, "val", fields=FIELDS, normalize=("edge151",))
+    clips = ClipDataset(path, "val", fields=FIELDS, scale=Scale(fields=("edge151",)))
     log, plain = SampleLog(evaluator(path), tmp_path), evaluator(path)
     for batch in DataLoader(clips, batch_size=2, collate_fn=pad_clips):
         batch["lengths"]["edge151"][1] -= 30  # all clips of this corpus are equally long
@@ -280,7 +280,7 @@ from accelerate.tracking import GeneralTracker
 from torch.utils.data import DataLoader
 
 from dancedata import Evaluator
-from dancedata.readers import WindowDataset
+from dancedata.readers import Scale, WindowDataset
 from dancedata.training import SampleLog
 
 class Kept(GeneralTracker):
@@ -296,7 +296,7 @@ def run(store, folder):
     accelerator = Accelerator(cpu=True, log_with=tracker)
     accelerator.init_trackers("run")
     log = SampleLog(Evaluator(store, "edge151", normalized=True), folder / "walls", wall=2)
-    windows = WindowDataset(store, "val", fields=("edge151", "librosa35"), normalize=("edge151",))
+    windows = WindowDataset(store, "val", fields=("edge151", "librosa35"), scale=Scale(fields=("edge151",)))
     for batch in accelerator.prepare(DataLoader(windows, 4)):
         log.update(batch["edge151"], batch)
     done = log.finish(7, accelerator=accelerator)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.readers import WindowDataset
+from dancedata.readers import Select, WindowDataset
 from tests.browser import Browser
 from tests.messages import raises_message
 from tests.viewer.helpers import FPS
@@ -44,7 +44,7 @@ def test_marks_are_kept_and_saved(browser: Browser, served: str, odd: Path, tmp_
     ds = dancedata.open(odd, segments=path)
     assert [(s.label, float(s.start)) for s in ds.segments("wav", "mark")] == [("star", 1.5), ("note", 1.5)]
     assert ds.segments("wav", "mark")[1].texts == ("the arm jumps",)
-    train = WindowDataset(ds, "train", ignore=("mark:reject",))
+    train = WindowDataset(ds, "train", select=Select(ignore=("mark:reject",)))
     assert "flac" not in {window.clip for window in train.windows}
     assert len(train) == len(WindowDataset(ds, "train")) - len(ds.windows_of("flac"))
     browser.js("localStorage.clear()")
@@ -58,7 +58,7 @@ def test_windows_that_overlap_a_mark_are_left_out(odd: Path, tmp_path: Path) -> 
         '{"clip": "mp3", "start": "1", "end": "1.04", "layer": "mark", "label": "star", "sided": "no"}\n'
     )
     ds = dancedata.open(odd, segments=path)
-    train, plain = WindowDataset(ds, "train", ignore=("mark:reject",)), WindowDataset(ds, "train")
+    train, plain = WindowDataset(ds, "train", select=Select(ignore=("mark:reject",))), WindowDataset(ds, "train")
     wanted = [
         (window.clip, window.start)
         for window in plain.windows
@@ -70,4 +70,4 @@ def test_windows_that_overlap_a_mark_are_left_out(odd: Path, tmp_path: Path) -> 
     assert left_out == {(w.clip, w.start) for w in plain.windows} - set(wanted)
     assert train.scaler("edge151").sha256 == plain.scaler("edge151").sha256
     with raises_message(UsageError, "mark", where="odd"):
-        WindowDataset(dancedata.open(odd), "train", ignore=("mark:reject",))
+        WindowDataset(dancedata.open(odd), "train", select=Select(ignore=("mark:reject",)))

@@ -1,0 +1,399 @@
+"""What a reader reads, as frozen values that know no store and can stand in presets, YAML files and checkpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+from dancedata.core.arguments import probability, whole
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
+from dancedata.keymotion.characteristic_primitives import Variant
+from dancedata.readers.music_beats import StartAt
+from dancedata.store.like import Reader
+from dancedata.store.normalize import Scaler
+
+MirrorWords = Literal["error", "keep"]
+Choose = Literal["stored", "seed", "left_to_right"]
+ScaleKind = Literal["minmax", "zscore", "zscore_grouped"]
+#: A filter as callers name it: a plug-in, or its name and parameters as in a recipe.
+FilterLike = WindowFilter | Mapping[str, Any] | None
+#: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
+ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader
+
+
+@dataclass(frozen=True)
+class Value:
+    """A frozen value that prints as it is typed, and that plain data of YAML, JSON and checkpoints hold."""
+
+    def __repr__(self) -> str:
+        stated = dict(self._stated())
+        required = (repr(stated.pop(f.name)) for f in fields(self) if f.default is f.default_factory is MISSING)
+        return f"{type(self).__name__}({', '.join((*required, *(f'{n}={v!r}' for n, v in stated.items())))})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what differs from the defaults, as plain data; UsageError for objects, such as plug-ins."""
+        return {name: _plain(f"{type(self).__name__}.{name}", value) for name, value in self._stated()}
+
+    def _stated(self) -> Iterator[tuple[str, Any]]:
+        """Yield names and values of what differs from the defaults."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value != (f.default if f.default_factory is MISSING else f.default_factory()):
+                yield f.name, value
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Self:
+        """Return the value of a mapping of parameters; UsageError for unknown and missing ones."""
+        known = {f.name: f for f in fields(cls)}
+        if not isinstance(plain, Mapping):
+            raise UsageError(f"{cls.__name__} takes a mapping of its parameters", found=shown(plain),
+                             allowed=", ".join(known))  # fmt: skip
+        for name in plain:
+            if name not in known:
+                raise UsageError(f"{cls.__name__} has no parameter {name!r}", fix=did_you_mean(str(name), known))
+        try:
+            return cls(**plain)
+        except TypeError as error:
+            raise UsageError(f"{cls.__name__} lacks a parameter", found=str(error)) from error
+
+    def _one_of(self, name: str, choices: Sequence[str]) -> None:
+        value = getattr(self, name)
+        if value not in choices:
+            raise UsageError(f"unknown {name} {value!r}", where=type(self).__name__,
+                             fix=did_you_mean(str(value), choices))  # fmt: skip
+
+    def _not_both(self, first: str, second: str) -> None:
+        values = {name: getattr(self, name) for name in (first, second)}
+        if all(value and value not in ("minmax", "train") for value in values.values()):
+            both = [f"{name}={value!r}" for name, value in values.items()]
+            raise clash(both[0], both[1], f"{type(self).__name__} takes one of them")
+
+    def _tuples(self, *names: str) -> None:
+        """Make tuples of lists, as plain data hold them."""
+        for name in names:
+            value = getattr(self, name)
+            if isinstance(value, str):
+                object.__setattr__(self, name, (value,))
+            elif isinstance(value, Sequence):
+                object.__setattr__(self, name, tuple(value))
+
+
+def clash(first: object, second: object, why: str) -> UsageError:
+    """Return the error of two values that do not go together."""
+    return UsageError(f"two values do not go together: {why}", found=f"{first} and {second}", fix="leave out one")
+
+
+@dataclass(frozen=True, repr=False)
+class Windows(Value):
+    """Where windows lie; what is None is as stored.
+
+    Attributes
+    ----------
+    length_s, stride_s, length, stride
+        Length and stride, in seconds or in frames: at most one of each pair. Windows end where the clip ends, or the
+        first of the fields in it.
+    fps
+        Rate that the frames are meant at: a dataset of another rate is refused.
+    start_at
+        "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other.
+        Clips without any are in `rejects` ("filtered"). The beats are those of the first of the fields that has such
+        a column, else of the first field of the dataset.
+    trim
+        Whether windows begin at each clip's trim_start, where the dance begins according to the source.
+    """
+
+    length_s: float | str | None = None
+    stride_s: float | str | None = None
+    length: int | None = None
+    stride: int | None = None
+    fps: int | None = None
+    start_at: StartAt | None = None
+    trim: bool = False
+
+    def __post_init__(self) -> None:
+        self._not_both("length_s", "length")
+        self._not_both("stride_s", "stride")
+        if self.start_at is not None:
+            self._one_of("start_at", get_args(StartAt))
+
+    @property
+    def grid(self) -> dict[str, Any]:
+        """Length and stride as `Store.windows` takes them."""
+        return {name: getattr(self, name) for name in ("length_s", "stride_s", "length", "stride")}
+
+
+@dataclass(frozen=True, repr=False)
+class Select(Value):
+    """Which clips and windows are read.
+
+    Attributes
+    ----------
+    where
+        Values that clips may have, by column, ``{"x/level": (3, 4), "genre": "waltz"}``: one of several values; of a
+        column of lists, lists that have one of them; ``{"clip": IDS}`` are those clips. Others are in `rejects`
+        ("filtered").
+    ignore
+        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well. "LAYER:LABEL" leaves
+        out windows that overlap a segment of this layer and label, such as "mark:reject" of the viewer's marks.
+    protocol
+        Such as "cross_genre": lists of that name ("cross_genre.train"), and not the stored splits, define which clips
+        a split has.
+    filter
+        A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``.
+    """
+
+    where: Mapping[str, Any] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
+    protocol: str | None = None
+    filter: FilterLike = None
+
+    def __post_init__(self) -> None:
+        self._tuples("ignore")
+        if isinstance(self.where, Mapping):
+            where = {name: tuple(v) if isinstance(v, list | set) else v for name, v in self.where.items()}
+            object.__setattr__(self, "where", where)
+
+
+@dataclass(frozen=True, repr=False)
+class Scale(Value):
+    """How fields are scaled.
+
+    Attributes
+    ----------
+    kind
+        "minmax": to [-1, 1] by the range in train, as EDGE; values beyond come back whole. "zscore"; or
+        "zscore_grouped": one deviation for the columns of a group, as HumanML3D.
+    fields
+        Names of the fields that are scaled; None: those of motion.
+    clip
+        Whether values are cut to [-1, 1], as EDGE and Lodge do.
+    covers
+        Augmentations, as readers take them, whose results the range covers. Every reader and command that meets the
+        model's columns then needs that scaler by name.
+    over
+        "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test data, and
+        is here to reproduce Lodge's results.
+    scaler
+        A scaler of another reader, such as one that is wider: itself, the file of its ``save``, either by field, or
+        the reader. ``scale=SCALER`` is ``scale=Scale(scaler=SCALER)``.
+    """
+
+    kind: ScaleKind = "minmax"
+    fields: tuple[str, ...] | None = None
+    clip: bool = False
+    covers: Augment = ()
+    over: Literal["train", "all"] = "train"
+    scaler: ScalerLike | None = None
+
+    def __post_init__(self) -> None:
+        self._tuples("fields", "covers")
+        if not isinstance(self.fields, tuple | None):
+            raise UsageError("Scale.fields are names of fields", found=shown(self.fields))
+        self._one_of("kind", get_args(ScaleKind))
+        self._one_of("over", ("train", "all"))
+        for name in ("clip", "covers", "over", "scaler"):
+            self._not_both("kind", name)
+        self._not_both("scaler", "covers")
+        self._not_both("scaler", "over")
+
+    @classmethod
+    def of(cls, scale: Scale | ScalerLike | None) -> Scale:
+        """Return what the argument `scale` of readers stands for: None scales nothing."""
+        if isinstance(scale, bool):
+            raise UsageError(
+                "scale is no truth value", found=scale, allowed="Scale(...), a scaler, its file, or None"
+            )
+        if scale is None:
+            return cls(fields=())
+        return scale if isinstance(scale, cls) else cls(scaler=scale)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, repr=False)
+class Relative(Value):
+    """A motion field whose translation is relative to the window's first frame.
+
+    Such motion cannot be scaled: a scaler is fitted on absolute positions.
+    """
+
+    field: str
+
+
+@dataclass(frozen=True, repr=False)
+class Primitives(Value):
+    """Lodge's primitives of the first motion field, of local segments of `n` frames.
+
+    `variant` "paper" takes the clip's stored key motions, "code" what Lodge's released code finds in the window,
+    shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
+    """
+
+    n: int = 256
+    variant: Variant = "paper"
+
+    def __post_init__(self) -> None:
+        whole("n", self.n, 1)
+        self._one_of("variant", get_args(Variant))
+
+
+@dataclass(frozen=True, repr=False)
+class Text(Value):
+    """``"text"``: one text of a layer of segments, drawn for each (seed, epoch, index); "" where there is none.
+
+    Attributes
+    ----------
+    layer
+        Name of the layer.
+    min_share
+        Share of a window that a segment covers at least if its text may be drawn.
+    empty
+        Share of windows with "" as their text, for guidance.
+    mirror_words
+        Mirrored windows have the words of a mirrored dancer. "error": a layer that may name sides and has no mirrored
+        words cannot be read mirrored. "keep": its words are given as they are.
+    """
+
+    layer: str
+    min_share: float = 0.5
+    empty: float = 0.0
+    mirror_words: MirrorWords = "error"
+
+    def __post_init__(self) -> None:
+        probability("min_share", self.min_share)
+        probability("empty", self.empty)
+        self._one_of("mirror_words", get_args(MirrorWords))
+
+
+@dataclass(frozen=True, repr=False)
+class Segments(Value):
+    """``"segments"``: a list of the segments that a window overlaps, `PlacedSegment`.
+
+    `mirror_words` is that of `Text`.
+    """
+
+    mirror_words: MirrorWords = "error"
+
+    def __post_init__(self) -> None:
+        self._one_of("mirror_words", get_args(MirrorWords))
+
+
+@dataclass(frozen=True, repr=False)
+class Dancers(Value):
+    """Which dancers of a group a sample has.
+
+    Attributes
+    ----------
+    persons
+        Dancers of a sample, P. Default: those of the split's largest group.
+    exactly
+        Only groups of this many dancers, which is then P.
+    choose
+        Which dancers where there are more than P, and their order. "stored": the first, as in the source. "seed":
+        drawn for each (seed, epoch, index), in a new order also where there are exactly P, as GCD does.
+        "left_to_right": by x in the first frame, as given out.
+    singles
+        Whether single dancers are groups of one; else they are left out and counted in `rejects`.
+    """
+
+    persons: int | None = None
+    exactly: int | None = None
+    choose: Choose = "stored"
+    singles: bool = False
+
+    def __post_init__(self) -> None:
+        self._not_both("persons", "exactly")
+        self._one_of("choose", get_args(Choose))
+        for name in ("persons", "exactly"):
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), 1)
+
+
+#: An entry of `fields`: the name of a field, or of a free column, "x/NAME"; or what is made of them.
+Item = str | Relative | Primitives | Text | Segments
+_ITEMS: Mapping[str, type[Value]] = {cls.__name__.lower(): cls for cls in (Relative, Primitives, Text, Segments)}
+_ARGUMENTS: Mapping[str, type[Value]] = {"windows": Windows, "select": Select, "scale": Scale, "dancers": Dancers}
+
+
+def to_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of a reader as plain data, for YAML, JSON and checkpoints.
+
+    ``{"fields": ("edge151", Text("style")), "windows": Windows(length=150)}`` is ``{"fields": ["edge151", {"text":
+    {"layer": "style"}}], "windows": {"length": 150}}``. UsageError for what is not data, such as a plug-in object.
+    """
+    return {name: _plain(name, value) for name, value in arguments.items()}
+
+
+def from_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a reader that plain data of `to_plain` stand for; UsageError for unknown parameters."""
+    made = dict(arguments)
+    for name, cls in _ARGUMENTS.items():
+        value = made.get(name)
+        if isinstance(value, Mapping) and (cls is not Scale or value.keys() & {f.name for f in fields(Scale)}):
+            made[name] = cls.from_dict(value)
+    if isinstance(made.get("fields"), list | tuple):
+        made["fields"] = tuple(_item(entry) for entry in made["fields"])
+    return made
+
+
+def _item(entry: Any) -> Item:
+    if not isinstance(entry, Mapping):
+        return entry  # type: ignore[no-any-return]  # a name; readers check it
+    for name, parameters in entry.items() if len(entry) == 1 else ():
+        if name in _ITEMS:
+            return _ITEMS[name].from_dict(parameters or {})  # type: ignore[return-value]
+    raise UsageError("an entry of fields is neither a name nor one of the mappings", found=repr(entry),
+                     allowed=", ".join(f"{{{known}: ...}}" for known in _ITEMS))  # fmt: skip
+
+
+def _plain(where: str, value: Any) -> Any:
+    if isinstance(value, Value):
+        tag = type(value).__name__.lower()
+        return {tag: value.to_dict()} if tag in _ITEMS else value.to_dict()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(f"{where}.{name}", entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(where, entry) for entry in value]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, str | int | float):
+        return value
+    raise UsageError(f"{where} is not plain data", found=shown(value),
+                     fix="name it: plug-ins by {NAME: parameters}, scalers by the file of save(FILE)")  # fmt: skip
+
+
+def _lodge(length: int, stride: int) -> dict[str, Any]:
+    return {
+        "fields": ("lodge139", "librosa35"),
+        "windows": Windows(length=length, stride=stride, fps=30, trim=True),
+        "select": Select(ignore=("ignored",), protocol="cross_genre", filter={"movement": {"field": "lodge139"}}),
+        "scale": Scale(clip=True),
+    }
+
+
+#: Arguments of readers as published trainers have them: ``WindowDataset(OUT, **PRESETS["edge"])``; others take their
+#: place, ``**PRESETS["edge"] | {"scale": None}``.
+PRESETS: Mapping[str, dict[str, Any]] = {
+    # EDGE (Tseng et al. 2023, data/slice.py): 5 s every 0.5 s.
+    "edge": {
+        "fields": ("edge151", "librosa35"),
+        "windows": Windows(length_s=5, stride_s=0.5, fps=30),
+        "scale": Scale(clip=True),
+    },
+    # Lodge (Li et al., CVPR 2024): trimmed tracks, cross-genre split, without training windows that stand still.
+    "lodge-global": _lodge(1024, 1024 // 10),
+    "lodge-local": _lodge(256, 256 // 8),
+    # FineDance (Li et al. 2023): whole tracks, 130 ignored as well, the root relative to each window's first frame.
+    "finenet": {
+        "fields": (Relative("finedance319"), "librosa35"),
+        "windows": Windows(length=120, stride=12, fps=30),
+        "select": Select(
+            ignore=("ignored", "ignored.finenet"),
+            protocol="cross_genre",
+            filter={"movement": {"field": "finedance319"}},
+        ),
+        "scale": None,
+    },
+}

@@ -1,0 +1,195 @@
+"""Values that say what readers read: as they print, as plain data, those that clash, and readers made of them."""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from torch.utils.data import DataLoader
+
+import dancedata
+from dancedata.core.errors import UsageError
+from dancedata.filters.movement import Movement
+from dancedata.readers import (
+    PRESETS,
+    ClipDataset,
+    Dancers,
+    EpochSampler,
+    GroupDataset,
+    Primitives,
+    Relative,
+    Scale,
+    Segments,
+    Select,
+    Text,
+    WindowDataset,
+    Windows,
+    from_plain,
+    to_plain,
+)  # fmt: skip
+from dancedata.store import Store
+from tests.messages import raises_message
+
+ARGUMENTS: dict[str, Any] = {
+    "fields": ("edge151", "x/level", Relative("lodge139"), Primitives(n=128), Text("style", empty=0.1)),
+    "windows": Windows(length_s=4, stride=10, fps=30, start_at="downbeat", trim=True),
+    "select": Select({"genre": ("gBR", "gPO")}, ignore=("a", "b"), protocol="p", filter={"movement": {"min_std": 1}}),
+    "scale": Scale(fields=("edge151",), clip=True, covers=({"mirror": 0.5}, "yaw"), over="all"),
+    "dancers": Dancers(persons=3, choose="seed", singles=True),
+    "augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}},
+    "seed": 3,
+}
+VALUES = [v for v in (*ARGUMENTS.values(), *ARGUMENTS["fields"], Segments("keep"), Scale()) if hasattr(v, "to_dict")]
+
+
+@pytest.mark.parametrize("value", VALUES, ids=repr)
+def test_values_print_as_they_are_typed_and_come_back(value: Any) -> None:
+    assert eval(repr(value)) == value
+    assert type(value).from_dict(json.loads(json.dumps(value.to_dict()))) == value
+    with pytest.raises(AttributeError):
+        value.other = 1
+
+
+@pytest.mark.parametrize("arguments", [ARGUMENTS, *PRESETS.values()], ids=["all", *PRESETS])
+def test_arguments_are_data_of_yaml_and_of_checkpoints(arguments: dict[str, Any]) -> None:
+    plain = to_plain(arguments)
+    assert from_plain(yaml.safe_load(yaml.safe_dump(plain))) == arguments
+    file = io.BytesIO()
+    torch.save({"reader": plain}, file)
+    file.seek(0)
+    assert from_plain(torch.load(file, weights_only=True)["reader"]) == arguments
+
+
+def test_scalers_are_data_by_their_files(tmp_path: Path) -> None:
+    given = {"scale": {"edge151": tmp_path / "a.json"}}
+    assert from_plain(to_plain(given)) == {"scale": {"edge151": str(tmp_path / "a.json")}}
+    with raises_message(UsageError, "plain data"):
+        to_plain({"select": Select(filter=Movement(field="lodge139"))})
+
+
+@pytest.mark.parametrize(
+    "plain",
+    [
+        {"windows": {"lenght": 3}}, {"select": {"were": {}}}, {"scale": {"kind": "minmaxx"}},
+        {"fields": [{"txt": {}}]}, {"fields": [{"text": {}}]}, {"dancers": {"choose": "tallest"}},
+        {"scale": {"kind": "zscore", "clip": True}},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_plain_data_that_stand_for_nothing(plain: dict[str, Any]) -> None:
+    with raises_message(UsageError, "lenght|were|minmaxx|txt|layer|tallest|clip"):
+        from_plain(plain)
+
+
+@pytest.mark.parametrize(
+    ("make", "both"),
+    [
+        (lambda: Windows(length=3, length_s=1), ("length=3", "length_s=1")),
+        (lambda: Windows(stride=3, stride_s=1), ("stride=3", "stride_s=1")),
+        (lambda: Dancers(persons=3, exactly=2), ("persons=3", "exactly=2")),
+        (lambda: Scale("zscore", clip=True), ("kind='zscore'", "clip=True")),
+        (lambda: Scale("zscore", covers=["mirror"]), ("kind='zscore'", "covers=('mirror',)")),
+        (lambda: Scale("zscore_grouped", over="all"), ("kind='zscore_grouped'", "over='all'")),
+        (lambda: Scale(covers=["mirror"], scaler="a.json"), ("covers=('mirror',)", "scaler='a.json'")),
+    ],
+)  # fmt: skip
+def test_values_that_do_not_go_together_are_both_named(make: Any, both: tuple[str, str]) -> None:
+    with pytest.raises(UsageError, match="go together") as caught:
+        make()
+    assert all(name in str(caught.value) for name in both)
+
+
+def test_readers_name_both_values(built: Path) -> None:
+    ds = dancedata.open(built)
+    own = ds.windows("train")
+    for arguments, both in (
+        ({"windows": own, "select": Select({"genre": "break"})}, ("Select(", "WindowList(")),
+        ({"windows": own, "split": "val"}, ("split='val'", "WindowList(")),
+        ({"windows": Windows(start_at="beat"), "augment": ["crop"]}, ("start_at='beat'", "crop")),
+        ({"fields": ("edge151", Text("a"), Segments())}, ("Text('a')", "Segments()")),
+        ({"fields": (Relative("edge151"),)}, ("Relative('edge151')", "scaled edge151")),
+        ({"fields": ("edge151", Primitives(n=77))}, ("windows of 150 frames", "Primitives(n=77)")),
+    ):
+        with pytest.raises(UsageError, match="go together") as caught:
+            WindowDataset(ds, **arguments)  # type: ignore[arg-type]
+        assert all(name in str(caught.value) for name in both), both
+    for arguments in ({"windows": 5}, {"windows": own[:0]}, {"select": {"genre": "break"}}, {"scale": True}):
+        with raises_message(UsageError, "Windows|empty|Select|Scale"):
+            WindowDataset(ds, **arguments)  # type: ignore[arg-type]
+    with raises_message(UsageError, "names"):
+        Scale(fields=True)  # type: ignore[arg-type]
+
+
+def test_windows_of_ones_own_are_those_that_are_read(built: Path) -> None:
+    ds = dancedata.open(built)
+    windows, clips = ds.windows("train"), ds.to_pandas()
+    genre = clips[clips.split == "train"].genre.iloc[0]
+    chosen = set(clips[clips.genre == genre].id)
+    places = [k for k, w in enumerate(windows) if w.clip in chosen and w.start >= 30]
+    data = WindowDataset(ds, fields=("edge151",), windows=windows.take(places), augment={"mirror": 0.5})
+    every = WindowDataset(built, fields=("edge151",))
+    assert [(s["clip"], s["start"]) for s in data.samples(range(len(data)))] == [
+        (windows[k].clip, windows[k].start) for k in places
+    ]
+    data.set_epoch(0)
+    plain = next(k for k in range(len(data)) if not data[k]["mirrored"])
+    assert torch.equal(data[plain]["edge151"], every[places[plain]]["edge151"])
+    genres = WindowDataset(ds, fields=("edge151",), select=Select({"genre": (genre,)}))
+    assert {s["clip"] for s in genres.samples(range(len(genres)))} == chosen & {w.clip for w in windows}
+
+
+def test_readers_print_what_a_sample_is(built: Path) -> None:
+    scaler = dancedata.open(built).scaler("edge151")
+    text = str(WindowDataset(built, **PRESETS["edge"] | {"augment": {"mirror": 0.5}}))
+    assert f"edge151: (150, 151) float32, minmax scaler {scaler.sha256[:12]}, cut to [-1, 1]" in text
+    assert "librosa35: (150, 35) float32, as stored" in text
+    assert "mirror p=0.5" in text
+    assert "edge151: (180, 151) float32" in str(ClipDataset(built))  # whole clips of one length
+    assert "edge151: (90, 151) float32" in str(ClipDataset(built, windows=Windows(length=90)))
+
+
+def test_edge_by_its_preset(built: Path) -> None:
+    data = WindowDataset(built, **PRESETS["edge"])
+    batch = next(iter(DataLoader(data, 4, sampler=EpochSampler(data, seed=0))))
+    assert batch["edge151"].shape == (4, 150, 151)
+    assert float(batch["edge151"].abs().max()) <= 1
+
+
+def test_z_scores_of_mirrored_and_turned_windows(built: Path) -> None:
+    arguments: dict[str, Any] = {
+        "fields": ("edge151", "librosa35"),
+        "windows": Windows(length_s=4, stride_s=1),
+        "seed": 1,
+    }
+    data, raw = (
+        WindowDataset(built, scale=scale, augment={"mirror": 0.5, "yaw": True}, **arguments)
+        for scale in (Scale("zscore"), None)
+    )
+    for reader in (data, raw):
+        reader.set_epoch(2)
+    scaler = dancedata.open(built).scaler("edge151", "zscore")
+    np.testing.assert_allclose(data[3]["edge151"], scaler.normalize(raw[3]["edge151"]), atol=1e-5)
+    assert data.scaler("edge151").sha256 == scaler.sha256
+
+
+def test_groups_cover_what_changes_them(tmp_path: Path, store_of_groups: Store) -> None:
+    covers = {"mirror": 0.5, "yaw": True}
+    wide = GroupDataset(store_of_groups, fields=("edge151",), augment=covers, scale=Scale(covers=covers))
+    assert float(torch.stack([wide[k]["edge151"] for k in range(len(wide))]).abs().max()) <= 1 + 1e-4
+    for arguments in ({"select": Select(ignore=("a",))}, {"windows": Windows(start_at="beat")}):
+        with raises_message(UsageError, "GroupDataset"):
+            GroupDataset(store_of_groups, fields=("edge151",), **arguments)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def store_of_groups(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    from dancedata.store import write_store
+    from tests.groups_store import HEADER, stored
+
+    out = tmp_path_factory.mktemp("groups")
+    write_store(out, HEADER, stored({"train": (2, 3), "val": (2,)}))
+    return dancedata.open(out)
