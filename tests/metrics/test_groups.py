@@ -11,9 +11,8 @@ import pytest
 
 from dancedata.core.dance import Undefined
 from dancedata.core.skeleton import SMPL24
-from dancedata.metrics import beat_alignment, diversity, frechet, geometric, groups, motion_beats, pbc, pfc, skating
+from dancedata.metrics import beat_alignment, geometric, groups, motion_beats, skating
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
-from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.synthetic import synthesise_motion
 from tests.conftest import DATA, unpack
 
@@ -75,21 +74,6 @@ def test_a_follower_as_duolando_measures_her(golden: Mapping[str, Array], scores
     assert [found.sliding[0], found.counted[0]] == scores["footskating"].tolist()
     beats = motion_beats(follower, 30, detector="bailando")
     assert beat_alignment(scores["music_beats"], beats, sigma=3) == pytest.approx(float(scores["bas"]), rel=1e-9)
-
-
-def test_tables_as_gcd_and_duolando_compare_them(scores: Mapping[str, Array]) -> None:
-    real, made = STATISTICS["numpy"](scores["gcd.real"], scores["gcd.gen"])
-    assert frechet(real, made) == pytest.approx(float(scores["gcd.frechet"]), rel=1e-5)
-    assert diversity(made) == pytest.approx(float(scores["gcd.diversity"]), rel=1e-5)
-    real, made = STATISTICS["numpy"](scores["duolando.gt"], scores["duolando.pred"])
-    assert frechet(real, made) == pytest.approx(float(scores["duolando.frechet"]), rel=1e-4)
-    np.testing.assert_allclose([diversity(made), diversity(real)], scores["duolando.diversity"], rtol=1e-4)
-
-
-def test_physical_scores_as_popdg_computes_them(scores: Mapping[str, Array]) -> None:
-    joints = scores["popdg.joints"]
-    assert pbc(joints, 30, variant="code", up="z") == pytest.approx(float(scores["popdg.pbc"]), rel=1e-4)
-    assert pfc(joints, 30, variant="code", up="z") == pytest.approx(float(scores["popdg.pfc"]), rel=1e-4)
 
 
 def test_members_order_does_not_matter() -> None:

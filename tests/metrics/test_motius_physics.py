@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from dancedata.core.tracks import runs
 from dancedata.metrics import physics
-from dancedata.metrics.motius_physics import _MIN_RUN, _bad_contacts, _swing
 
 LEFT, RIGHT = 10, 11
 
@@ -38,26 +36,3 @@ def test_a_foot_in_the_air_floats(resting: int, floating: float) -> None:
     joints[:, LEFT, 2] = np.concatenate([[0.0], np.cumsum(toe)[:-1]])
     joints[10:20, LEFT, 1] = 1.0  # and in frame 19 it comes down
     assert physics(joints).floating * 30 == pytest.approx(floating)
-
-
-def test_runs_of_four_frames() -> None:
-    free = np.array([1, 1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1, 1], dtype=bool)
-    assert runs(free, _MIN_RUN) == [(4, 8), (10, 15)]
-    assert runs(np.zeros(5, dtype=bool), _MIN_RUN) == []
-
-
-def test_contacts_that_do_not_fit() -> None:
-    contact = np.array([[1, 1], [1, 1], [1, 0], [0, 1], [1, 0], [0, 0]], dtype=bool)
-    inverted = np.array([[1, 1], [1, 0], [1, 0], [1, 0], [0, 1], [1, 1]], dtype=bool)
-    assert _bad_contacts(contact, inverted).tolist() == [True, False, True, False, False, False]
-
-
-def test_swinging_back_and_forth() -> None:
-    frames = np.arange(24.0)
-    wobble = np.stack([0.05 * frames, 0.2 * np.abs(np.sin(frames * np.pi / 4)), 0 * frames], axis=1)
-    straight = wobble * (1, 0, 0)
-    assert _swing(wobble, 0, 24) == 24
-    assert _swing(straight, 0, 24) == 0
-    assert _swing(wobble, 0, 3) == 0
-    assert _swing(wobble, 0, 10) == 0  # two peaks
-    assert _swing(wobble, 0, 11) == 11  # three

@@ -1,8 +1,5 @@
-"""The vectorised metrics against plain loops, and against properties that the formulas have."""
+"""Properties that the formulas have, and a Frechet distance in exact arithmetic."""
 
-import importlib.util
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -11,17 +8,12 @@ import pytest
 from dancedata.core.dance import Dance, MusicBeats
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric
-from dancedata.keymotion.minima import smoothed
 from dancedata.metrics import (
-    beat_alignment,
-    diversity,
     frechet,
-    geometric,
     kinetic,
     motion_beats,
     pfc,
     physics,
-    skating,
 )
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import SKATING_RULES, FootSkating
@@ -30,21 +22,9 @@ from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, Kinetic, kineti
 from dancedata.metrics.motius_physics import MotiusPhysics
 from dancedata.metrics.physical_contact import PFC_VARIANTS, Pbc, Pfc
 from dancedata.metrics.root import ROOTS
-from dancedata.metrics.set_statistics import SetScores
 from dancedata.synthetic import synthesise_motion
 
-ROOT = Path(__file__).resolve().parents[2]
 SIXTY = FrameGrid.of(60)
-
-
-@pytest.fixture(scope="module")
-def loops() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("metric_loops", ROOT / "benchmarks" / "metric_loops.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")
@@ -53,50 +33,6 @@ def joints() -> np.ndarray:
     positions = synthesise_motion("gHO_sBM_cAll_d19_mHO3_ch07", n_frames=120)[0].joints()
     sway = 0.05 * np.sin(np.arange(120) / 7)[:, None, None] * np.array([1, 0, 0.5])
     return positions + sway + np.array([0.3, 0.1, -1.2])
-
-
-@pytest.mark.parametrize("energy", ["fixed", "code"])
-def test_kinetic(loops: ModuleType, joints: np.ndarray, energy: Any) -> None:
-    for n in (3, 4, 5, 6, 60):
-        wanted = loops.kinetic(joints[:n, :5], 1 / 60, slip=energy == "code")
-        np.testing.assert_allclose(kinetic(joints[:n, :5], 60, energy=energy), wanted, rtol=1e-10)
-    wanted = loops.kinetic(joints[:20, :5], 1 / 60, slip=energy == "code", up=2)
-    np.testing.assert_allclose(kinetic(joints[:20, :5], 60, energy=energy, up="z"), wanted, rtol=1e-10)
-
-
-def test_geometric(loops: ModuleType, joints: np.ndarray) -> None:
-    for n in (2, 3, 120):
-        np.testing.assert_array_equal(geometric(joints[:n]), loops.geometric(joints[:n]))
-    assert 10 < (geometric(joints) > 0).sum() < 32
-
-
-def test_beats(loops: ModuleType, joints: np.ndarray) -> None:
-    beats = motion_beats(joints, 60, detector="bailando").tolist()
-    assert beats == loops.motion_beats(joints, lambda curve: smoothed(curve, 5))
-    assert len(beats) >= 2
-    music = [3, 30, 61, 90, 200]
-    for from_, to in ((beats, music), (music, beats)):
-        found = beat_alignment(np.array(from_), np.array(to[::-1]), sigma=3)
-        assert found == pytest.approx(loops.beat_alignment(from_, to, 3), rel=1e-12)
-
-
-def test_feet(loops: ModuleType, joints: np.ndarray) -> None:
-    assert pfc(joints, 60, variant="code") == pytest.approx(loops.pfc(joints), rel=1e-12)
-    assert loops.pfc(joints) > 0.01
-    gliding = joints + np.arange(120)[:, None, None] * (0.012, 0, 0.001) * (np.arange(120) % 40 > 20)[:, None, None]
-    for positions in (joints, gliding):
-        found = skating(positions, 30, rule="lodge-code").ratios
-        np.testing.assert_array_equal(found, loops.skating(positions))
-    assert skating(gliding, 30, rule="lodge-norm").ratio > skating(joints, 30, rule="lodge-norm").ratio
-
-
-@pytest.mark.parametrize(("n", "m"), [(30, 40), (9, 40), (9, 8)])
-def test_sets(loops: ModuleType, n: int, m: int) -> None:
-    rng = np.random.default_rng(0)
-    one, two = rng.normal(size=(n, 12)) @ rng.normal(size=(12, 12)), rng.normal(1, 2, (m, 12))
-    tolerance = 1e-10 if n > 12 else 1e-4  # there the matrix root is what is off
-    assert frechet(one, two) == pytest.approx(loops.frechet(one, two), rel=tolerance)
-    assert diversity(one) == pytest.approx(loops.diversity(one), rel=1e-12)
 
 
 #: frechet() of `_numbers`, computed with 60 digits by mpmath.
@@ -112,30 +48,6 @@ def _numbers(n: int, seed: int) -> list[list[int]]:
 def test_frechet_in_exact_arithmetic(n: int, m: int) -> None:
     found = frechet(np.array(_numbers(n, 5), float), np.array(_numbers(m, 3), float))
     assert found == pytest.approx(STORED[n, m], rel=1e-13)
-
-
-@pytest.mark.parametrize(("n", "m"), STORED)
-def test_the_stored_numbers(n: int, m: int) -> None:
-    """By the eigenvalues of C1 C2, which is not how `frechet` computes it."""
-    mpmath = pytest.importorskip("mpmath")
-    with mpmath.workdps(60):
-        one, two = mpmath.matrix(_numbers(n, 5)), mpmath.matrix(_numbers(m, 3))
-        assert float(_exact_frechet(mpmath, one, two)) == pytest.approx(STORED[n, m], rel=1e-15)
-
-
-def _exact_frechet(mp: Any, *sets: Any) -> Any:
-    means, covariances = [], []
-    for rows in sets:
-        n, width = rows.rows, rows.cols
-        mean = [mp.fsum(rows[i, j] for i in range(n)) / n for j in range(width)]
-        centred = mp.matrix([[rows[i, j] - mean[j] for j in range(width)] for i in range(n)])
-        means.append(mean)
-        covariances.append(centred.T * centred / (n - 1))
-    values = mp.eig(covariances[0] * covariances[1], left=False, right=False)
-    root = mp.fsum(mp.sqrt(abs(mp.re(value))) for value in values)
-    apart = mp.fsum((a - b) ** 2 for a, b in zip(*means, strict=True))
-    traces = mp.fsum(c[j, j] for c in covariances for j in range(c.rows))
-    return apart + traces - 2 * root
 
 
 def _turned(joints: np.ndarray, degrees: float) -> np.ndarray:
@@ -197,14 +109,6 @@ def test_rates(joints: np.ndarray) -> None:
     assert pfc(joints, 60) == pytest.approx(4 * pfc(joints, 60, variant="code"))
     assert pfc(half, 30) == pytest.approx(pfc(half, 30, variant="code"))
     assert physics(half).dynamic > 1.5 * physics(joints).dynamic
-
-
-def test_the_order_of_clips_does_not_matter() -> None:
-    rng = np.random.default_rng(0)
-    rows, pool = rng.normal(size=(30, 12)), rng.normal(size=(60, 12))
-    one, other = SetScores.of(rows, pool), SetScores.of(rng.permutation(rows), rng.permutation(pool))
-    for name in ("fid", "div", "div_pool", "fid_varying"):
-        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-10)
 
 
 def test_the_other_kinetic_definitions() -> None:
