@@ -221,6 +221,6 @@ def moto_bucket(folder: Path, prefix: str) -> Iterator[dict[str, str]]:
         data = (folder / name.rsplit("/", 1)[-1]).read_bytes() if name else b""
         headers = {"Content-Type": "binary/octet-stream"}
         request = urllib.request.Request(f"http://{host}:{port}/dances{name}", data, headers, method="PUT")
-        urllib.request.urlopen(request, timeout=9).close()
+        urllib.request.urlopen(request, timeout=60).close()
     yield {**S3, "AWS_ENDPOINT": f"http://{host}:{port}"}
     server.stop()

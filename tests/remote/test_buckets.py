@@ -175,4 +175,4 @@ def _make_container(name: str) -> None:
     signature = base64.b64encode(hmac.digest(base64.b64decode(key), text.encode(), "sha256")).decode()
     headers["Authorization"] = f"SharedKey {account}:{signature}"
     url = f"http://127.0.0.1:10000/{account}/{name}?restype=container"
-    urllib.request.urlopen(urllib.request.Request(url, headers=headers, method="PUT"), timeout=9).close()
+    urllib.request.urlopen(urllib.request.Request(url, headers=headers, method="PUT"), timeout=60).close()

@@ -173,7 +173,7 @@ def test_a_server_that_sends_single_bytes(
 
     server.fault(_shard(published), drip)
     assert _whole(pull(address, progress=False).path, published)
-    assert server.requests[_shard(published)] == 2
+    assert server.requests[_shard(published)] >= 2  # a busy machine stalls by itself
 
 
 def test_no_server(tmp_path: Path) -> None:
@@ -295,7 +295,7 @@ def test_killed_at_any_byte(server: Server, address: str, published: Path, own_c
 
         server.fault(name, stop)
         process = _start(address)
-        assert hit.wait(30)
+        assert hit.wait(120)
         time.sleep(0.05)
         process.send_signal(signal.SIGKILL)
         process.communicate()

@@ -146,7 +146,7 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
 
     def later(handler: Handler, data: bytes) -> bool:
         sent.append(handler.path)
-        return not go_on.wait(30)
+        return not go_on.wait(120)
 
     remote, local = (WindowDataset(where, "train", scale=None) for where in (f"{server.url}/store", published))
     size = max(np.diff([*local.shard_starts, len(local)]).tolist())
