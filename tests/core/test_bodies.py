@@ -20,7 +20,7 @@ from dancedata.core.bodies import (
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
+from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.representations.humanml263 import Humanml263
 from tests.messages import raises_message
 
@@ -66,16 +66,6 @@ def test_smplx55_is_as_published() -> None:
     ):
         np.testing.assert_allclose(positions[index], position, atol=1e-12)
     assert SMPLX55.feet == (7, 8, 10, 11)
-
-
-def test_52_and_22_joints() -> None:
-    positions = rest(SMPLX55)
-    np.testing.assert_allclose(rest(SMPLX52), np.delete(positions, [22, 23, 24], axis=0), atol=1e-12)
-    np.testing.assert_allclose(rest(SMPLX22), positions[:22], atol=1e-12)
-    assert SMPLX52.joints == (*SMPLX55.joints[:22], *SMPLX55.joints[25:])
-    assert SMPLX22.joints == BODY_JOINTS
-    # Fingers of the 52: 22..36 left, 37..51 right.
-    assert set(SMPLX52.pairs[-15:]) == {(j, j + 15) for j in range(22, 37)}
 
 
 @pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=lambda s: s.name)
@@ -161,10 +151,6 @@ def test_smplhs_mean_body_is_smpls() -> None:
         np.testing.assert_array_equal(carried_over(smplh, target).joints(), carried_over(motion, target).joints())
     own = replace(SMPLH52, offsets=SMPLH52.offsets * 1.2)
     assert carried_over(motion_on(own), SMPLX52).skeleton is own
-
-
-def test_edges_root_is_kept() -> None:
-    assert carried_over(motion_on(SMPL24_EDGE), SMPL24).skeleton is SMPL24_EDGE
 
 
 def test_a_skeleton_of_another_family_is_sent_to_retarget() -> None:

@@ -94,31 +94,6 @@ def test_other_ratios_against_scipy(rate: str, n: int) -> None:
         )
 
 
-@pytest.mark.parametrize("rate", [*RATES, "120", "60"])
-def test_constant_turning_is_exact_through_wraps(rate: str) -> None:
-    """A joint that turns at 400 degrees a second, in a file once wrapped to pi and once not."""
-    grid = FrameGrid.of(rate)
-    n = 3 * int(grid.rate)
-    axis = np.array([2.0, -1.0, 2.0]) / 3
-    speed = np.radians(400)
-    plain = (np.arange(n) / float(grid.rate) * speed)[:, None] * axis
-    wrapped = Rotation.from_rotvec(plain).as_rotvec()
-    assert np.linalg.norm(plain, axis=1).max() > 4 * np.pi
-    for rotvec in (plain, wrapped):
-        motion = Motion(np.zeros((n, 3)), np.tile(rotvec[:, None], (1, 24, 1)), grid, SMPL24).resampled(THIRTY)
-        truth = (np.arange(motion.n_frames) / 30 * speed)[:, None] * axis
-        assert angles(motion.rotations[:, 5], truth).max() < 1e-7
-
-
-def test_frames_that_coincide_are_hit() -> None:
-    """Every second frame at 30 is every fifth at 75, to the last digits, however far from the start."""
-    motion = make(2001, 75)
-    made = motion.resampled(THIRTY)
-    assert made.n_frames == 801
-    np.testing.assert_allclose(made.translation[::2], motion.translation[::5], atol=1e-13)
-    assert angles(made.rotations[::2], motion.rotations[::5]).max() < 1e-7
-
-
 @pytest.mark.parametrize(
     ("trim", "start", "stop", "expected"),
     [(5, 0, 10, 5), (5, 3, 10, 2), (5, 5, 10, 0), (5, 8, 10, 0), (5, 0, 4, 0), (5, 0, 5, 0), (5, 0, 6, 5)],
@@ -165,12 +140,3 @@ def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> No
         kept.matrices[0] = 0
     with raises_message(DataError, "frames", reason="empty"):
         kept.part(5, 5)
-
-
-def test_a_motion_made_from_one_that_remembers_is_its_own() -> None:
-    kept, other = make(10).with_cache(), make(10, seed=1)
-    changed = replace(kept.part(0, 10), rotations=other.rotations, translation=other.translation)
-    np.testing.assert_array_equal(changed.matrices, other.matrices)
-    np.testing.assert_array_equal(changed.joints(), other.joints())
-    on = kept.on(SMPL24.mirrored())
-    np.testing.assert_array_equal(on.joints(), make(10).on(SMPL24.mirrored()).joints())

@@ -42,13 +42,6 @@ def test_wrong_name_gets_the_closest() -> None:
         SMPL24.index("left_kne")
 
 
-def test_offsets_are_copied() -> None:
-    offsets = np.array(SMPL24.offsets)
-    skeleton = replace(SMPL24, offsets=offsets)
-    offsets[:] = 7
-    np.testing.assert_array_equal(skeleton.offsets, SMPL24.offsets)
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -15,7 +15,6 @@ import dancedata
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.fitting import fitted
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
@@ -124,15 +123,6 @@ def test_the_mirror_is_the_reflections_on_a_symmetric_body(monkeypatch: pytest.M
     np.testing.assert_allclose(image, MADE.encode(mirrored_motion(motion)), rtol=0, atol=1e-5)
 
 
-def test_bones_that_point_against_their_rest() -> None:
-    """Both arms straight up: the half turn's axis is open, and stays finite and continuous in the columns."""
-    rotations = np.zeros((4, 24, 3))
-    rotations[:, 16, 2], rotations[:, 17, 2] = np.pi / 2, -np.pi / 2
-    array = MADE.encode(Motion(np.zeros((4, 3)), rotations, TWENTY, SMPL24))
-    assert np.isfinite(array).all()
-    np.testing.assert_allclose(MADE.decode(array, TWENTY).joints(), MADE.positions(array), rtol=0, atol=1e-6)
-
-
 def test_invalid_input_is_refused() -> None:
     with raises_message(UsageError, "contacts"):
         MADE.encode(_dance(), Velocity())
@@ -145,13 +135,6 @@ def test_invalid_input_is_refused() -> None:
     array[3, 100] = np.nan
     with raises_message(DataError, "infinity", where="humanml263", reason="nan"):
         MADE.decode(array, TWENTY)
-
-
-def test_fitting_takes_any_positions() -> None:
-    positions = np.random.default_rng(0).normal(size=(20, 22, 3))
-    motion = fitted(positions, HUMANML22, TWENTY)
-    assert np.isfinite(motion.joints()).all()
-    np.testing.assert_allclose(motion.joints()[:, 0], positions[:, 0], atol=1e-9)
 
 
 def test_infinitedances_columns(tmp_path: Path) -> None:

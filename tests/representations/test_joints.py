@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -106,16 +105,3 @@ def test_unsupported_motions_are_refused() -> None:
     for made in (Joints(), Bailando72()):
         with raises_message(UsageError, "contacts"):
             made.encode(random_motion(SMPL24), Height())
-
-
-def test_bailando_has_smpls_pelvis() -> None:
-    made = Bailando72()
-    assert made.columns.width == 72
-    assert made.rate == Fraction(60)
-    still = Motion(np.array([[1.0, 2.0, 3.0]]), np.zeros((1, 24, 3)), THIRTY, SMPL24)
-    np.testing.assert_allclose(made.encode(still)[0, :3], [1 - 0.00217368, 2 - 0.24078918, 3 + 0.02858379], atol=1e-6)
-    # From another body as well: SMPL's bones, at the place of its pelvis.
-    other = Motion(still.translation + SMPL24.offsets[0] - SMPLX52.offsets[0], np.zeros((1, 52, 3)), THIRTY, SMPLX52)
-    np.testing.assert_allclose(made.encode(other), made.encode(still), atol=1e-6)
-    motion = random_motion(SMPL24)
-    np.testing.assert_array_equal(made.encode(motion), Joints("smpl24").encode(motion))

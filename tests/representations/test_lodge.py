@@ -7,7 +7,7 @@ import pytest
 
 from dancedata.contacts.height import Height
 from dancedata.contacts.velocity import Velocity
-from dancedata.core.bodies import BODY_JOINTS, SMPLX22, SMPLX52, SMPLX55
+from dancedata.core.bodies import BODY_JOINTS, SMPLX22
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -87,12 +87,6 @@ def test_contacts_see_the_grounded_joints(made: Any) -> None:
         made.encode(motion)
 
 
-@pytest.mark.parametrize("source", [SMPL24, SMPLX22, SMPLX52, SMPLX55], ids=lambda s: s.name)
-def test_139_are_the_first_columns_of_319(source: Skeleton) -> None:
-    motion = random_motion(source, trim=2)
-    np.testing.assert_array_equal(Lodge139().encode(motion, Height()), Lodge319().encode(motion, Height())[:, :139])
-
-
 def test_smpls_translation_is_kept_on_smplx() -> None:
     """As Lodge does with AIST++: the same numbers, on the other body, whose feet then decide the floor."""
     motion = random_motion(SMPL24)
@@ -100,14 +94,3 @@ def test_smpls_translation_is_kept_on_smplx() -> None:
     np.testing.assert_allclose(array[:, [4, 6]], motion.translation[:, [0, 2]], atol=1e-6)
     on_smplx = Motion(motion.translation, motion.rotations[:, :22], THIRTY, SMPLX22)
     np.testing.assert_array_equal(array, Lodge139().encode(on_smplx, Height()))
-
-
-def test_the_layouts_body_decides_the_floor() -> None:
-    """The columns are grounded on SMPL-X's neutral bones, not the dancer's, with the pelvis at y = -35 cm."""
-    tall = Skeleton("tall", SMPLX55.joints, SMPLX55.parents, SMPLX55.offsets * 1.2, SMPLX55.pairs, SMPLX55.feet)
-    still = Motion(np.zeros((1, 3)), np.zeros((1, 55, 3)), THIRTY, tall)
-    array = Lodge319().encode(still, Height())
-    assert array[0, 5] == pytest.approx((1.28398 + 1.28675) / 2, abs=1e-6)
-    np.testing.assert_allclose(array[0, [4, 6]], 0.2 * SMPLX55.offsets[0, [0, 2]], atol=1e-6)
-    toes = Lodge319().decode(array, THIRTY).joints()[0, [10, 11], 1]
-    assert toes.mean() == pytest.approx(0, abs=1e-6)

@@ -27,15 +27,6 @@ def pair() -> list[Motion]:
     return [first, replace(second, translation=np.add(second.translation, (0, 0.6, 0)))]
 
 
-def test_a_body_at_rest_faces_forward() -> None:
-    rest = Motion(np.array([[3.0, 1.0, 2.0]]), np.zeros((1, 24, 3)), FrameGrid.of(20), SMPL24)
-    rows = PLACE.encode(rest)
-    np.testing.assert_allclose(rows[0, :3], rest.joints()[0, 0], atol=1e-6)
-    assert rows[0, 3:] @ (0, 0, 1) > np.cos(np.radians(3))
-    turned = PLACE.encode(moved(rest, Placement(np.radians(90))))
-    assert turned[0, 3:] @ (1, 0, 0) > np.cos(np.radians(3))
-
-
 @pytest.mark.parametrize("first", [0, 1, 17, 30])
 def test_a_pair_comes_back_from_columns_without_places(pair: list[Motion], first: int) -> None:
     floor = min(HML.floor(motion) for motion in pair)
