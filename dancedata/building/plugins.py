@@ -312,6 +312,8 @@ class WindowRule(Plugin):
 TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
 ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
 RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
+#: By their names in `dancedata list`.
+REGISTRIES = {"transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
 
 
 def maker_hash(*shaping: Any) -> str:

@@ -17,7 +17,13 @@ def parts_of(recipe: Recipe) -> Parts:
     needed = (annotator for rule in recipe.rules for annotator in rule.annotators)
     annotators = {annotator.name: annotator for annotator in (*recipe.annotators, Vitals(), *needed)}
     copies = [Copy(spec, tuple(recipe.skeleton.other_side.items())) for spec in recipe.augment]
-    return Parts((*recipe.transforms, *copies), _fields(recipe), [*annotators.values()], recipe.rules, recipe.windows)
+    return Parts(
+        (*(step.on(recipe.grid) for step in recipe.transforms), *copies),
+        _fields(recipe),
+        [*annotators.values()],
+        recipe.rules,
+        recipe.windows,
+    )
 
 
 def _fields(recipe: Recipe) -> list[Field]:

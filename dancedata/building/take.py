@@ -232,6 +232,10 @@ class Transform(Plugin):
         """Return what `plan` and dataset.json say of it, for a source with these splits."""
         return ()
 
+    def on(self, grid: FrameGrid) -> Transform:
+        """Return the transform for a recipe of this rate; by default it is the same for all."""
+        return self
+
     def expand(self, take: Take) -> Sequence[Take]:
         """Return the takes that become of one; by default it is replaced."""
         return [take.then(self)]

@@ -14,6 +14,8 @@ from pathlib import Path
 from shlex import quote
 from typing import Any
 
+from dancedata.building import plugins as building
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import (
     AUGMENTATIONS,
@@ -121,6 +123,9 @@ KINDS = {
     "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
     "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
     "filter": Kind(FILTERS, "filter.py", "rules: {NAME: {}}"),
+    "transform": Kind(TRANSFORMS, "transform.py", "transforms: [{NAME: {}}]"),
+    "annotator": Kind(ANNOTATORS, "annotator.py", "annotators: {NAME: {}}"),
+    "rule": Kind(RULES, "rule.py", "rules: {NAME: {}}"),
     "metric": Kind(METRICS, "metric.py", "", 'METRICS.get("NAME")().measure(dance), and protocols'),
     "export": Kind(EXPORTS, "export.py", "", "dancedata export STORE --to NAME --out DIR"),
 }
@@ -254,7 +259,7 @@ def catalogue() -> dict[str, Any]:
     entries: dict[str, Any] = {
         "recipes": {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}
     }
-    for kind, registry in {**REGISTRIES, "exports": EXPORTS}.items():
+    for kind, registry in {**REGISTRIES, **building.REGISTRIES, "exports": EXPORTS}.items():
         entries[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
     return entries
 

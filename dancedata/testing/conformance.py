@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from dancedata.audio.hf.feature import HuggingFace
 from dancedata.audio.jukebox.feature import Jukebox
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.codebook import DType
@@ -46,6 +47,7 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.recipes.copies import CopySpec
+from dancedata.testing.building_checks import check_annotator, check_rule, check_transform
 from dancedata.testing.dataset_checks import check_dataset, recipe_with
 from dancedata.testing.examples import (
     FPS,
@@ -313,6 +315,9 @@ _CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
     FEATURES.kind: lambda cls, folder: check_audio_feature(cls),
     AUGMENTATIONS.kind: check_augmentation,
     FILTERS.kind: lambda cls, folder: check_window_filter(cls),
+    TRANSFORMS.kind: lambda cls, folder: check_transform(cls),
+    ANNOTATORS.kind: lambda cls, folder: check_annotator(cls),
+    RULES.kind: lambda cls, folder: check_rule(cls),
     METRICS.kind: lambda cls, folder: check_metric(cls),
     EXPORTS.kind: check_export,
 }

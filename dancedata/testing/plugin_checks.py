@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building import plugins as building
 from dancedata.core.columns import Columns, Group
 from dancedata.core.dance import OUTCOMES, Dance, Undefined
 from dancedata.core.draw import Draw
@@ -164,7 +165,7 @@ def check_plugin(cls: type[Any]) -> None:
 
 def registry_of(cls: type[Any]) -> Registry[Any]:
     """Return the registry that a plug-in is in; AssertionError if it is in none."""
-    for registry in (*REGISTRIES.values(), EXPORTS):
+    for registry in (*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS):
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.building import plugins as building
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, CopyAugmentation, SampleAugmentation
@@ -28,7 +29,7 @@ from dancedata.testing import conformance
 from tests.features import bailando438_rows
 from tests.messages import raises_message
 
-KINDS = [*REGISTRIES.values(), EXPORTS]
+KINDS = [*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS]
 PLUGINS = [registry.get(name) for registry in KINDS for name in registry.names()]
 
 

@@ -29,8 +29,12 @@ class Facts(Annotator):
     ----------
     kinds
         Some of turns, jumps, travel, energy, floor_work, contacts.
-    turn_degrees, flight_s, travel_m
-        Least turn, time in the air, and distance.
+    turn_degrees
+        Least turn.
+    flight_s
+        Least time in the air, seconds.
+    travel_m
+        Least distance, metres.
     """
 
     version: ClassVar[int] = 1

@@ -38,12 +38,28 @@ class Curate(WindowRule):
 
     Attributes
     ----------
-    spikes, frozen, jitter, sliding
-        Joints that leave their path, held poses, trembling, feet that slide.
-    penetration, joint_limits, self_contact
-        Joints below the floor and beyond their range, limbs inside each other.
-    floor_drift, bone_spread, mirrored, up
-        Scores of the clip: a floor that rises, bones that change, sides exchanged, another axis up.
+    spikes
+        Joints that leave their path, metres.
+    frozen
+        Poses that are held, seconds.
+    jitter
+        Movement above 10 Hz, metres.
+    sliding
+        Feet that slide, metres.
+    penetration
+        Joints below the floor, metres.
+    floor_drift
+        A floor that rises or sinks, metres; of the clip.
+    bone_spread
+        Bones that change their length, metres; of the clip.
+    joint_limits
+        Joints beyond their range, degrees.
+    self_contact
+        Limbs inside each other, metres.
+    mirrored
+        Left and right exchanged: minus a cosine; of the clip.
+    up
+        Another axis up: a cosine; of the clip.
     """
 
     version: ClassVar[int] = VERSION
