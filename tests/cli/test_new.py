@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.building import plugins as building
 from dancedata.cli.plugins import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
@@ -22,7 +23,7 @@ from tests.messages import raises_message
 
 def test_every_kind_has_a_template() -> None:
     assert {id(kind.registry) for kind in KINDS.values()} == {
-        id(registry) for registry in (*REGISTRIES.values(), EXPORTS)
+        id(registry) for registry in (*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS)
     }
     text = " ".join(run("new", "--help").stdout.split())
     assert all(kind in text for kind in KINDS)

@@ -34,6 +34,7 @@ SMALLEST = {
     "startup": "--rounds 1",
     "up_axis": "cuts",
     "values": "{root} {root} values demo",
+    "walk": "",
     "writing": "aist++ {corpus} cache writing",
 }
 #: Modules of others; what writes a page here, which test_history.py reads; what reads checkouts of other projects.
