@@ -73,8 +73,8 @@ def build(case: Case, source: Path, checkout: Path, folder: Path, side: str) -> 
     folder.mkdir(parents=True, exist_ok=True)
     recipe, settings = case.recipe_of(folder, side == "base")
     shutil.rmtree(folder / "out", ignore_errors=True)
-    words = [sys.executable, "-m", "dancedata", "build", recipe, *(f"--set={s}" for s in settings), "--jobs", "2"]
-    words += ["--source", str(source), "--out", str(folder / "out"), "--cache", str(folder / "cache")]
+    words = [sys.executable, "-P", "-m", "dancedata", "build", recipe, *(f"--set={s}" for s in settings)]
+    words += ["--source", str(source), "--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "2"]
     return watched(words, environment(checkout))
 
 

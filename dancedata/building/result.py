@@ -46,11 +46,16 @@ class Result:
     segments: Mapping[str, Sequence[Sequence[Segment]]] = field(default_factory=dict)
 
     def without(self, lost: Mapping[int, Sequence[Reject]]) -> Result:
-        """Return the result without the dancers that have a reject; without any, there are no windows."""
+        """Return the result without the dancers that have a reject, which is said instead of those of their windows.
+
+        Without any dancer, there are no windows.
+        """
         gone = {k: of[0] for k, of in lost.items() if of and k in self.stay}
         stay = tuple(k for k in self.stay if k not in gone)
-        rejects = [replace(reject, clip=self.take.dancers[k].id) for k, reject in gone.items()]
-        return replace(self, starts=self.starts if stay else (), stay=stay, rejects=(*self.rejects, *rejects))
+        rejects = {self.take.dancers[k].id: reject for k, reject in gone.items()}
+        said = [reject for reject in self.rejects if reject.clip not in rejects]
+        said += [replace(reject, clip=clip) for clip, reject in rejects.items()]
+        return replace(self, starts=self.starts if stay else (), stay=stay, rejects=tuple(said))
 
     def left_out(self, rejects: Sequence[Reject]) -> Result:
         """Return the result without windows, for these reasons."""

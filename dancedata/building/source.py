@@ -10,6 +10,7 @@ from typing import NamedTuple
 from dancedata.building.inputs import Music, RowsFile
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
 from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -58,12 +59,19 @@ def takes_of(
 
 def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | Reject:
     """Return the time of a clip's motion, loaded once until its file changes; a Reject where it cannot be loaded."""
-    motion = attempt(lambda: reader.dataset.load(ref), ref.motion_path, ref.id)
+    motion = attempt(lambda: _load(cache, reader, ref, sha256), ref.motion_path, ref.id)
     if isinstance(motion, Reject):
         return motion
     time = Time(motion.n_frames, motion.grid.rate, motion.trim_start)
     cache.put_json("times", _time_key(reader, ref, sha256), [time.n_frames, str(time.rate), time.trim])
     return time
+
+
+def _load(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Motion:
+    """Load a clip's motion; DataError if the file is not the one that was hashed."""
+    motion = reader.dataset.load(ref)
+    Recording(reader, ((ref, sha256),)).check(cache)
+    return motion
 
 
 def known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:

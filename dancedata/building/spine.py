@@ -57,14 +57,17 @@ def build_clips(
 
 
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:
-    """Return the takes that transforms make, parents before their copies; SourceError if two dancers have one id."""
+    """Return the takes that transforms make, parents before their copies.
+
+    SourceError if two dancers have one id, or two groups one name.
+    """
     for transform in transforms:
         takes = [made for take in takes for made in transform.expand(take)]
-    by_id: dict[str, Take] = {}
+    named: dict[str, Take] = {}
     for take in takes:
-        for dancer in take.dancers:
-            if by_id.setdefault(dancer.id, take) is not take:
-                raise SourceError("two clips would get the same id", where=f"clip {dancer.id}",
-                                  found=f"{dancer.ref.id} and its copies, or another clip",
-                                  fix="rename a clip, or leave out the transform that makes the copy")  # fmt: skip
+        for name in [*([f"group {take.group}"] if take.group else []), *(f"clip {d.id}" for d in take.dancers)]:
+            if named.setdefault(name, take) is not take:
+                raise SourceError("two clips or groups would get the same name", where=name,
+                                  found=f"{take.root.name} and its copies, or another one",
+                                  fix="rename one, or leave out the transform that makes the copy")  # fmt: skip
     return sorted(takes, key=lambda take: take.parent is not None)

@@ -107,7 +107,8 @@ class Recording:
     def key(self) -> str:
         """Hash of all that shapes what is loaded."""
         files = [[*clip_identity(ref), sha256] for ref, sha256 in self.dancers]
-        return Cache.key("recording", reader=self.reader.key, dancers=files)
+        group = self.dancers[0][0].group  # what changes its world draws by its name
+        return Cache.key("recording", reader=self.reader.key, dancers=files, group=group)
 
     @property
     def path(self) -> Path:

@@ -41,7 +41,7 @@ def _cut(take: Take, fields: Sequence[Field], windows: WindowSpec) -> Result:
     if not kept:
         whose, reach = next(iter(beyond.values()), (0, _of_motion(take)))
         return result.left_out([_without_windows(take, k, whose, reach, windows) for k in result.stay])
-    rejects = [_of_window(take, k, of, r, s, windows) for s, (of, r) in beyond.items() for k in result.stay]
+    rejects = [_of_window(take, k, reaches, start, windows) for start in beyond for k in result.stay]
     stay = result.stay
     return replace(result, starts=kept if stay else (), rejects=(*result.rejects, *rejects))
 
@@ -51,7 +51,12 @@ def _beyond(reaches: Sequence[tuple[int, Reach]], start: int, stop: int) -> tupl
     return next(((k, r) for k, r in reaches if start < r.first or stop > r.end), None)
 
 
-def _of_window(take: Take, dancer: int, of: int, reach: Reach, start: int, windows: WindowSpec) -> Reject:
+def _of_window(
+    take: Take, dancer: int, reaches: Sequence[tuple[int, Reach]], start: int, windows: WindowSpec
+) -> Reject:
+    """Return the reject of a dancer's window that he, or else a partner, has not whole."""
+    his_first = sorted(reaches, key=lambda reach: reach[0] != dancer)
+    of, reach = _beyond(his_first, start, start + windows.length) or his_first[0]
     partner = "" if of == dancer else f" (of partner {take.dancers[of].id})"
     detail = f"window {windows.number(start)} {reach.beyond}{partner}"
     return Reject(reach.window, take.dancers[dancer].id, "", start, detail, reach.numbers)
