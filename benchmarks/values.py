@@ -30,7 +30,7 @@ import numpy as np
 from value_cases import cases, make_source
 
 #: Of a clip's columns these may be counted otherwise: places in tables, hashes of the code.
-NOT_COMPARED = {"licence", "made_of"}
+NOT_COMPARED = {"licence", "made_of", "slice_of", "slice_start"}
 
 
 def main(base: str, now: str, folder: str, *names: str) -> int:

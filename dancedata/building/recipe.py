@@ -9,6 +9,7 @@ from dancedata.building.fields.music import MusicRows
 from dancedata.building.plugins import Field
 from dancedata.building.spine import Parts
 from dancedata.building.transforms.copy import Copy
+from dancedata.building.transforms.slices import Slices
 from dancedata.recipes.recipe import Recipe
 
 
@@ -17,8 +18,9 @@ def parts_of(recipe: Recipe) -> Parts:
     needed = (annotator for rule in recipe.rules for annotator in rule.annotators)
     annotators = {annotator.name: annotator for annotator in (*recipe.annotators, Vitals(), *needed)}
     copies = [Copy(spec, tuple(recipe.skeleton.other_side.items())) for spec in recipe.augment]
+    slices = [Slices(recipe.windows)] if recipe.scope == "window" else []
     return Parts(
-        (*(step.on(recipe.grid) for step in recipe.transforms), *copies),
+        (*(step.on(recipe.grid) for step in recipe.transforms), *slices, *copies),
         _fields(recipe),
         [*annotators.values()],
         recipe.rules,

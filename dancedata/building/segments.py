@@ -94,7 +94,7 @@ def _unmirrored(layer: Layer, clips: Sequence[str], said: Sequence[Segment], lex
 def _own(result: Result, k: int, annotator: Annotator, grid: FrameGrid) -> list[Segment]:
     """Return the segments that an annotator finds of a dancer; of a slice those of the whole, moved."""
     take = result.take
-    seconds = grid.seconds(take.time.frames_on(grid))
+    seconds = grid.seconds(take.time.whole.frames_on(grid))
     segments = [s.within(seconds) for s in annotator.segments(result.made[annotator.place][k], take, k)]
     for step in (step for step in take.steps if step.cuts):
         segments = [moved for s in segments if (moved := step.segment(s, take)) is not None]

@@ -108,6 +108,8 @@ def _clip(
         role=ref.role,
         song="" if signal is None else music.name or signal.sha256[:12],
         signal=None if signal is None else Signal(signal.sha256, signal.sample_rate, signal.n_samples),
+        slice_of=dancer.slice_of,
+        slice_start=take.time.grid.rows_up(take.time.first, of=grid),
         source_start=ref.source_start,
         source_end=ref.source_end,
         audio_start=music.start,

@@ -35,11 +35,26 @@ _REMEMBERED = 2**23
 
 @dataclass(frozen=True)
 class Time:
-    """Frames of a motion, their exact rate, and the first that belongs to the dance."""
+    """Frames of a motion, their exact rate, and the first that belongs to the dance.
+
+    `first`, `n_whole`: Of a part, the frame of the whole motion at frame 0, and the frames of the whole.
+    """
 
     n_frames: int
     rate: Fraction
     trim: int = 0
+    first: int = 0
+    n_whole: int | None = None
+
+    @property
+    def whole(self) -> Time:
+        """The time of the whole motion."""
+        return replace(self, n_frames=self.n_whole or self.n_frames, first=0, n_whole=None)
+
+    @property
+    def begin(self) -> Fraction:
+        """The second of the whole motion at frame 0."""
+        return self.first / self.rate
 
     @property
     def grid(self) -> FrameGrid:
@@ -62,7 +77,8 @@ class Time:
     def part(self, start: int, stop: int) -> Time:
         """Return the time of frames start .. stop - 1."""
         trim = self.trim - start
-        return replace(self, n_frames=stop - start, trim=trim if 0 < trim < stop - start else 0)
+        trim = trim if 0 < trim < stop - start else 0
+        return Time(stop - start, self.rate, trim, self.first + start, self.n_whole or self.n_frames)
 
 
 @dataclass(frozen=True)
@@ -72,6 +88,7 @@ class Dancer:
     `sha256`: Of the motion file.
     `files`: Files with rows, by field.
     `made_of`: What `StoredClip.made_of` tells of it.
+    `slice_of`: Of a slice, the id of the whole.
     """
 
     id: str
@@ -80,6 +97,7 @@ class Dancer:
     music: Music
     files: Mapping[str, RowsFile] = field(default_factory=dict)
     made_of: str = ""
+    slice_of: str = ""
 
 
 @dataclass(frozen=True)

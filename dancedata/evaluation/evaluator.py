@@ -18,7 +18,7 @@ from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.naming import of_sample
 from dancedata.evaluation.inputs.store import reader_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
-from dancedata.evaluation.music import ClipMusic, about_windows, beat_field, music_of
+from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
@@ -234,8 +234,6 @@ class Evaluator:
         self._measured[name] = MeasuredClip.of(clip, numbers)
 
     def _music(self, sample: Sample) -> ClipMusic:
-        if self.store.scope == "window":
-            return self._music_of(sample.windows[0])
         return self._music_of(sample.clip.id).from_second(sample.music_start_s - sample.clip.audio_start)
 
     def _beats(self, music: npt.NDArray[Any], whole: int, sizes: Sequence[int], padded: bool) -> list[MusicBeats]:
@@ -339,4 +337,4 @@ class Evaluator:
         if self.protocol.music is None or self.music_field is None:
             needed = any(measure.metric.needs_music for measure in self.protocol.measures)
             return ["no beats of music: the dataset has no audio field with those of this protocol"] * needed
-        return about_windows(self.store, self.protocol.music)
+        return about_slices(self.store, self.protocol.music)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Reject, Window
+from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -18,7 +18,6 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
 from dancedata.evaluation.inputs.songs import MusicSources, Song
-from dancedata.evaluation.inputs.store import StoreClip
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -130,7 +129,7 @@ def clip_music(
         if store is not None and without:
             own = replace(clip_set, clips=tuple(without))
             stored = stored_beats(store, rule, protocol.pieces(role), own, sources.songs, resources.cache.file_sha256)
-            problems += about_windows(store, rule) if stored else []
+            problems += about_slices(store, rule) if stored else []
             music |= stored
     silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
     if silent and not sources.files:
@@ -152,10 +151,10 @@ def _beats_of(clip: str, beats: Any, protocol: Protocol) -> MusicBeats:
 
 def _no_music(rule: MusicRule) -> str:
     rate = f" at {rule.fps} per second" if rule.fps else ""
-    scope = ", each piece by itself" if rule.scope == "window" else ""
+    alone = ", each piece by itself" if rule.by_piece else ""
     about = f" ({rule.about})" if rule.about else ""
     return (
-        f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{scope}{about}; give "
+        f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{alone}{about}; give "
         "--source MUSIC or a dataset with that field (--like), and --music-of FILE.csv for clips whose ids are not "
         "those of songs or of clips of the dataset"
     )
@@ -210,12 +209,12 @@ class _Song:
 
 def _job(protocol: Protocol, rule: MusicRule, role: Role) -> FeatureJob:
     feature, grid = _feature(protocol, rule), rule.grid or _DEFAULT
-    if rule.scope == "track":
+    if not rule.by_piece:
         return FeatureJob(feature.name, grid, feature)
     length, stride = protocol.pieces(role).frames(grid)
     if length is None or stride is None:
         raise UsageError(
-            f"{protocol.name}: music by pieces needs pieces", fix="set the protocol's music to scope track"
+            f"{protocol.name}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
         )
     return FeatureJob(feature.name, grid, feature, WindowSpec(length, stride, grid))
 
@@ -285,29 +284,24 @@ def stored_beats(
         return {}
     records = _records(store)
     # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
-    whole = sorted(
-        (c for c in store.clips if c.music and not c.source and not c.audio_start), key=lambda c: (c.n_frames, c.id)
-    )
-    longest = {c.music: c.id for c in whole}
-    sources: dict[str, tuple[str | Window, Fraction]] = {}
+    whole = [c for c in store.clips if c.music and not (c.source or c.slice_of or c.audio_start)]
+    longest = {c.music: c.id for c in sorted(whole, key=lambda c: (c.n_frames, c.id))}
+    sources: dict[str, tuple[str, Fraction]] = {}
     for clip in clip_set.clips:
         sample, song = clip_set.samples.get(clip.id), songs.get(clip.id)
         record = records.get(clip.clip) if sample is None or sample.store is not store else sample.clip
         if record is not None and song in (None, record.music) and not _is_placed(song):
-            if isinstance(clip, StoreClip) and clip.window and store.scope == "window":
-                sources[clip.id] = clip.window, Fraction(0)
-            elif store.scope == "track":
-                sources[clip.id] = record.id, clip.audio_start - record.audio_start
-        elif clip.music in longest and store.scope == "track":
+            sources[clip.id] = record.id, clip.audio_start - record.audio_start
+        elif clip.music in longest:
             sources[clip.id] = longest[clip.music], clip.audio_start
-    store.require_intact({s.clip if isinstance(s, Window) else s for s, _ in sources.values()}, sha256=sha256)
+    store.require_intact({source for source, _ in sources.values()}, sha256=sha256)
     read = {s: music_of(store, name, s) for s in dict.fromkeys(s for s, _ in sources.values())}
     return {clip: read[s].from_second(begin) for clip, (s, begin) in sources.items()}
 
 
-def music_of(store: Store, field: str, of: str | Window) -> ClipMusic:
-    """Return the beats that a field has of a clip, or of a window alone."""
-    first, rows = (0, store.read(of, field)) if isinstance(of, Window) else store.rows_within(of, field)
+def music_of(store: Store, field: str, clip: str) -> ClipMusic:
+    """Return the beats that a field has of a clip."""
+    first, rows = store.rows_within(clip, field)
     return ClipMusic.of_rows(rows, store.field(field)).from_row(-first, store.field(field).grid)
 
 
@@ -324,20 +318,20 @@ def _records(store: Store) -> dict[str, ClipView]:
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
-    if store.scope == "window" and store.meta["windows"]["length"] != pieces.frames(store.grid)[0]:
+    if store.has_slices and store.meta["windows"]["length"] != pieces.frames(store.grid)[0]:
         return None
-    if rule.scope == "window" and store.scope != "window":
+    if rule.by_piece and not store.has_slices:
         return None
     fields = [field for field in store.fields_with(BEAT) if rule.grid in (None, field.grid)]
     named = (field.name for feature in rule.features for field in fields if field.name.split(".")[0] == feature)
     return next(named, None)
 
 
-def about_windows(store: Store, rule: MusicRule) -> list[str]:
-    """Return a warning if a store has beats of each window alone, and a protocol takes those of whole songs."""
-    if store.scope == "track" or rule.scope == "window":
+def about_slices(store: Store, rule: MusicRule) -> list[str]:
+    """Return a warning if a store has beats of each slice alone, and a protocol takes those of whole songs."""
+    if rule.by_piece or not store.has_slices:
         return []
     return [
-        "beats are those of each window by itself, as the dataset is of window scope; the protocol takes those of "
-        "whole songs: scores of beats only compare with those of such datasets"
+        "beats are those of each slice of the dataset by itself; the protocol takes those of whole songs: scores of "
+        "beats only compare with those of such datasets"
     ]

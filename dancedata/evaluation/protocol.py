@@ -189,8 +189,8 @@ class MusicRule:
         all is computed from music files.
     fps
         Rate of their rows. None: as stored, or the motion's.
-    scope
-        "track": of whole songs. "window": each piece by itself.
+    by_piece
+        Whether they are found in each piece by itself, not in whole songs.
     tempo
         Whether the beat tracker starts from the tempo that the dataset states.
     about
@@ -199,7 +199,7 @@ class MusicRule:
 
     features: tuple[str, ...] = ("librosa35",)
     fps: int | None = None
-    scope: Literal["track", "window"] = "track"
+    by_piece: bool = False
     tempo: bool = True
     about: str = ""
 

@@ -400,7 +400,7 @@ def _protocol_json(protocol: Protocol) -> dict[str, Any]:
         "metrics": [{m.metric.name: document_of(m.metric), "fps": m.fps} for m in protocol.measures],
         "music": None
         if music is None
-        else {"features": list(music.features), "fps": music.fps, "scope": music.scope},
+        else {"features": list(music.features), "fps": music.fps, "by_piece": music.by_piece},
         "published": [
             {"what": p.what, "values": dict(p.values), "source": p.source, "note": p.note} for p in protocol.published
         ],

@@ -157,7 +157,7 @@ class Request:
         like = self.like
         if like is None or clip_set.role == "truth" or clip_set.store is not None:
             return None
-        if clip_set.samples and self.split is None and like.scope == "track":
+        if clip_set.samples and self.split is None:
             clips = truth_of(clip_set.samples, self.protocol, self.field)
             samples = {str(replace(of.id, take=0)): of for of in clip_set.samples.values()}
             return ClipSet(clips, f"the same of {like.path.name}", clip_set.role, like, samples=samples)

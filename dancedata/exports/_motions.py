@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_track_scope
+from dancedata.exports.base.needs import needs_field
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
@@ -20,16 +20,14 @@ _FIX = "motion: {edge151: {}}, or another representation that decodes"
 
 def needs_motion(job: ExportJob, field: str) -> list[Missing]:
     """Check that clips can be decoded; `field` is "" for any field that can be."""
-    missing = needs_track_scope(job)
     if field:
-        missing_field = needs_field(job, field, kind="motion")
-        if not missing_field and field not in _decodable(job):
-            missing_field = [Missing(f"{field} holds positions, which do not determine rotations", _FIX)]
-        return missing + missing_field
-    if not _decodable(job):
-        fields = ", ".join(job.store.fields)
-        missing.append(Missing(f"the dataset has no field with rotations (it has {fields})", _FIX))
-    return missing
+        missing = needs_field(job, field, kind="motion")
+        if not missing and field not in _decodable(job):
+            missing = [Missing(f"{field} holds positions, which do not determine rotations", _FIX)]
+        return missing
+    if _decodable(job):
+        return []
+    return [Missing(f"the dataset has no field with rotations (it has {', '.join(job.store.fields)})", _FIX)]
 
 
 def decoded(job: ExportJob, field: str, clips: Sequence[ClipView] | None = None) -> Iterator[tuple[ClipView, Motion]]:

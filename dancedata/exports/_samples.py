@@ -16,7 +16,7 @@ from dancedata.core.packages import require
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing, field_json
-from dancedata.exports.base.needs import needs_fields, needs_music_from_start, needs_track_scope
+from dancedata.exports.base.needs import needs_fields, needs_music_from_start
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -199,7 +199,7 @@ class SampleExport(Export):
             fix = f"name the other fields, {listed(others)}; or build with another name, such as {taken[0]}.rows"
             missing.append(Missing(f"a field has the name of a column of facts: {listed(taken)}", fix))
         if self.samples == "clips":
-            missing += needs_track_scope(job) + needs_music_from_start(job.clips())
+            missing += needs_music_from_start(job.clips())
         return missing
 
     @override

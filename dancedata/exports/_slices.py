@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.core.motion import Motion
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView, WindowList
+    from dancedata.store import ClipView
 
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
@@ -149,7 +149,7 @@ _SILENCE_RATE = 16_000
 
 @dataclass(frozen=True)
 class Slice:
-    """A window under its name in EDGE's files."""
+    """A window of a clip, or a clip that is a slice, under its name in EDGE's files."""
 
     name: str
     clip: ClipView
@@ -157,8 +157,8 @@ class Slice:
 
     @property
     def number(self) -> int:
-        """Number of the window among all those of its clip."""
-        return WindowGrid(LENGTH, STRIDE).number(self.window.start)
+        """Number of the window among all those of its clip, or of the clip that it is a slice of."""
+        return WindowGrid(LENGTH, STRIDE).number(self.clip.slice_start + self.window.start)
 
 
 def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: bool) -> list[Missing]:
@@ -168,14 +168,17 @@ def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: 
     if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
         width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
         missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
-    if job.store.scope == "window" and not missing:
-        missing += _needs_windows(job)
+    if job.store.has_slices and not missing and not _are_stored(job):
+        windows = job.store.meta["windows"]
+        stored = f"slices of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
+        fix = "windows: {length_s: 5, stride_s: 0.5}, or no slices"
+        missing.append(Missing(f"the dataset has {stored}", fix))
     missing += needs_splits(job, *splits)
     if set("*?[") & set(str(job.out)):
         problem = "the loader lists folders by patterns, in which * ? [ have a meaning"
         missing.append(Missing(problem, "another --out"))
     if not missing:
-        empty = [split for split in splits if not len(_windows(job, split, feature))]
+        empty = [split for split in splits if not slices_of(job, split, feature)]
         missing += [Missing(f"{split} has no window of five seconds", "longer clips") for split in empty]
     if not sound:
         return missing
@@ -188,44 +191,36 @@ def _needs_sound(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Mi
     return [Missing(f"{split} has no window with five seconds of music", "longer music") for split in silent]
 
 
-def _needs_windows(job: ExportJob) -> list[Missing]:
-    if _are_stored(job):
-        return []
-    windows = job.store.meta["windows"]
-    stored = f"windows of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
-    fix = "windows: {length_s: 5, stride_s: 0.5}, or scope: track"
-    return [Missing(f"the dataset has window scope with {stored}", fix)]
-
-
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
     from dancedata.store.schema import slice_name
 
     clips = {clip.id: clip for clip in job.clips(split)}
-    return [Slice(slice_name(w.clip, w.start // STRIDE), clips[w.clip], w) for w in _windows(job, split, feature)]
+    windows = job.store.windows(split, length=LENGTH, stride=STRIDE, fields=(MOTION, feature))
+    pairs = [(clips[window.clip], window) for window in windows]
+    return [Slice(c.id if c.slice_of else slice_name(c.id, w.start // STRIDE), c, w) for c, w in pairs]
 
 
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
-    if _are_stored(job):
-        clips = {clip.id for clip in job.clips(*splits)}
-        rows = [row for row in job.store.rejects if row.get("clip") in clips and isinstance(row.get("window"), int)]
-        names = [f"{row['clip']} from frame {row['window']} ({row.get('reason')})" for row in rows]
-        if names:
-            folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
+    if not _are_stored(job):
+        return
+    clips = {clip.slice_of or clip.id for clip in job.clips(*splits)}
+    names = []
+    for row in job.store.rejects:
+        clip, _, number = str(row.get("clip")).rpartition("_slice")
+        if job.store.has_slices and clip in clips and number.isdecimal():
+            names.append(f"{row['clip']} ({row.get('reason')})")
+        elif row.get("clip") in clips and isinstance(row.get("window"), int):
+            names.append(f"{row['clip']} from frame {row['window']} ({row.get('reason')})")
+    if names:
+        folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
 
 
 def _are_stored(job: ExportJob) -> bool:
     """Whether the slices are the windows of the dataset."""
     windows = job.store.meta["windows"]
     return (windows["length"], windows["stride"]) == (LENGTH, STRIDE)
-
-
-def _windows(job: ExportJob, split: str, feature: str) -> WindowList:
-    if job.store.scope == "window":
-        return job.store.windows(split)
-    fields = (MOTION, feature)
-    return job.store.windows(split, length=LENGTH, stride=STRIDE, fields=fields)
 
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
@@ -241,12 +236,12 @@ def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) 
 
 def _short(job: ExportJob, slices: list[Slice]) -> list[str]:
     """Return the names of slices whose music ends too early; DataError where it is not the dataset's music."""
-    lengths = {clip_id: job.music.length(clip) for clip_id, clip in {s.clip.id: s.clip for s in slices}.items()}
+    lengths = {name: job.music.length(clip) for name, clip in {s.clip.original: s.clip for s in slices}.items()}
     short: list[Slice] = []
     for item in slices:
-        n_samples, rate = lengths[item.clip.id]
+        n_samples, rate = lengths[item.clip.original]
         if _first_sample(item, rate) + LENGTH_S * rate > n_samples:
-            if item.clip.id not in {shorter.clip.id for shorter in short}:
+            if item.clip.original not in {shorter.clip.original for shorter in short}:
                 job.music.load(item.clip)  # a damaged copy is short as well
             short.append(item)
     return [item.name for item in short]
@@ -256,8 +251,8 @@ def cut_sounds(job: ExportJob, slices: list[Slice]) -> Iterator[tuple[Slice, Aud
     """Cut the sound of slices; each song is decoded once per clip."""
     clip, signal = "", None
     for item in slices:
-        if item.clip.id != clip or signal is None:
-            clip, signal = item.clip.id, job.music.load(item.clip)
+        if item.clip.original != clip or signal is None:
+            clip, signal = item.clip.original, job.music.load(item.clip)
         first = _first_sample(item, signal.sample_rate)
         yield item, signal.part(first, first + LENGTH_S * signal.sample_rate)
 
@@ -270,5 +265,6 @@ def quantised_wav(signal: AudioSignal) -> bytes:
 
 def _first_sample(item: Slice, rate: int) -> int:
     # EDGE adds up a stride that is truncated to samples.
-    begin = math.floor(item.clip.audio_start * rate + Fraction(1, 2))
+    start = item.clip.audio_start - Fraction(item.clip.slice_start, FPS)
+    begin = math.floor(start * rate + Fraction(1, 2))
     return begin + item.number * int(STRIDE_S * rate)

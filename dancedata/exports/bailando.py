@@ -26,7 +26,6 @@ from dancedata.exports.base.needs import (
     needs_music_from_start,
     needs_names,
     needs_splits,
-    needs_track_scope,
 )
 
 if TYPE_CHECKING:
@@ -166,7 +165,7 @@ class Bailando(Export):
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
-        missing = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
+        missing = needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
         missing += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
         missing += needs_splits(job, "train", "test")
         clips = [clip for part in PARTS for clip in self._clips(job, part)]

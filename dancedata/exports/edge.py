@@ -59,7 +59,7 @@ class Edge(SliceExport):
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")
-        if job.store.scope == "track":
+        if not job.store.has_slices:
             folder.note(
                 "the music was computed over whole songs, where EDGE's scripts take five seconds at a time: for "
                 "their numbers build the recipe aist++-edge-exact"

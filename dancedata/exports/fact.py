@@ -18,7 +18,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.bailando import PARTS, is_ignored, needs_aist_names, note_ignored
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_music_from_start, needs_splits, needs_track_scope
+from dancedata.exports.base.needs import needs_field, needs_music_from_start, needs_splits
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
@@ -174,7 +174,7 @@ class Fact(Export):
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
-        missing = needs_track_scope(job) + needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
+        missing = needs_field(job, _MOTION, kind="motion", width=219, rate=_RATE)
         missing += needs_field(job, self.feature, kind="audio", width=35, rate=_RATE)
         clips = _clips(job, "train") + _clips(job, "test")
         missing += needs_splits(job, "train", "test") + needs_aist_names(job, clips)

@@ -17,7 +17,6 @@ from dancedata.exports.base.needs import (
     needs_fps,
     needs_music_from_start,
     needs_names,
-    needs_track_scope,
 )
 
 _MOTION, _FPS = "finedance319", 30
@@ -40,7 +39,7 @@ python train_seq.py
 
 def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
     """Check that a dataset has whole tracks of motion and 35 columns of music at 30 per second."""
-    missing = needs_fps(job, _FPS) + needs_track_scope(job) + needs_field(job, motion, kind="motion", rate=_FPS)
+    missing = needs_fps(job, _FPS) + needs_field(job, motion, kind="motion", rate=_FPS)
     missing += needs_field(job, feature, kind="audio", width=35, rate=_FPS)
     form = "001 to 211, as FineDance does: dataset: {finedance: {}}; copies (augment) have other names"
     missing += needs_music_from_start(job.clips())

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_track_scope, needs_train
+from dancedata.exports.base.needs import needs_field, needs_train
 from dancedata.formats.humanml_texts import Caption, plain_tokens, texts_file
 from dancedata.representations.humanml263 import Humanml263
 
@@ -59,7 +59,7 @@ class HumanML3D(Export):
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
-        missing = needs_track_scope(job) + needs_field(job, FIELD, kind="motion", width=263, rate=20)
+        missing = needs_field(job, FIELD, kind="motion", width=263, rate=20)
         missing += needs_train(job, self.scaler, "mean and deviation") + self._untagged(job)
         return missing or _short(job)
 

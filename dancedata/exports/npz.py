@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
-
-import numpy as np
 
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, field_json, record_json
 from dancedata.exports.base.needs import needs_fields, needs_music, needs_music_from_start
 
 if TYPE_CHECKING:
-    from dancedata.core.clip import Window
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.store import ClipView
 
@@ -51,12 +48,7 @@ class Npz(Export):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        clips = {
-            clip.id: self._write_clip(
-                job, clip, folder, job.store.windows_of(clip.id) if job.store.scope == "window" else ()
-            )
-            for clip in job.each("clips", job.clips())
-        }
+        clips = {clip.id: self._write_clip(job, clip, folder) for clip in job.each("clips", job.clips())}
         if job.source is not None:
             for clip, name in _copy_music(job, folder).items():
                 clips[clip]["music_file"] = name
@@ -65,20 +57,17 @@ class Npz(Export):
     @override
     def guide(self, job: ExportJob) -> str:
         clip, field = job.clips()[0].id, self.reads(job)[0]
-        shape = "(T, D)" if job.store.scope == "track" else "(windows, L, D)"
         return (
             "```python\nimport json, numpy as np\n\n"
             'index = json.load(open("index.json"))\n'
-            f'rows = np.load("clips/{clip}.npz")["{field}"]  # {shape}, not normalised\n```\n\n'
+            f'rows = np.load("clips/{clip}.npz")["{field}"]  # (T, D), not normalised\n```\n\n'
             "`index.json` has the columns, rate and axes of each field, the attributes of each clip, the windows "
             "of each split as [clip, first frame, frames], and the extremes of each column over train windows.\n"
         )
 
-    def _write_clip(
-        self, job: ExportJob, clip: ClipView, folder: ExportFolder, windows: Sequence[Window]
-    ) -> dict[str, Any]:
+    def _write_clip(self, job: ExportJob, clip: ClipView, folder: ExportFolder) -> dict[str, Any]:
         file = f"clips/{clip.id}.npz"
-        folder.write_npz(file, _arrays(job, clip, self.reads(job), windows))
+        folder.write_npz(file, {name: clip.read(name) for name in self.reads(job)})
         return {**record_json(clip), "file": file}
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
@@ -89,14 +78,8 @@ class Npz(Export):
             split: [[w.clip, w.start, w.length] for w in store.windows(split, fields=self.reads(job))]
             for split in store.splits
         }
-        entry = {"layout": LAYOUT, "fps": str(store.grid), "scope": store.scope, "skeleton": store.skeleton.to_json()}
+        entry = {"layout": LAYOUT, "fps": str(store.grid), "skeleton": store.skeleton.to_json()}
         return {**entry, "fields": fields, "clips": clips, "windows": windows}
-
-
-def _arrays(job: ExportJob, clip: ClipView, names: tuple[str, ...], windows: Sequence[Window]) -> dict[str, Any]:
-    if job.store.scope == "track":
-        return {name: clip.read(name) for name in names}
-    return {name: np.stack([job.store.read(w, name) for w in windows]) for name in names}
 
 
 def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:

@@ -56,7 +56,8 @@ class Popdg(SliceExport):
         writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH, place=to_camera)
         for part in ("train", "test"):
             writer.write(part, (part,))
-            folder.write_text(f"splits/{part}.txt", "".join(f"{clip.id}\n" for clip in job.clips(part)))
+            clips = dict.fromkeys(clip.slice_of or clip.id for clip in job.clips(part))
+            folder.write_text(f"splits/{part}.txt", "".join(f"{clip}\n" for clip in clips))
         folder.write_text("high_quality_dataset", "")
 
 

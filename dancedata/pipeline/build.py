@@ -167,7 +167,7 @@ class _Build:
         computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
-        stored = {clip.id for clip in computed.clips}
+        stored = {clip.original for clip in computed.clips}
         meta = {**_meta(self.recipe, sources, record.to_json(stored)), "quality_flags": len(computed.quality)}
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
@@ -177,11 +177,11 @@ class _Build:
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return the header of the store."""
     return StoreHeader(
-        scope=recipe.scope,
+        scope="track",
         fps=recipe.fps,
         length=recipe.windows.length,
         stride=recipe.windows.stride,
-        order=recipe.windows.order,
+        order="time",
         fields=tuple(
             Field(
                 f.name,

@@ -208,7 +208,7 @@ def _shared(one: Store, other: Store) -> Iterator[Problem]:
         yield Problem("error" if leaks and not official else "note", where, pair.message)
     kinds: tuple[tuple[str, Callable[[ClipRecord], str]], ...] = (
         ("song", lambda clip: clip.music),
-        ("recording", lambda clip: clip.source or clip.id),
+        ("recording", lambda clip: clip.original),
         ("dancer", lambda clip: clip.dancer),
     )
     for kind, key_of in kinds:
@@ -261,12 +261,8 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     if field is None:
         return
     for clip in (clip for clip in store.clips if clip.has_field(field.name)):
-        if store.scope == "track":
-            columns = clip.read(field.name)
-        else:
-            columns = np.concatenate([store.read(window, field.name) for window in store.windows_of(clip.id)])
         try:
-            sides = _sides(field, sampled(columns))
+            sides = _sides(field, sampled(clip.read(field.name)))
         except DanceDataError:
             continue  # finite, but not columns of a body
         yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in sides)

@@ -48,7 +48,7 @@ class ComputedClips:
 
 def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
     """Encode all motion, cut windows, extract all features."""
-    if recipe.scope == "track" and os.environ.get(BUILDING):
+    if recipe.scope == "window" or os.environ.get(BUILDING):
         return _built(cache, recipe, sources, jobs=jobs, progress=progress)
     check_ids([(clip.ref.id, clip.ref.split) for clip in sources.clips], recipe.augment)
     encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)

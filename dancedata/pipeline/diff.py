@@ -96,7 +96,7 @@ def _pairs(
 _SHOWN, _MESSAGE = 5, 600
 #: Keys shown of those that differ below one key.
 _EXAMPLES = 2
-_ABOUT_STORE = ("format", "scope", "fps", "windows", "genre_ids", "licence", "citation")
+_ABOUT_STORE = ("format", "fps", "windows", "genre_ids", "licence", "citation")
 #: Hashes of sources and songs are compared as such.
 _ABOUT_CLIP = ("split", *(c.name for c in CLIP_COLUMNS if c.name not in ("id", "made_of", "song")), "columns")
 _NOTED = ("name", "dancedata", "packages")
@@ -303,7 +303,7 @@ def _values(
     one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
 ) -> Iterator[Difference]:
     shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
-    if shards[0] == shards[1] or one.scope != two.scope or one.fps != two.fps:
+    if shards[0] == shards[1] or one.fps != two.fps:
         return
     for name in _common_fields(one, two, columns=True):
         gap = _gap(one, two, name, common)
@@ -331,33 +331,18 @@ class _Gap:
 
 def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]) -> _Gap:
     largest = _Gap()
-    for clip, rows in _pieces(one, two, name, common):
+    for clip, same in common:
+        rows = _clip_rows(one, clip, name), _clip_rows(two, same, name)
         if rows[0].shape != rows[1].shape:
-            largest.other_shapes[clip] = None
+            largest.other_shapes[clip.id] = None
         elif not np.array_equal(*rows):
-            largest.clips[clip] = None
+            largest.clips[clip.id] = None
             gap = np.abs(rows[0].astype(np.float64) - rows[1])
             if gap.max() > largest.worst:
                 largest.worst = float(gap.max())
                 row, column = np.unravel_index(int(gap.argmax()), gap.shape)
-                largest.where = f"row {row} of {clip}, column {one.fields[name].labels[column]}"
+                largest.where = f"row {row} of {clip.id}, column {one.fields[name].labels[column]}"
     return largest
-
-
-def _pieces(
-    one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]
-) -> Iterator[tuple[str, tuple[npt.NDArray[Any], npt.NDArray[Any]]]]:
-    """Yield the rows of both stores: clip by clip, in window scope window by window."""
-    if one.scope == "track":
-        for clip, same in common:
-            yield clip.id, (_clip_rows(one, clip, name), _clip_rows(two, same, name))
-        return
-    others = {(w.clip, w.start, w.length): w for split in two.splits for w in two.windows(split)}
-    for split in one.splits:
-        for window in one.windows(split):
-            other = others.get((window.clip, window.start, window.length))
-            if other is not None:
-                yield window.clip, (one.read(window, name), two.read(other, name))
 
 
 def _clip_rows(store: Store, clip: ClipView, name: str) -> npt.NDArray[Any]:

@@ -55,11 +55,7 @@ class SourceMusic:
             raise SourceError("the folder of the music does not exist", where=source)
         originals = [clip for clip in store.clips if not clip.source]
         recordings = _listed(store, source) or _named(originals, source)
-        files = {
-            clip.id: recordings[clip.source or clip.id]
-            for clip in store.clips
-            if (clip.source or clip.id) in recordings
-        }
+        files = {clip.id: recordings[clip.original] for clip in store.clips if clip.original in recordings}
         return cls(source, files, music_hashes(store.clips))
 
     def missing(self, clips: list[ClipView]) -> list[str]:
@@ -134,5 +130,5 @@ def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
     for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):
         other = files.setdefault(path.stem, path)
         files[path.stem] = min(other, path, key=lambda p: AUDIO_SUFFIXES.index(p.suffix.lower()))
-    by_clip = {clip.id: files.get(clip.id) or files.get(clip.music) for clip in clips}
+    by_clip = {clip.original: files.get(clip.original) or files.get(clip.music) for clip in clips}
     return {clip: path for clip, path in by_clip.items() if path is not None}

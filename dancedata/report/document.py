@@ -29,7 +29,6 @@ class About:
 
     name: str
     dataset: str | None
-    scope: str
     fps: str
     windows: Mapping[str, Any]
     licence: str | None
@@ -261,6 +260,7 @@ class ClipRow:
     group: str
     member: int
     role: str
+    slice_of: str
     frames: int
     windows: int
     flags: int

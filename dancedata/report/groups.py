@@ -75,11 +75,11 @@ class MeasuredGroups:
     distance: Tally = field(default_factory=lambda: Tally.of(0, 40, 0.01))
     facing: Tally = field(default_factory=lambda: Tally.of(0, 180, 1))
 
-    def add(self, store: Store, dancers: Sequence[ClipView], pieces: Sequence[Sequence[Piece]], windows: int) -> None:
+    def add(self, store: Store, dancers: Sequence[ClipView], pieces: Sequence[Piece], windows: int) -> None:
         """Measure a group.
 
         `dancers`: Its clips.
-        `pieces`: What is stored of each, of equal frames.
+        `pieces`: What is measured of each, of equal frames; nothing, where a dancer lacks the field.
         `windows`: Windows of the group.
         """
         first = dancers[0]
@@ -90,29 +90,30 @@ class MeasuredGroups:
             tuple(c.role for c in dancers), sizes.get(first.group, len(dancers)), first.n_frames, windows,
         )  # fmt: skip
         trim = store.grid, first.trim_start
-        parts = [[_trimmed(piece, *trim) for piece in of_time] for of_time in zip(*pieces, strict=True)]
-        measured = [Together.of(figures) for figures in parts if figures[0].n_frames]
-        measured = [together for together in measured if together.pairs]
-        for together in measured:
+        figures = [_trimmed(piece, *trim) for piece in pieces]
+        together = Together.of(figures) if figures and figures[0].n_frames else None
+        if together is not None and together.pairs:
             for pair in together.pairs:
                 self.distance.add(pair.distance_m)
                 self.facing.add(pair.facing_deg[np.isfinite(pair.facing_deg)])
-        self.rows.append(_with_pairs(row, measured) if measured else row)
+            row = _with_pairs(row, together)
+        self.rows.append(row)
 
 
 def _trimmed(piece: Piece, grid: FrameGrid, trim_start: int) -> Figure:
     figure = piece.figure
-    first = max(0, grid.rows_up(max(0, trim_start - piece.start), of=figure.grid))
+    first = max(0, grid.rows_up(trim_start, of=figure.grid))
     return replace(figure, joints=figure.joints[first:], contacts=figure.contacts[first:])
 
 
-def _with_pairs(row: GroupRow, parts: Sequence[Together]) -> GroupRow:
+def _with_pairs(row: GroupRow, together: Together) -> GroupRow:
     """Return the row of a group with the numbers of its pairs; arrays (pairs, frames)."""
-    distance = np.concatenate([np.stack([p.distance_m for p in part.pairs]) for part in parts], axis=1)
-    facing = np.concatenate([np.stack([p.facing_deg for p in part.pairs]) for part in parts], axis=2)
-    collides = np.concatenate([np.stack([p.collides for p in part.pairs]) for part in parts], axis=1)
-    touches = np.concatenate([_touches(part) for part in parts])
-    names = [(row.clips[p.first], row.clips[p.second]) for p in parts[0].pairs]
+    pairs = together.pairs
+    distance = np.stack([p.distance_m for p in pairs])
+    facing = np.stack([p.facing_deg for p in pairs])
+    collides = np.stack([p.collides for p in pairs])
+    touches = _touches(together)
+    names = [(row.clips[p.first], row.clips[p.second]) for p in pairs]
     upright = np.asarray(np.isfinite(facing).all(axis=1))
     looks = np.asarray((facing <= FACING_DEG).all(axis=1))
     row = replace(
@@ -123,11 +124,11 @@ def _with_pairs(row: GroupRow, parts: Sequence[Together]) -> GroupRow:
         nearest=names[int(distance.min(axis=1).argmin())],
         facing_share=float(looks[upright].mean()) if upright.any() else None,
     )
-    if not parts[0].touch:
+    if not together.touch:
         return row
     return replace(
         row,
-        contacts=sum(len(pair.contacts) for part in parts for pair in part.pairs),
+        contacts=sum(len(pair.contacts) for pair in pairs),
         contact_share=float(touches.mean()),
         collision_share=float(collides.any(axis=0).mean()),
         intersections=float(2 * collides.sum(axis=0).mean()),
@@ -135,10 +136,10 @@ def _with_pairs(row: GroupRow, parts: Sequence[Together]) -> GroupRow:
     )
 
 
-def _touches(part: Together) -> npt.NDArray[np.bool_]:
+def _touches(together: Together) -> npt.NDArray[np.bool_]:
     """Return the frames (T,) in which any two dancers touch."""
-    touches = np.zeros(len(part.pairs[0].distance_m), dtype=np.bool_)
-    for pair in part.pairs:
+    touches = np.zeros(len(together.pairs[0].distance_m), dtype=np.bool_)
+    for pair in together.pairs:
         for contact in pair.contacts:
             touches[contact.start : contact.end] = True
     return touches

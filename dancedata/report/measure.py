@@ -18,7 +18,7 @@ from dancedata.evaluation.music import beats_after
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
-from dancedata.report.pieces import ClipReader, Piece
+from dancedata.report.pieces import ClipReader, Piece, measured_units
 from dancedata.report.space import Space
 from dancedata.report.stage import Stage
 from dancedata.report.tally import Tally
@@ -46,7 +46,7 @@ class ClipNumbers:
     `root_extent_m`, `root_path_m`: Larger of the two horizontal extents of the root's path, and the length of the
         path.
     `floor_m`, `feet_m`, `low_m`, `high_m`: Floor, from the toes in contact (see `floor_height`); 2 % quantile of the
-        heights of the feet; lowest and highest joint. In window scope the floor is the median over windows.
+        heights of the feet; lowest and highest joint.
     `turns`: Largest difference between two directions that the hips face, in full turns.
     `sliding`: Share of the frames of feet in contact in which they slide.
     `key_motions`, `key_beat_ms`, `key_shifted_ms`: Number of key motions; their mean distance to the nearest beat,
@@ -132,7 +132,7 @@ class Measured:
     `windows`: Number of windows of each clip.
     `song_offsets`: Offsets of key motions from beats, by song.
     `split_speed`: Speeds of the body as in `speed`, by split.
-    `clips`: Numbers of each clip that is not a copy of another one.
+    `clips`: Numbers of each clip that is not a copy of another one; none of slices that overlap.
     `joints`: Names of the joints whose speed is counted.
     `feet`: Names of the foot joints with stored contacts.
     `contact`: Frames in contact and all frames, by foot joint, (F, 2).
@@ -165,7 +165,7 @@ class Measured:
 
 
 def measure(store: Store, progress: Progress | None = None) -> Measured:
-    """Measure the clips of a dataset; copies that augmentations made are counted, but not measured.
+    """Measure the clips of a dataset; copies that augmentations made, and overlapping slices, are only counted.
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
 
@@ -174,16 +174,18 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
     windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
     measured.space = space = Space.of(store, windows)
-    units = [dancers for dancers in store.clips.units() if not dancers[0].source]
+    measured.clips = {clip.id: ClipNumbers() for clip in store.clips if not clip.source}
+    units = measured_units(store)
     with (progress or Progress(quiet=True)).stage("measuring clips", len(units)) as advance:
         for dancers in units:
-            pieces = [list(measured.reader.pieces(clip, windows[clip.id])) for clip in dancers]
-            for clip, of_clip in zip(dancers, pieces, strict=True):
-                measured.clips[clip.id] = _clip(measured, clip, of_clip)
-                space.add(clip, of_clip, windows[clip.id])
+            pieces = {clip.id: piece for clip in dancers if (piece := measured.reader.piece(clip)) is not None}
+            for clip in dancers:
+                if clip.id in pieces:
+                    measured.clips[clip.id] = _clip(measured, clip, pieces[clip.id])
+                    space.add(clip, pieces[clip.id], windows[clip.id])
             if dancers[0].group:
                 # Without the field of one dancer, nothing is measured between them.
-                together = pieces if all(pieces) else [[] for _ in pieces]
+                together = list(pieces.values()) if len(pieces) == len(dancers) else []
                 measured.groups.add(store, dancers, together, len(windows[dancers[0].id]))
             advance(1)
     return measured
@@ -192,16 +194,15 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
 def clip_numbers(piece: Piece) -> ClipNumbers:
     """Measure a whole clip that is of no dataset."""
     part = _Part.of(piece, piece.figure.grid, 0)
-    return _numbers([part], whole=True) if len(part.speed) else ClipNumbers()
+    return _numbers(part) if len(part.speed) else ClipNumbers()
 
 
-def _clip(measured: Measured, clip: ClipView, pieces: Sequence[Piece]) -> ClipNumbers:
-    trim = measured.store.grid, clip.trim_start
-    parts = [_Part.of(piece, *trim) for piece in pieces]
-    parts = [part for part in parts if len(part.speed)]
-    for part in parts:
-        _count(measured, part, clip)
-    return _numbers(parts, whole=measured.store.scope == "track") if parts else ClipNumbers()
+def _clip(measured: Measured, clip: ClipView, piece: Piece) -> ClipNumbers:
+    part = _Part.of(piece, measured.store.grid, clip.trim_start)
+    if not len(part.speed):
+        return ClipNumbers()
+    _count(measured, part, clip)
+    return _numbers(part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,9 +232,9 @@ class _Part:
 
     @classmethod
     def of(cls, piece: Piece, grid: FrameGrid, trim_start: int) -> _Part:
-        """Measure a piece from frame `trim_start` of its clip on, counted on the grid of the store."""
+        """Measure a clip from frame `trim_start` on, counted on the grid of the store."""
         figure = piece.figure
-        first = max(0, grid.rows_up(max(0, trim_start - piece.start), of=figure.grid))
+        first = max(0, grid.rows_up(trim_start, of=figure.grid))
         joints, names = figure.joints[first:], figure.skeleton.joints
         body = [j for j, name in enumerate(names) if name in BODY_JOINTS] or list(range(joints.shape[1]))
         sliding, contact = _sliding(figure, first)
@@ -339,47 +340,42 @@ def _count(measured: Measured, part: _Part, clip: ClipView) -> None:
     measured.shifted_ms.add(part.shifted * 1000)
     measured.contact += part.contact
     piece = part.piece
-    begin = piece.start / float(measured.store.grid.rate) + (piece.figure.n_frames - len(part.root)) / piece.rate
+    begin = (piece.figure.n_frames - len(part.root)) / piece.rate
     seconds = begin - clip.trim_start / float(measured.store.grid.rate) + np.arange(len(part.root)) / piece.rate
     measured.stage.add(part.names, part.speed, part.root, part.facing, np.maximum(seconds, 0.0))
 
 
-def _numbers(parts: Sequence[_Part], *, whole: bool) -> ClipNumbers:
-    speed = np.concatenate([part.speed.mean(axis=1) for part in parts])
-    roots = np.concatenate([part.root for part in parts])[:, (0, 2)]
-    sliding = np.concatenate([part.sliding for part in parts])
-    offsets = np.concatenate([part.offsets for part in parts])
-    shifted = np.concatenate([part.shifted for part in parts])
-    scores = [part.alignment for part in parts if part.alignment is not None]
-    steps = [np.diff(part.root[:, (0, 2)], axis=0) for part in parts]
-    beats = [part.piece.beats for part in parts if part.piece.beats is not None]
-    periods = np.concatenate([np.zeros(0), *(np.diff(b.frames) / float(b.grid.rate) for b in beats)])
-    turns = [float(np.ptp(part.facing)) / (2 * np.pi) for part in parts if len(part.facing)]
-    music = [part.piece.music_s for part in parts if part.piece.music_s is not None]
+def _numbers(part: _Part) -> ClipNumbers:
+    piece = part.piece
+    speed, roots = part.speed.mean(axis=1), part.root[:, (0, 2)]
+    periods = np.zeros(0) if piece.beats is None else np.diff(piece.beats.frames) / float(piece.beats.grid.rate)
+    low, high, floor, feet = part.heights
+    drift, jerk, spread = part.physics
+    score, chance = part.alignment or (None, None)
     return ClipNumbers(
-        seconds=sum(len(part.root) / part.piece.rate for part in parts),
+        seconds=len(part.root) / piece.rate,
         speed=float(speed.mean()),
         speed_p95=float(np.quantile(speed, 0.95)),
         still=float((speed < STILL_M_S).mean()),
         root_extent_m=float(np.ptp(roots, axis=0).max()),
-        root_path_m=sum(float(np.linalg.norm(step, axis=1).sum()) for step in steps),
-        floor_m=float(np.median([part.heights[2] for part in parts])),
-        feet_m=min(part.heights[3] for part in parts),
-        low_m=min(part.heights[0] for part in parts),
-        high_m=max(part.heights[1] for part in parts),
-        turns=max(turns, default=None),
-        sliding=float((sliding > SLIDE_M_S).mean()) if len(sliding) else None,
-        key_motions=sum(part.key_motions for part in parts),
-        key_beat_ms=float(np.abs(offsets).mean() * 1000) if len(offsets) else None,
-        key_shifted_ms=float(np.abs(shifted).mean() * 1000) if len(shifted) else None,
-        bas=float(np.mean([score for score, _ in scores])) if scores else None,
-        bas_chance=float(np.mean([chance for _, chance in scores])) if scores else None,
+        root_path_m=float(np.linalg.norm(np.diff(roots, axis=0), axis=1).sum()),
+        floor_m=floor,
+        feet_m=feet,
+        low_m=low,
+        high_m=high,
+        turns=float(np.ptp(part.facing)) / (2 * np.pi) if len(part.facing) else None,
+        sliding=float((part.sliding > SLIDE_M_S).mean()) if len(part.sliding) else None,
+        key_motions=part.key_motions,
+        key_beat_ms=float(np.abs(part.offsets).mean() * 1000) if len(part.offsets) else None,
+        key_shifted_ms=float(np.abs(part.shifted).mean() * 1000) if len(part.shifted) else None,
+        bas=score,
+        bas_chance=chance,
         tempo_found=float(60 / np.median(periods)) if len(periods) else None,
-        music_s=music[0] if music and whole else None,
-        floor_drift_m=round(max(part.physics[0] for part in parts), 6),
-        below_floor_m=round(max(part.heights[2] - part.heights[0] for part in parts), 6),
-        jerk=round(float(np.average([p.physics[1] for p in parts], weights=[len(p.root) for p in parts])), 6),
-        bone_spread_m=round(max(part.physics[2] for part in parts), 6),
+        music_s=piece.music_s,
+        floor_drift_m=round(drift, 6),
+        below_floor_m=round(floor - low, 6),
+        jerk=round(jerk, 6),
+        bone_spread_m=round(spread, 6),
         path=_thinned(roots - roots[0]),
     )
 

@@ -81,7 +81,7 @@ def document(measured: Measured, scales: Scales) -> Document:
 
 
 def _about(store: Store) -> About:
-    keys = ("name", "dataset", "scope", "fps", "windows", "licence", "citation", "dancedata", "recipe_sha256")
+    keys = ("name", "dataset", "fps", "windows", "licence", "citation", "dancedata", "recipe_sha256")
     record: dict[str, Any] = {key: store.meta.get(key) for key in keys}
     return About(
         **record,
@@ -259,14 +259,13 @@ def splits(store: Store) -> Splits:
     A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
     Songs are one by their name, by their samples, or by their sound.
     """
-    origin = {c.id: c.source or c.id for c in store.clips}
     songs = songs_of(store.clips)
     alike = None if sound_field(store) is None else alike_songs(store, songs)
     return Splits(
         compared_by_sound=alike is not None,
         songs=_shared(store, lambda c: songs.get(c.id, ""), alike or ()),
         dancers=_shared(store, lambda c: c.dancer),
-        clips=_shared(store, lambda c: origin[c.id]),
+        clips=_shared(store, lambda c: c.original),
     )
 
 
@@ -357,6 +356,7 @@ def _row(measured: Measured, clip: ClipView) -> ClipRow:
         dancer=clip.dancer,
         group=clip.group,
         member=clip.member,
+        slice_of=clip.slice_of,
         role=clip.role,
         frames=clip.n_frames,
         windows=measured.windows.get(clip.id, 0),

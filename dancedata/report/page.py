@@ -295,7 +295,7 @@ def _header(d: Drawing) -> str:
     about = d.numbers.about
     other = "" if d.other is None else f" <small>against {escaped(d.other.about.name)}</small>"
     facts = (
-        f"{about.scope} scope, {about.fps} frames per second, windows of {about.windows['length']} frames every "
+        f"{about.fps} frames per second, windows of {about.windows['length']} frames every "
         f"{about.windows['stride']}, skeleton {about.skeleton['name']}"
     )
     return (
@@ -336,6 +336,6 @@ def _terms(document: Document) -> str:
     ]
     lines = [f"<li><b>{escaped(name)}</b>: {escaped(value, 2000)}</li>" for name, value in rows]
     lines += [f"<li>{escaped(note, 2000)}</li>" for note in about.notes]
-    if about.scope == "window":
-        lines.append("<li>Window scope: movement was measured in windows that do not overlap.</li>")
+    if any(row.slice_of for row in document.clips):
+        lines.append("<li>Movement was measured in slices that do not overlap.</li>")
     return f'<ul class="terms" id="r-about">{"".join(lines)}</ul>'

@@ -1,13 +1,12 @@
-"""Joints, contacts, key motions and beats of clips, in both scopes: the input of a report's measurements."""
+"""Joints, contacts, key motions and beats of clips: the input of a report's measurements."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from dancedata.core.clip import Window
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.music import beats_after
@@ -29,16 +28,14 @@ _KEY_COLUMNS = ("speed", "minimum", "prominence")
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A part of a clip that is stored in one piece: the whole clip, in window scope a window.
+    """A clip as it is measured.
 
-    `start`: First frame, at the store's rate.
     `figure`: Joints and contacts.
     `key`: Its key motions, frames of the figure's grid.
     `beats`: Beats of the music from the first frame on; None without music.
     `music_s`: Length of the music from the first frame on, seconds; None without music.
     """
 
-    start: int
     figure: Figure
     key: KeyMotion
     beats: MusicBeats | None
@@ -94,46 +91,41 @@ class ClipReader:
             store.field(music[0]) if music else None,
         )
 
-    def pieces(self, clip: ClipView, windows: Sequence[Window]) -> Iterator[Piece]:
-        """Yield the stored pieces of a clip, each frame at most once.
-
-        `windows`: The clip's windows, by start; they are read in window scope.
-        Raises DataError: if columns are not those of the representation.
-        """
+    def piece(self, clip: ClipView) -> Piece | None:
+        """Read a clip; None without motion. DataError if columns are not those of the representation."""
         if self.motion is None or self.reader is None or not clip.has_field(self.motion.name):
-            return
-        if self.store.scope == "track":
-            yield self._piece(clip, None, self.motion, self.reader)
-            return
-        end = 0
-        for window in windows:
-            if window.start >= end:
-                yield self._piece(clip, window, self.motion, self.reader)
-                end = window.start + window.length
-
-    def _piece(self, clip: ClipView, window: Window | None, motion: Field, reader: ColumnsReader) -> Piece:
-        def rows(field: Field) -> Float64Array:
-            rows = clip.read(field.name) if window is None else self.store.read(window, field.name)
-            return np.asarray(rows)
-
-        figure = Figure.of_columns(rows(motion), reader)
+            return None
+        figure = Figure.of_columns(np.asarray(clip.read(self.motion.name)), self.reader)
         stored = self.keymotion
         if stored is not None and stored.grid == figure.grid and clip.has_field(stored.name):
-            key = KeyMotion.from_rows(rows(stored))
+            key = KeyMotion.from_rows(np.asarray(clip.read(stored.name)))
         else:
             key = figure_key_motion(figure)
-        beats, music_s = self._beats(clip, window)
-        return Piece(0 if window is None else window.start, figure, key, beats, music_s)
+        return Piece(figure, key, *self._beats(clip))
 
-    def _beats(self, clip: ClipView, window: Window | None) -> tuple[MusicBeats | None, float | None]:
+    def _beats(self, clip: ClipView) -> tuple[MusicBeats | None, float | None]:
         field = self.music
         if field is None:
             return None, None
-        if window is None and self.store.music_offset(clip.id) < 0:
+        if self.store.music_offset(clip.id) < 0:
             lead, rows = self.store.rows_within(clip.id, field.name)
             tables = self.store.tables
             n_rows = int(tables.spans[field.name].available[tables.find(clip.id)])
         else:
-            lead, rows = 0, clip.read_song(field.name) if window is None else self.store.read(window, field.name)
+            lead, rows = 0, clip.read_song(field.name)
             n_rows = len(rows)
         return beats_after(field_beats(rows, field), -lead, field.grid), float(field.grid.seconds(n_rows))
+
+
+def measured_units(store: Store) -> list[Sequence[ClipView]]:
+    """Return the clips and groups that are measured: no copies, and of slices those that do not overlap."""
+    units = [dancers for dancers in store.clips.units() if not dancers[0].source]
+    slices = [dancers[0] for dancers in units if dancers[0].slice_of]
+    ends: dict[str, int] = {}
+    overlapping = set()
+    for clip in sorted(slices, key=lambda clip: (clip.slice_of, clip.slice_start)):
+        if clip.slice_start < ends.get(clip.slice_of, 0):
+            overlapping.add(clip.id)
+        else:
+            ends[clip.slice_of] = clip.slice_start + clip.n_frames
+    return [dancers for dancers in units if dancers[0].id not in overlapping]

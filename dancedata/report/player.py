@@ -69,7 +69,7 @@ NO_PLAYER = Player()
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
     """Return the player of clips of a dataset, of whole groups for their dancers; see `scene_player`.
 
-    In window scope it plays the first window of each. `clips` has one id per group.
+    `clips` has one id per group.
     """
     if not clips:
         return NO_PLAYER

@@ -138,7 +138,7 @@ def _compared(
             piece = _piece(figure, music.get(sample))
             dancers[clip], rows[clip] = item, (sample, named.get(sample, ""), clip_numbers(piece))
             record = replace(dancer.clip, id=of_sample(clip), split=SAMPLES, n_frames=_frames(store, figure))
-            space.add(record, [piece], _windows(store, record))
+            space.add(record, piece, _windows(store, record))
     nearest, to_train = _nearest(space, first)
     numbers = replace(numbers, poses=poses_of(space, [*store.splits, SAMPLES]))
     sample_rows = tuple(SampleRow(clip, *of_clip, to_train.get(of_sample(clip))) for clip, of_clip in rows.items())
@@ -149,7 +149,7 @@ def _compared(
 
 def _piece(figure: Figure, music: ClipMusic | None) -> Piece:
     beats, end_s = (None, None) if music is None else (music.beats, music.end_s)
-    return Piece(0, figure, figure_key_motion(figure), beats, end_s)
+    return Piece(figure, figure_key_motion(figure), beats, end_s)
 
 
 def _frames(store: Store, figure: Figure) -> int:

@@ -77,13 +77,6 @@ def scaled_groups(store: Store, name: str) -> tuple[ScaledGroup, ...]:
 def _other_rows(store: Store, name: str) -> Iterator[npt.NDArray[Any]]:
     """Yield the rows of all splits except train."""
     for split in store.splits:
-        if split == "train":
-            continue
-        if store.scope == "window":
-            yield from (store.read(window, name) for window in store.windows(split))
-        else:
-            yield from (
-                clip.read(name)
-                for clip in store.clips
-                if clip.split == split and not clip.source and clip.has_field(name)
-            )
+        if split != "train":
+            clips = (clip for clip in store.clips if clip.split == split and not clip.source)
+            yield from (clip.read(name) for clip in clips if clip.has_field(name))

@@ -19,7 +19,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.execution.arithmetic import one_thread
 from dancedata.metrics import frechet, geometric, kinetic
-from dancedata.report.pieces import ClipReader, Piece
+from dancedata.report.pieces import ClipReader, Piece, measured_units
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 
@@ -158,38 +158,32 @@ class Space:
         n_windows = sum(len(windows[clip.id]) for clip in originals)
         return cls(store.grid, max(1, -(-n_frames // _POSES)), max(1, -(-n_windows // _WINDOWS)))
 
-    def add(self, clip: ClipRecord, pieces: Sequence[Piece], windows: Sequence[Window]) -> None:
+    def add(self, clip: ClipRecord, piece: Piece, windows: Sequence[Window]) -> None:
         """Add a clip."""
         self.split_of[clip.id] = clip.split
-        for piece in pieces:
-            figure = piece.figure
-            names = figure.skeleton.joints
-            body = (
-                [names.index(name) for name in BODY_JOINTS] if set(BODY_JOINTS) <= set(names) else range(len(names))
-            )
-            self.joints = tuple(names[j] for j in body)
-            rate, first = piece.rate, piece.start / float(self.grid.rate)
-            trim = max(0.0, clip.trim_start / float(self.grid.rate) - first)
-            poses = frontal(figure.joints, names)[:, body]
-            step = max(1, round(self.pose_step * rate / float(self.grid.rate)))
-            kept = np.arange(int(np.ceil(trim * rate)), len(poses), step)
-            self.poses.append(poses[kept].reshape(len(kept), -1).astype(np.float32))
-            self.pose_of += [(clip.id, clip.split, first + k / rate) for k in kept.tolist()]
-            for window in windows[:: self.window_step]:
-                begin = (window.start - piece.start) / float(self.grid.rate) * rate
-                end = begin + (window.length - 1) / float(self.grid.rate) * rate
-                if trim * rate - 1e-6 <= begin and end <= len(poses) - 1 + 1e-6:
-                    moments = np.linspace(begin, end, _MOMENTS).round().astype(int)
-                    self.windows.append(poses[moments].reshape(-1).astype(np.float32))
-                    self.window_of.append((clip.id, clip.split, window.start / float(self.grid.rate)))
-        self._measure(clip, pieces)
+        figure, names = piece.figure, piece.figure.skeleton.joints
+        body = [names.index(name) for name in BODY_JOINTS] if set(BODY_JOINTS) <= set(names) else range(len(names))
+        self.joints = tuple(names[j] for j in body)
+        rate = piece.rate
+        trim = max(0.0, clip.trim_start / float(self.grid.rate))
+        poses = frontal(figure.joints, names)[:, body]
+        step = max(1, round(self.pose_step * rate / float(self.grid.rate)))
+        kept = np.arange(int(np.ceil(trim * rate)), len(poses), step)
+        self.poses.append(poses[kept].reshape(len(kept), -1).astype(np.float32))
+        self.pose_of += [(clip.id, clip.split, k / rate) for k in kept.tolist()]
+        for window in windows[:: self.window_step]:
+            begin = window.start / float(self.grid.rate) * rate
+            end = begin + (window.length - 1) / float(self.grid.rate) * rate
+            if trim * rate - 1e-6 <= begin and end <= len(poses) - 1 + 1e-6:
+                moments = np.linspace(begin, end, _MOMENTS).round().astype(int)
+                self.windows.append(poses[moments].reshape(-1).astype(np.float32))
+                self.window_of.append((clip.id, clip.split, window.start / float(self.grid.rate)))
+        self._measure(clip, piece, trim)
 
-    def _measure(self, clip: ClipRecord, pieces: Sequence[Piece]) -> None:
-        if len(self.joints) != len(BODY_JOINTS) or not pieces:
+    def _measure(self, clip: ClipRecord, piece: Piece, trim: float) -> None:
+        if len(self.joints) != len(BODY_JOINTS):
             return
-        piece = pieces[0]
         body = [piece.figure.skeleton.joints.index(name) for name in BODY_JOINTS]
-        trim = max(0.0, (clip.trim_start - piece.start) / float(self.grid.rate))
         joints = piece.figure.joints[int(np.ceil(trim * piece.rate)) :, body]
         try:
             self.features["kinetic"][clip.id] = kinetic(joints - joints[:1, :1], piece.rate)
@@ -202,9 +196,10 @@ def measured_poses(store: Store) -> Poses:
     """Measure the poses of a dataset alone; a report measures them with everything else."""
     reader, windows = ClipReader.of(store), {clip.id: store.windows_of(clip.id) for clip in store.clips}
     space = Space.of(store, windows)
-    for clip in store.clips:
-        if not clip.source:
-            space.add(clip, list(reader.pieces(clip, windows[clip.id])), windows[clip.id])
+    for clip in (clip for dancers in measured_units(store) for clip in dancers):
+        piece = reader.piece(clip)
+        if piece is not None:
+            space.add(clip, piece, windows[clip.id])
     return poses_of(space, store.splits)
 
 

@@ -233,16 +233,13 @@ def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str,
     if not numbers.clips:
         return {}
     clip = max(numbers.clips, key=lambda row: (row.frames, row.clip)).clip
-    windows = store.windows_of(clip)
-    if store.scope == "window" and not windows:
-        return {}
-    piece = next(reader.pieces(store.clip(clip), windows), None)
+    piece = reader.piece(store.clip(clip))
     beats = () if piece is None or piece.beat_times is None else tuple(piece.beat_times.tolist())
     figures = {}
     for name, columns in store.fields.items():
         if not store.has_field(clip, name):
             continue
-        rows = store.rows_within(clip, name)[1] if store.scope == "track" else store.read(windows[0], name)
+        rows = store.rows_within(clip, name)[1]
         if not len(rows):
             continue
         time = Timeline(len(rows) / float(store.field(name).grid.rate), beats)
@@ -262,10 +259,10 @@ def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str,
 
 
 def _stills(store: Store, reader: ClipReader, clips: Sequence[str]) -> list[tuple[str, str]]:
-    """Return the pose in the middle of each clip, facing the reader; in window scope of its first window."""
+    """Return the pose in the middle of each clip, facing the reader."""
     stills = []
     for clip in clips:
-        piece = next(reader.pieces(store.clip(clip), store.windows_of(clip)), None)
+        piece = reader.piece(store.clip(clip))
         if piece is not None and len(piece.figure.joints):
             middle = len(piece.figure.joints) // 2
             skeleton = piece.figure.skeleton

@@ -48,6 +48,8 @@ class ClipRecord:
         "", -1 and "" for a single dancer.
     song
         Id of the decoded signal in the table of songs; "" if none is recorded.
+    slice_of, slice_start
+        Of a slice, whose rows were computed from it alone: name of its clip, and the slice's first frame in it.
     source_start, source_end
         Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
     audio_start
@@ -79,6 +81,8 @@ class ClipRecord:
     member: int = -1
     role: str = ""
     song: str = ""
+    slice_of: str = ""
+    slice_start: int = 0
     source_start: Fraction | None = None
     source_end: Fraction | None = None
     audio_start: Fraction = Fraction(0)
@@ -86,6 +90,11 @@ class ClipRecord:
     licence: int = -1
     made_of: str = ""
     columns: Mapping[str, ColumnValue] = field(default_factory=dict)
+
+    @property
+    def original(self) -> str:
+        """Id of the clip of the source: of the one that this one is a copy or a slice of."""
+        return self.slice_of or self.source or self.id
 
 
 @dataclass(frozen=True)
@@ -176,6 +185,8 @@ CLIP_COLUMNS = (
     _count("member", least=-1),
     _text("role"),
     _text("song"),
+    _text("slice_of"),
+    _count("slice_start"),
     _seconds("source_start", None),
     _seconds("source_end", None),
     _seconds("audio_start", Fraction(0)),

@@ -16,7 +16,9 @@ from dancedata.store.dataset import Store
 
 
 def recording_of(clip: ClipRecord) -> str:
-    """Return the unit of intervals that a clip, no copy, is of: itself, or what the parts of its file share."""
+    """Return the unit of intervals that a clip, no copy, is of: itself, or what slices or parts of a file share."""
+    if clip.slice_of:
+        return clip.slice_of
     is_part = clip.source_start is not None or clip.source_end is not None
     return (clip.made_of[:12] if is_part else "") or clip.id
 

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.clip import Window
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.clip_view import ClipView
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 
@@ -148,7 +148,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     The rows of `sound_field` are compared at the shift of their largest normalised cross-correlation, in pieces of
     half a second; the likeness is the correlation of the piece at the lowest tenth. Loudness, format, sample rate and
     silence or cuts at the ends do not matter; at least 5 s have to be in both. Another speed or key is another song.
-    In window scope the clip of a song with the most windows is taken, and frames between windows do not count.
+    Of slices, those of the clip with the most are taken, and frames between them do not count.
 
     `songs`: See `songs_of`; songs that are known to be one are not compared.
     Returns: By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
@@ -157,7 +157,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     field = sound_field(store)
     if field is None or len(store.splits) < 2:
         return []
-    chosen = _clip_of_song(store, songs)
+    chosen = _clips_of_song(store, songs)
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
     # Songs that are not both in one split alone.
@@ -189,7 +189,7 @@ def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = 
         return "they have no field with MFCC and chroma in common, as librosa35"
     stores = (one, other)
     songs = [songs_of(store.clips) for store in stores]
-    chosen = [_clip_of_song(store, of_store) for store, of_store in zip(stores, songs, strict=True)]
+    chosen = [_clips_of_song(store, of_store) for store, of_store in zip(stores, songs, strict=True)]
     if len(chosen[0]) * len(chosen[1]) > MAX_PAIRS:
         return f"there are more than {MAX_PAIRS:,} pairs"
     recordings = [
@@ -210,23 +210,20 @@ def _compared_rate(field: Field) -> float:
     return float(field.rate) / max(1, round(float(field.rate) / _RATE))
 
 
-def _clip_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], str]:
-    """Return a clip for every song and signal: in window scope that with the most windows."""
+def _clips_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], list[ClipView]]:
+    """Return a clip for every song and signal, or all slices of the clip that has most."""
     hashes = music_hashes(store.clips)
-    chosen: dict[tuple[str, str | None], str] = {}
+    candidates: dict[tuple[str, str | None], dict[str, list[ClipView]]] = defaultdict(dict)
     for clip in store.clips:
         if clip.id in songs and not clip.source:
-            key = songs[clip.id], hashes.get(clip.id)
-            first = chosen.setdefault(key, clip.id)
-            if store.scope == "window" and len(store.windows_of(clip.id)) > len(store.windows_of(first)):
-                chosen[key] = clip.id
-    return chosen
+            candidates[songs[clip.id], hashes.get(clip.id)].setdefault(clip.original, []).append(clip)
+    return {key: max(by_original.values(), key=len) for key, by_original in candidates.items()}
 
 
 def _recordings(
     store: Store,
     songs: Mapping[str, str],
-    chosen: Mapping[tuple[str, str | None], str],
+    chosen: Mapping[tuple[str, str | None], Sequence[ClipView]],
     field: Field,
     dataset: int = 0,
 ) -> Iterator[_Recording]:
@@ -237,26 +234,26 @@ def _recordings(
             splits[songs[clip.id]].add(clip.split)
     rate, columns = _compared_rate(field), _sound_columns(field)
     step = round(float(field.rate) / rate)
-    for (song, _), clip_id in chosen.items():
-        windows = store.windows_of(clip_id) if store.scope == "window" else ()
-        rows, stored = _rows_of(store, clip_id, windows, field)
+    for (song, _), clips in chosen.items():
+        rows, stored = _rows_of(store, clips, field)
         compared, exists = _comparable(rows[:, columns], stored, step, rate)
         if exists.sum() >= _OVERLAP_S * rate:
             yield _Recording(song, frozenset(splits[song]), compared, exists, dataset)
 
 
-def _rows_of(store: Store, clip: str, windows: Sequence[Window], field: Field) -> tuple[Rows, Mask]:
-    """Return the rows of a clip's song, and which there are; the mean of its windows in window scope."""
-    if store.scope == "track":
-        later = store.music_offset(clip) < 0
-        song = store.rows_within(clip, field.name)[1] if later else store.read_song(clip, field.name)
+def _rows_of(store: Store, clips: Sequence[ClipView], field: Field) -> tuple[Rows, Mask]:
+    """Return the rows of the song of a clip, or of the slices of one, and which there are; the mean of slices."""
+    if not clips[0].slice_of:
+        clip = clips[0]
+        later = store.music_offset(clip.id) < 0
+        song = store.rows_within(clip.id, field.name)[1] if later else clip.read_song(field.name)
         return song, np.ones(len(song), dtype=bool)
-    first, last = min(w.start for w in windows), max(w.start + w.length for w in windows)
+    first, last = min(c.slice_start for c in clips), max(c.slice_start + c.n_frames for c in clips)
     rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)
     count = np.zeros((len(rows), 1), dtype=np.float32)
-    for window in windows:
-        begin = store.grid.rows(window.start - first, of=field.grid)
-        part = store.read(window, field.name)
+    for clip in clips:
+        begin = store.grid.rows(clip.slice_start - first, of=field.grid)
+        part = clip.read(field.name)
         rows[begin : begin + len(part)] += part
         count[begin : begin + len(part)] += 1
     return (rows / np.maximum(count, 1)).astype(np.float32), count[:, 0] > 0

@@ -60,6 +60,11 @@ class StoreTables:
         return tuple(f for f in self._fields.values() if f.kind == kind and set(groups) <= set(f.columns.names))
 
     @property
+    def has_slices(self) -> bool:
+        """Whether clips are slices, see `ClipRecord.slice_of`."""
+        return "slice_of" in self.tables.columns
+
+    @property
     def licences(self) -> tuple[Licence, ...]:
         """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
         return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.meta.get("licences", ()))

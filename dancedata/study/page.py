@@ -82,8 +82,8 @@ class _Trials(SceneList):
     def about(self) -> dict[str, Any]:
         """Return the head of the page, which names no system."""
         return {
-            "name": "study", "fps": float(self.grid.rate), "rate": str(self.grid), "scope": "track", "clips": 0,
-            "windows": 0, "hours": 0, "groups": len(self._scenes), "licence": "", "citation": "",
+            "name": "study", "fps": float(self.grid.rate), "rate": str(self.grid), "clips": 0, "windows": 0,
+            "hours": 0, "groups": len(self._scenes), "licence": "", "citation": "",
         }  # fmt: skip
 
 

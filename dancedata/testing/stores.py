@@ -1,7 +1,7 @@
 """Small random stores for tests, of this project and of projects that use it."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import WindowGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.store.schema import Field, Order, Scope, StoreHeader
+from dancedata.store.schema import Field, Order, Scope, StoreHeader, slice_name
 from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 
@@ -108,6 +108,7 @@ def write_random_store(
     clips_per_song: int = 2,
     shard_bytes: int = 1 << 20,
     seed: int = 0,
+    slices: bool = False,
     meta: Mapping[str, Any] | None = None,
     **writer: Any,
 ) -> RandomStore:
@@ -129,6 +130,8 @@ def write_random_store(
         Adjacent clips of a split share a song: in track scope one timeline, with an offset per clip.
     seed
         Equal arguments give equal stores.
+    slices
+        Whether each window is a clip of its own, ``<split>_c00_slice1``.
     meta
         Additional keys of dataset.json.
     **writer
@@ -159,6 +162,7 @@ def write_random_store(
             ids = [f"{split}_c{i:02d}" for i in range(first, min(first + clips_per_song, count))]
             song = f"song_{split}_{first // clips_per_song:02d}"
             stored += _song(rng, header, split, song, dict(zip(ids, lengths[first:], strict=False)))
+    stored = [piece for clip in stored for piece in slices_of(header, clip)] if slices else stored
     out.mkdir(parents=True, exist_ok=True)
     write_store(out, header, stored, shard_bytes=shard_bytes, **writer)
     return RandomStore(out, header, tuple(stored))
@@ -196,6 +200,22 @@ def _song(
             )
         )
     return clips
+
+
+def slices_of(header: StoreHeader, clip: StoredClip) -> Iterator[StoredClip]:
+    """Yield the windows of a clip as clips of their own."""
+    for number, start in enumerate(clip.starts):
+        rows = {f.name: [_rows(f, header, frame) for frame in (start, start + header.length)] for f in header.fields}
+        motion = {name: np.asarray(array)[slice(*rows[name])] for name, array in clip.motion.items()}
+        audio = {
+            name: AudioBlock(f"{block.key}/{start}", np.asarray(block.array)[block.offset :][slice(*rows[name])])
+            for name, (block,) in clip.audio.items()
+        }
+        yield replace(
+            clip, id=slice_name(clip.id, number), n_frames=header.length, starts=(0,), motion=motion,
+            audio={name: (block,) for name, block in audio.items()}, audio_start=header.grid.seconds(start),
+            slice_of=clip.id, slice_start=start,
+        )  # fmt: skip
 
 
 def _motion(rng: np.random.Generator, header: StoreHeader, n: int, n_windows: int) -> dict[str, Array]:

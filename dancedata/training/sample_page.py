@@ -42,7 +42,7 @@ def sample_page(store: Store, field: str, reader: ColumnsReader, samples: Sequen
 
 
 class _Windows(Scenes):
-    """Windows of a dataset of either scope, in the given order."""
+    """Windows of a dataset, in the given order."""
 
     def __init__(self, store: Store, field: str, windows: Sequence[Window], title: str) -> None:
         super().__init__(store, field)

@@ -194,7 +194,7 @@ class MotionScenes(SceneList):
         hours = sum(float(self.grid.seconds(item.n_frames)) * (len(item.members) or 1) for item in self.items) / 3600
         return {
             "name": shown(self.place, MAX_NAME), "fps": float(self.grid.rate), "rate": str(self.grid),
-            "scope": "track", "clips": n, "windows": 0, "hours": hours, "licence": "", "citation": "",
+            "clips": n, "windows": 0, "hours": hours, "licence": "", "citation": "",
         }  # fmt: skip
 
     def sound(self, item: Item) -> ClipSound | None:

@@ -30,8 +30,6 @@ Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]
 Played: TypeAlias = Motion | ClipView | Sequence[Motion | ClipView] | Mapping[str, Motion | ClipView]
 #: Height of the output of a notebook cell, CSS pixels.
 _CELL_HEIGHT = 640
-#: Most windows of a clip of window scope that one output holds.
-_CELL_WINDOWS = 24
 
 
 @dataclass(frozen=True)
@@ -113,10 +111,9 @@ def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool
 
 
 def view_clip(store: Store, clip: ClipView) -> View:
-    """Return a page that plays a clip of a dataset, in window scope its first windows."""
+    """Return a page that plays a clip of a dataset."""
     scenes = Scenes(store)
-    items = scenes.items_of(clip.id)[:_CELL_WINDOWS] if scenes.items else []
-    return View(repr(clip), clip_page(scenes, items))
+    return View(repr(clip), clip_page(scenes, scenes.items_of(clip.id)))
 
 
 def html_of(value: Motion | ClipView | Clips | Store) -> str:

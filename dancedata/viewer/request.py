@@ -47,7 +47,7 @@ class ViewRequest:
     `compare_as`, `normalized`, `scaler`, `clip_to_range`, `fps`, `up`, `unit`: How motion files are read; see
         `file_format`.
     `at`: Seconds to begin at.
-    `window`: Number of the clip's window to loop; in window scope the window to show.
+    `window`: Number of the clip's window to loop.
     `mirrored`, `overlay`: Whether the dancer is mirrored, and motions to compare with are drawn over him.
     `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
     `body_model`, `betas`: File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default:
@@ -162,14 +162,10 @@ class ViewRequest:
             item = max(scenes.items, key=lambda item: sum(comparison.has(item) for comparison in compared))
         if self.window is None:
             return item, None
-        of_clip = scenes.items_of(item.name)
-        windows = scenes.windows_of(item) if item.window is None else ()
-        count = len(windows) if item.window is None else len(of_clip)
-        if not 0 <= self.window < count:
-            allowed = f"0 to {count - 1}" if count else "no windows"
+        windows = scenes.windows_of(item)
+        if not 0 <= self.window < len(windows):
+            allowed = f"0 to {len(windows) - 1}" if windows else "no windows"
             raise UsageError("the clip has no such window", where=item.name, found=self.window, allowed=allowed)
-        if item.window is not None:
-            return of_clip[self.window], None
         start, length = windows[self.window]
         return item, (start, start + length)
 

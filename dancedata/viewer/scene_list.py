@@ -78,7 +78,7 @@ class Rhythm:
 
 @dataclass(frozen=True)
 class Item:
-    """One entry of the list of a viewer: a clip or a group, in window scope a window of it. Or a dancer of a group.
+    """One entry of the list of a viewer: a clip, a window of it, or a group. Or a dancer of a group.
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class Item:
 
     @property
     def id(self) -> str:
-        """The name; in window scope the first frame of the window follows, as in "clip@75"."""
+        """The name; of a window its first frame follows, as in "clip@75"."""
         return self.name if self.window is None else f"{self.name}@{self.start}"
 
     @property
@@ -328,7 +328,7 @@ class SceneList(ABC):
         return False
 
     def items_of(self, name: str) -> list[Item]:
-        """Return the items of a clip or a group, several in window scope; a dancer of a group is an item by himself.
+        """Return the items of a clip or a group, of windows several; a dancer of a group is an item by himself.
 
         Raises UsageError: for an unknown name.
         """
@@ -347,7 +347,7 @@ class SceneList(ABC):
         return name in self._by_name
 
     def find(self, name: str, frame: int = 0) -> Item:
-        """Return the item of a clip or a group, in window scope the first one that has a frame of the clip.
+        """Return the item of a clip or a group, of windows the first one that has a frame of the clip.
 
         Raises UsageError: for an unknown name.
         """

@@ -1,4 +1,4 @@
-"""Scenes: the clips of a dataset, or its windows in window scope, as they are drawn."""
+"""Scenes: the clips of a dataset, as they are drawn."""
 
 from __future__ import annotations
 
@@ -95,19 +95,12 @@ class Scenes(SceneList):
 
     @cached_property
     def items(self) -> tuple[Item, ...]:
-        """The groups and clips in stored order; in window scope the windows, clip by clip or group by group."""
+        """The groups and clips in stored order."""
         items: list[Item] = []
-        for unit in self.store.clips.units():
+        for number, unit in enumerate(self.store.clips.units()):
             dancers = [clip.record for clip in unit]
-            windows = [self.store.windows_of(c.id) if self.store.scope == "window" else [None] for c in dancers]
-            for of_dancers in zip(*windows, strict=True):
-                members = tuple(
-                    Item(len(items), clip, 0, clip.n_frames, source=clip.source)
-                    if window is None
-                    else Item(len(items), clip, window.start, window.length, window, source=clip.source)
-                    for clip, window in zip(dancers, of_dancers, strict=True)
-                )
-                items.append(self._group(members) if dancers[0].group else members[0])
+            members = tuple(Item(number, clip, 0, clip.n_frames, source=clip.source) for clip in dancers)
+            items.append(self._group(members) if dancers[0].group else members[0])
         return tuple(items)
 
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
@@ -156,7 +149,7 @@ class Scenes(SceneList):
             total["groups"] = sum(split.get("groups", 0) for split in counts)
         return {
             "name": shown(meta.get("name", self.store.path.name), MAX_NAME), "fps": float(self.grid.rate),
-            "rate": str(self.grid), "scope": self.store.scope, **total,
+            "rate": str(self.grid), **total,
             "made": self.store.reference[1],
             "licence": shown(meta.get("licence", ""), 600), "citation": shown(meta.get("citation", ""), 600),
         }  # fmt: skip

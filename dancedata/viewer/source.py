@@ -89,7 +89,7 @@ class ClipSource:
         Raises DataError: if the source does not have it, or it cannot be read.
         """
         figure = scene.figure
-        ref = self._refs.get(item.clip.id)
+        ref = self._refs.get(item.clip.slice_of or item.clip.id)
         reader = dataset_of(self.store)
         if figure is None or ref is None or reader is None:
             origin = ": it is a copy of another clip" if item.clip.source else ""
@@ -99,7 +99,8 @@ class ClipSource:
         if has_body(motion.skeleton) and has_body(figure.skeleton):
             motion = carried_over(motion, figure.skeleton)
         whole = replace(Figure.of_joints(motion.joints(), motion.skeleton, motion.grid), rotations=motion.rotations)
-        return whole.part(float(self.store.grid.seconds(item.start)), scene.seconds)
+        first = item.clip.slice_start + item.start
+        return whole.part(float(self.store.grid.seconds(first)), scene.seconds)
 
     def _at_speed(self, item: Item, signal: AudioSignal) -> AudioSignal:
         """Return the music of a copy at another tempo, stretched as the build did."""

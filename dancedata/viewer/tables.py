@@ -34,7 +34,7 @@ def store_html(store: Store) -> str:
         for name, columns in store.fields.items()
     ]
     head = f"<b>{_text(store.meta.get('name', store.path.name))}</b> &middot; {_text(store.path)}"
-    head += f" &middot; {store.grid} frames per second &middot; scope {_text(store.scope)}"
+    head += f" &middot; {store.grid} frames per second"
     return (
         f"<div><p>{head}</p>"
         f"{_table(('split', *kinds, 'minutes'), splits)}"

@@ -97,11 +97,11 @@ class Wall(SceneList):
         return item.clip.audio_start + self.grid.seconds(item.start)
 
     def _together(self, items: Sequence[Item]) -> list[list[Item]]:
-        """Return the items of a song that share time: windows that begin together, clips that overlap."""
+        """Return the items of a song that share time: windows and slices that begin together, clips that overlap."""
         begins: dict[Fraction, list[Item]] = {}
         for item in items:
             begins.setdefault(self._second(item), []).append(item)
-        if items[0].window is not None and max(map(len, begins.values())) > 1:
+        if (items[0].window is not None or items[0].clip.slice_of) and max(map(len, begins.values())) > 1:
             return list(begins.values())
         walls: list[list[Item]] = []
         end = Fraction(0)

@@ -70,11 +70,11 @@ def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: P
     assert any("the music ends before the motion of 1 clip: long" in warning for warning in report.warnings)
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tmp_path: Path, scope: Any) -> None:
+@pytest.mark.parametrize("slices", [False, True])
+def test_beats_of_slices_where_a_protocol_takes_those_of_songs(store: Store, tmp_path: Path, slices: bool) -> None:
     meta, fields = {"recipe": store.meta["recipe"], "licence": ""}, [store.field("edge151"), store.field("librosa35")]
     write_random_store(
-        tmp_path / "a", scope=scope, clips={"train": 2}, length=150, n_frames=(165, 165), meta=meta, fields=fields
+        tmp_path / "a", slices=slices, clips={"train": 2}, length=150, n_frames=(165, 165), meta=meta, fields=fields
     )
     windows = dancedata.open(tmp_path / "a")
     columns, music = (np.stack([windows.read(w, f) for w in windows.windows("train")]) for f in windows.fields)
@@ -88,8 +88,8 @@ def test_beats_of_windows_where_a_protocol_takes_those_of_songs(store: Store, tm
     reports = [dancedata.evaluate(windows, metrics=["bas"], bootstrap=0), evaluator.compute()]
     for report in reports:
         assert report["bas"] is not None
-    told = [any("beats are those of each window" in w for w in r.warnings) for r in reports]
-    assert told == [scope == "window"] * 2
+    told = [any("beats are those of each slice" in w for w in r.warnings) for r in reports]
+    assert told == [slices] * 2
 
 
 @pytest.mark.parametrize("text", ["a,b,c\n", "clip,song\na,b\nc\n"])

@@ -53,9 +53,8 @@ SIXTY = {"audio": {"librosa35": {}}, "motion": {"fact219": {}}}
         # A recipe at 30 gives motion at 60 next to music at 30: the trap of FACT and Bailando.
         ("sixty", {**SIXTY, "fps": 30}, "fact", {},
          ["librosa35 has 30 rows per second, not 60\n  fix: audio: {librosa35: {fps: 60}}"]),
-        ("edge-exact", {}, "fact", {}, ["the dataset has window scope, without whole clips\n  fix: scope: track"]),
         ("edge-exact", {"windows": {"length_s": 4, "stride_s": 0.5, "order": "name"}}, "edge", {},
-         ["windows of 120 frames every 15, not 150 every 15"]),
+         ["slices of 120 frames every 15, not 150 every 15"]),
         ("edge", {}, "edge", {"feature": "jukebox"}, ["no field jukebox"]),
         ("sixty", {}, "fact", {"feature": "fact219"},
          ["fact219 is a field of the kind motion, not audio", "fact219 has 219 columns, not 35"]),
@@ -195,12 +194,10 @@ def test_npz_holds_the_dataset(export: Callable, built) -> None:
             song = (built(name).source / "wavs" / f"{clip.music}.wav").read_bytes()
             assert (out / index["clips"][clip.id]["music_file"]).read_bytes() == song
             for field in store.fields:
-                if store.scope == "track":
-                    np.testing.assert_array_equal(held[field], clip.read(field))
+                np.testing.assert_array_equal(held[field], clip.read(field))
         for split in store.splits:
             assert index["windows"][split] == [[w.clip, w.start, w.length] for w in store.windows(split)]
         window = store.windows("train")[0]
         start, rows = window.start, np.load(out / f"clips/{window.clip}.npz")["edge151"]
-        piece = rows[start : start + 150] if store.scope == "track" else rows[start // 15]
-        np.testing.assert_array_equal(piece, store.read(window, "edge151"))
+        np.testing.assert_array_equal(rows[start : start + 150], store.read(window, "edge151"))
         assert index["fields"]["edge151"]["scaler"] == store.scaler("edge151").state_dict()

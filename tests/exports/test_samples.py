@@ -212,15 +212,6 @@ def test_names_of_splits_that_datasets_does_not_take(tmp_path: Path, hf: Any) ->
     assert list(hf.load_dataset(str(tmp_path / "out"), cache_dir=str(tmp_path / "cache"))) == ["train"]
 
 
-def test_window_scope_is_written_as_windows_alone(tmp_path: Path) -> None:
-    made = write_random_store(tmp_path / "store", scope="window")
-    store = open_store(made.path)
-    dancedata.export(made.path, "parquet", tmp_path / "out", progress=False)
-    windows_equal(pq.read_table(tmp_path / "out/data/train-00000-of-00001.parquet"), store, "train")
-    with raises_message(StoreError, "hf-datasets", where="store"):
-        dancedata.export(made.path, "hf-datasets", tmp_path / "refused", progress=False, samples="clips")
-
-
 def test_refusals(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for keys in ({"shard_mb": 0}, {"row_group_mb": 0}):
         with raises_message(UsageError, r"export\.parquet"):

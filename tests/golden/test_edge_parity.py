@@ -44,9 +44,9 @@ def _read(store: Store, split: str, field: str) -> npt.NDArray[Any]:
 
 
 @pytest.mark.parametrize("split", SPLITS)
-def test_windows_are_edges_in_edges_order(exact: Store, peers: Any, split: str) -> None:
+def test_slices_are_edges_in_edges_order(exact: Store, peers: Any, split: str) -> None:
     names = json.loads((peers / f"edge_windows_{split}.json").read_text())
-    assert [f"{w.clip}_slice{w.start // 15}" for w in exact.windows(split)] == names
+    assert [w.clip for w in exact.windows(split)] == names
 
 
 @pytest.mark.parametrize("split", SPLITS)
@@ -98,17 +98,14 @@ def test_stores_are_whole(exact: Store, track: Store) -> None:
 
 
 def _pairs(track: Store, exact: Store, field: str) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Return the windows that both scopes have, (W, 150, D) each."""
+    """Return the windows that are slices too, (W, 150, D) each."""
     there = {(w.clip, w.start): w for split in SPLITS for w in track.windows(split)}
-    pairs = [
-        (track.read(there[w.clip, w.start], field), exact.read(w, field))
-        for split in SPLITS
-        for w in exact.windows(split)
-    ]
+    slices = [exact.clip(w.clip) for split in SPLITS for w in exact.windows(split)]
+    pairs = [(track.read(there[c.slice_of, c.slice_start], field), c.read(field)) for c in slices]
     return np.stack([a for a, _ in pairs]), np.stack([b for _, b in pairs])
 
 
-def test_track_scope_differs_in_motion_only_where_documented(track: Store, exact: Store) -> None:
+def test_whole_clips_differ_in_motion_only_where_documented(track: Store, exact: Store) -> None:
     a, b = _pairs(track, exact, "edge151")
     np.testing.assert_array_equal(a[..., 4:], b[..., 4:])
     np.testing.assert_array_equal(a[:, :-1, :4], b[:, :-1, :4])
@@ -116,15 +113,15 @@ def test_track_scope_differs_in_motion_only_where_documented(track: Store, exact
     assert 0 < (a[:, -1, :4] != b[:, -1, :4]).sum() < b[:, -1, :4].size
 
 
-def test_track_scope_has_one_window_more_where_n_mod_30_is_29(track: Store, exact: Store) -> None:
+def test_whole_clips_have_one_window_more_where_n_mod_30_is_29(track: Store, exact: Store) -> None:
     mine = {(w.clip, w.start) for split in SPLITS for w in track.windows(split)}
-    edges = {(w.clip, w.start) for split in SPLITS for w in exact.windows(split)}
+    edges = {(clip.slice_of, clip.slice_start) for clip in exact.clips if clip.split in SPLITS}
     # Of the six sequences only this one has 509 = 29 (mod 30) frames.
     assert mine - edges == {("gJS_sBM_cAll_d26_mJS3_ch01", 105)}
     assert edges <= mine
 
 
-def test_track_scope_differs_in_features_only_at_window_edges(track: Store, exact: Store, peers: Any) -> None:
+def test_whole_clips_differ_in_features_only_at_window_edges(track: Store, exact: Store, peers: Any) -> None:
     a, b = _pairs(track, exact, "librosa35")
     # Of the compact set's music some is silence. Windows come split by split, in EDGE's order.
     counts = [peers.load(f"edge_{split}.npz").shape("baseline35")[0] for split in SPLITS]

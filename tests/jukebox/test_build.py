@@ -68,12 +68,12 @@ def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None
     tracks = {name: feature.extract(song, FrameGrid.of(30)) for name, song in songs.items() if scope == "track"}
     for split in store.splits:
         for window in store.windows(split):
-            name = store.clip(window.clip).music
-            song = songs[name]
+            clip = store.clip(window.clip)
+            name, song = clip.music, songs[clip.music]
             found = store.read(window, "jukebox")
             assert found.shape == (150, 40)
             if scope == "window":
-                start = np.array([window.start * song.sample_rate // 30])
+                start = np.array([clip.slice_start * song.sample_rate // 30])
                 wanted = feature.extract_windows(song, start, 5 * song.sample_rate, FrameGrid.of(30), 150)[0]
             else:
                 wanted = tracks[name][window.start : window.start + 150]
@@ -109,7 +109,7 @@ def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch)
     store = _build(corpus, tmp_path, "window")
     done = [unit for unit in computed if unit[0] != "killed"]
     # Clips share their songs' windows.
-    wanted = {(store.clip(w.clip).music, w.start) for split in store.splits for w in store.windows(split)}
+    wanted = {(clip.music, clip.slice_start) for clip in store.clips}
     assert len(done) == len(set(done)) == len(wanted)
 
 
@@ -145,8 +145,6 @@ def test_an_own_song_like_a_dataset(corpus, stores, tmp_path, tiny, scope, monke
     done = CliRunner().invoke(app, [*command, "--weights", str(tiny.folder), "--json"], catch_exceptions=False)
     (about,) = json.loads(done.stdout)
     rows = np.load(tmp_path / about["file"])
-    window = next(w for split in store.splits for w in store.windows(split) if store.clip(w.clip).music == song.stem)
-    wanted = store.read(window, "jukebox")
-    np.testing.assert_array_equal(
-        rows[window.start : window.start + 150] if scope == "track" else rows[window.start // 30], wanted
-    )
+    clip = next(clip for clip in store.clips if clip.music == song.stem)
+    mine = rows[:150] if scope == "track" else rows[clip.slice_start // 30]
+    np.testing.assert_array_equal(mine, clip.read("jukebox")[:150])

@@ -206,8 +206,8 @@ def test_rejects_are_counted_in_the_card_and_in_dataset_json(bad: Bad, rejects: 
     assert "- unsafe_pickle: 1" in (bad.out / "README.md").read_text(encoding="utf-8")
 
 
-def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, rejects: Any, out: Path):
-    # A few clips are enough: rejects before the scopes differ are tested above.
+def test_slices_of_bad_input_are_set_aside(bad: Bad, run_build: Any, rejects: Any, out: Path):
+    # A few clips are enough: rejects before takes are cut are tested above.
     few = shutil.copytree(bad.source, out.parent / "few")
     keep = [clip_to(s) for s in ("mBR1", "mBR5", "mKR0")] + [name_of(13), name_of(18)]
     for path in (few / "motions").iterdir():
@@ -216,11 +216,12 @@ def test_bad_input_is_set_aside_in_window_scope_too(bad: Bad, run_build: Any, re
     run_build(few, out, "aist++-edge-exact", set=["dataset.aist++.split=all"])
     found = {(r["reason"], r["clip"], r.get("window")) for r in rejects(out) if "clip" in r}
     assert {f for f in found if f[0] != "missing_motion"} == {
-        ("empty_audio", clip_to("mBR1"), None), ("short_audio", clip_to("mBR5"), None), ("nan", name_of(13), None),
-        ("too_short", name_of(18), None), ("no_audio", clip_to("mKR0"), 30),
+        ("empty_audio", clip_to("mBR1"), None), ("nan", name_of(13), None), ("too_short", name_of(18), None),
+        *(("short_audio", f"{clip_to('mBR5')}_slice{k}", None) for k in range(3)),
+        ("no_audio", f"{clip_to('mKR0')}_slice2", None),
     }  # fmt: skip
     with dancedata.open(out) as ds:
-        assert [(w.clip, w.start) for w in ds.windows("all")] == [(clip_to("mKR0"), 0), (clip_to("mKR0"), 15)]
+        assert [w.clip for w in ds.windows("all")] == [f"{clip_to('mKR0')}_slice{k}" for k in range(2)]
 
 
 def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):

@@ -263,26 +263,17 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
         dancedata.quality(source, out=tmp_path / "q.csv")
 
 
-def test_quality_of_windows_is_that_of_the_clips_that_they_cover(build: Any, plain: Store) -> None:
-    wanted = dancedata.quality(plain, progress=False).clips
-    # Windows of 2 s every second cover the clip: the rows of one begin with those of the one before.
-    assert dancedata.quality(build(scope="window"), progress=False).clips == wanted
-    assert any(clip.scores["floor_drift"].value for clip in wanted)
-
-
-def test_windows_of_one_clip_that_share_no_rows_are_scored_one_by_one(build: Any, plain: Store) -> None:
-    # Lodge's columns put the first frame of each window on the floor; windows without overlap share no frames.
-    relative = build(scope="window", motion={"lodge139": {}})
-    apart = build(scope="window", windows={"length_s": 2, "stride_s": 2})
-    both = [{c.clip: c for c in dancedata.quality(s, progress=False).clips} for s in (relative, apart)]
+def test_slices_are_scored_by_themselves(build: Any, plain: Store) -> None:
     whole = {clip.clip: clip.scores for clip in dancedata.quality(plain, progress=False).clips}
-    for found in both:
-        (span,) = found["spike"].scores["spikes"].above(0.075)
-        assert span[:2] == whole["spike"]["spikes"].above(0.075)[0][:2]  # windows that share frames have one span
-        assert found["spike"].scores["spikes"].value == pytest.approx(whole["spike"]["spikes"].value, abs=1e-3)
-        assert found["sinks"].scores["floor_drift"].value is None  # 2 s of a window are too short
-        assert found["clean"].scores["up"].value == pytest.approx(whole["clean"]["up"].value, abs=0.01)
-        assert found["clean"].rate == 30
+    slices = build(scope="window")
+    scores = {clip.clip: clip for clip in dancedata.quality(slices, progress=False).clips}
+    ((start, end, value, _),) = whole["spike"]["spikes"].above(0.075)
+    for clip in (clip for clip in slices.clips if clip.slice_of == "spike"):
+        spans = scores[clip.id].scores["spikes"].above(0.075)
+        if clip.slice_start < start and end < clip.slice_start + clip.n_frames - 1:
+            assert [s[:2] for s in spans] == [(start - clip.slice_start, end - clip.slice_start)]
+            assert spans[0][2] == pytest.approx(value, abs=1e-3)
+        assert scores[clip.id].scores["floor_drift"].value is None  # 2 s are too short
 
 
 def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:

@@ -90,16 +90,15 @@ def test_results_of_a_build_are_found_and_equal(
     built_in: dict[str, Path], cache: Path, song: Path, calls: Callable[[], int], scope: str
 ):
     with dancedata.open(built_in[scope]) as ds:
-        bpm = next(c.tempo_bpm for c in ds.clips if c.id == VAL)
+        bpm = next(c.tempo_bpm for c in ds.clips if c.original == VAL)
         features = FeatureCache(cache)
         if scope == "track":
             rows = features.get("librosa35", song, fps=30, start_bpm=bpm)
             np.testing.assert_array_equal(rows[:150], ds.clip(VAL).read("librosa35")[:150])
         else:
-            own = [w for split in ds.splits for w in ds.windows(split) if w.clip == VAL]
             windows = features.get_windows("librosa35", song, fps=30, start_bpm=bpm)
-            for window in own:
-                np.testing.assert_array_equal(windows[window.start // 15], ds.read(window, "librosa35"))
+            for clip in (clip for clip in ds.clips if clip.slice_of == VAL):
+                np.testing.assert_array_equal(windows[clip.slice_start // 15], clip.read("librosa35"))
     # The song is longer than the dance: its last windows are in no dataset.
     assert calls() == {"track": 0, "window": 1}[scope]
 

@@ -81,14 +81,14 @@ def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
         np.testing.assert_allclose(finder.analyse(motion)[:, 0], rows[:, 0], atol=1e-6)
 
 
-def test_the_filter_in_window_scope(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
+def test_the_filter_of_slices(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
     run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, "scope=window", "audio={}", "augment.mirror=true"))
     store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
-    mine = [w for w in store.windows("train") if w.clip == names[0]]
+    mine = [clip for clip in store.clips if clip.slice_of == names[0]]
     assert mine
-    for window in mine:
-        assert store.read(window, "lodge139").std(axis=0).mean() > 0.07
+    for clip in mine:
+        assert clip.read("lodge139").std(axis=0).mean() > 0.07
 
 
 def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:

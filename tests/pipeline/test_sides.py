@@ -87,7 +87,7 @@ def test_a_cache_entry_that_was_not_inspected(
 
 
 @pytest.mark.parametrize(("scope", "field", "kind"), [
-    ("track", "edge151", "implausible_elbows"), ("window", "edge151", "implausible_elbows"),
+    ("track", "edge151", "implausible_elbows"),
     ("track", "joints", "implausible_up"), ("track", "humanml263", ""),
 ])  # fmt: skip
 def test_check_finds_it_in_a_dataset_without_flags(

@@ -80,8 +80,8 @@ def test_a_motion_needs_no_dataset(demo: Path) -> None:
     assert len(plot.motion(motion, poses=5).get_xticks()) == 5
 
 
-def test_window_scope(windows: Path) -> None:
-    ds = dancedata.open(windows)
+def test_slices(slices: Path) -> None:
+    ds = dancedata.open(slices)
     clip = ds.clips[0].id
     assert plot.features(ds, clip, frame=0).get_images()[0].get_array().shape == (35, 150)
     assert len(plot.motion(ds, clip, poses=2).get_xticks()) == 2

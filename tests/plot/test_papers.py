@@ -38,7 +38,7 @@ def test_the_distance_of_two_dances_is_in_centimetres(demo: Path, tmp_path: Path
     stills.figure.savefig(tmp_path / "compare.pdf")
 
 
-def test_dances_of_other_rates_and_lengths_are_compared_at_equal_moments(demo: Path, windows: Path) -> None:
+def test_dances_of_other_rates_and_lengths_are_compared_at_equal_moments(demo: Path, slices: Path) -> None:
     clip = dancedata.open(demo).clips[0]
     joints = motion_of(clip).joints()
     half = plot.compare(clip, joints[:91:2], fps=15, poses=4)
@@ -51,8 +51,8 @@ def test_dances_of_other_rates_and_lengths_are_compared_at_equal_moments(demo: P
     assert [t.get_text() for t in stills.get_xticklabels()] == ["0.00 s", "1.00 s", "2.00 s", "3.00 s"]
     bodies = [c for c in stills.collections if len(c.get_paths()) > 20]
     assert len(bodies) == 8
-    window = dancedata.open(windows).clips[0]
-    assert plot.compare(window, window).axes[1].lines[0].get_ydata().max() == 0
+    slice_ = dancedata.open(slices).clips[0]
+    assert plot.compare(slice_, slice_).axes[1].lines[0].get_ydata().max() == 0
 
 
 def test_beats_are_those_that_the_viewer_counts(demo: Path) -> None:

@@ -1,4 +1,4 @@
-"""A small demo with its source, the same in window scope, and datasets with names that others made."""
+"""A small demo with its source, the same in slices, and datasets with names that others made."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -40,9 +40,9 @@ def demo(once: Once) -> Path:
 
 
 @pytest.fixture(scope="session")
-def windows(once: Once) -> Path:
-    """The same in window scope."""
-    return once("report-windows", lambda folder: _build(folder, scope="window")) / "demo"
+def slices(once: Once) -> Path:
+    """The same in slices."""
+    return once("report-slices", lambda folder: _build(folder, scope="window")) / "demo"
 
 
 Relabel = Callable[..., Path]

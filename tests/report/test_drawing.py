@@ -259,7 +259,8 @@ def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
 
 def test_poses_face_the_front(demo: Path) -> None:
     with open_store(demo) as store:
-        piece = next(ClipReader.of(store).pieces(store.clips[0], store.windows_of(store.clips[0].id)))
+        piece = ClipReader.of(store).piece(store.clips[0])
+    assert piece is not None
     joints, names = piece.figure.joints, piece.figure.skeleton.joints
     poses = frontal(joints, names)
     across = poses[:, names.index("left_hip")] - poses[:, names.index("right_hip")]

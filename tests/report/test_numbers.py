@@ -152,18 +152,16 @@ def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:
     assert document["left_out"] == {"nan": {"n": 1, "names": ["x"], "detail": "NaN in frame 3"}}
 
 
-def test_window_scope_measures_each_frame_once(windows: Path) -> None:
-    document = write_report(windows).document
-    with open_store(windows) as ds:
-        for row in document["clips"]:
-            starts = sorted(w.start for s in ds.splits for w in ds.windows(s) if w.clip == row["clip"])
-            apart = [starts[0]]
-            for start in starts:
-                if start >= apart[-1] + 150:
-                    apart.append(start)
-            assert row["seconds"] == pytest.approx(5.0 * len(apart))
-            assert row["music_s"] is None
+def test_slices_that_overlap_are_measured_once(slices: Path) -> None:
+    document = write_report(slices).document
+    with open_store(slices) as ds:
+        clips = {clip.id: clip for clip in ds.clips}
+    assert len({clip.slice_start for clip in clips.values()}) > 1
+    measured = [row for row in document["clips"] if row["seconds"]]
+    assert {row["clip"] for row in measured} == {clip.id for clip in clips.values() if clip.slice_start == 0}
+    assert {(row["seconds"], row["music_s"]) for row in measured} == {(5.0, 5.0)}
     assert document["music"]["key_motions"] > 0
+    assert document["totals"]["clips"] == document["totals"]["windows"] == len(clips)
 
 
 def test_copies_are_counted_and_not_measured_again(tmp_path: Path, demo: Path) -> None:

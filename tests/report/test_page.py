@@ -215,13 +215,6 @@ def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
     assert "the same data" in (tmp_path / "same.html").read_text()
 
 
-def test_window_scope_makes_a_page(windows: Path, tmp_path: Path) -> None:
-    write_report(windows, tmp_path / "w.html", clips=3)
-    page = Page(tmp_path / "w.html")
-    check_safe(page)
-    assert all("&window=" in a["href"] for t, a in page.elements if a.get("href", "").startswith("#clip="))
-
-
 def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("dancedata.report.player.INLINE", 3)
     path = relabelled(lambda k: {})

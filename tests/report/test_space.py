@@ -35,7 +35,8 @@ def poses(demo: Path) -> dict[str, dict[str, np.ndarray]]:
     with open_store(demo) as store:
         reader = ClipReader.of(store)
         for clip in store.clips:
-            (piece,) = reader.pieces(clip, store.windows_of(clip.id))
+            piece = reader.piece(clip)
+            assert piece is not None
             joints = frontal(piece.figure.joints, piece.figure.skeleton.joints)[:, :22]
             found.setdefault(clip.split, {})[clip.id] = joints
     return found

@@ -25,7 +25,7 @@ from dancedata.store import AudioBlock, Field, open_store, verify_store, write_s
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.songs import LIKENESS, AlikeSongs, alike_between, alike_songs, music_hashes, songs_of
 from dancedata.synthetic import synthesise_song
-from dancedata.testing.stores import random_columns, write_random_store
+from dancedata.testing.stores import random_columns, slices_of, write_random_store
 from tests.messages import raises_message
 
 Samples = npt.NDArray[np.float32]
@@ -66,7 +66,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
     def make(
         songs: Split,
         hashes: Mapping[str, str] | None = None,
-        scope: Any = "track",
+        slices: bool = False,
         n_frames: int = 240,
         stride: int = 15,
         shortest: int = 0,
@@ -80,21 +80,20 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         counts = {split: len(own) for split, own in songs.items()}
         made = write_random_store(
             tmp_path / f"random {name}", clips=counts, fields=fields, n_frames=(shortest or n_frames, n_frames),
-            length=150, stride=stride, scope=scope, seed=seed,
+            length=150, stride=stride, seed=seed,
         )  # fmt: skip
         clips = []
         pairs = [(name, audio) for own in songs.values() for name, audio in own.items()]
         for clip, (tune, audio) in zip(made.clips, pairs, strict=True):
             blocks = (AudioBlock(tune, audio),)
-            if scope == "window":
-                blocks = tuple(AudioBlock(f"{tune} {s}", audio[s : s + 150]) for s in clip.starts)
             made_of = f"{'a' * 12}{hashes[tune]}{'c' * 12}" if hashes else ""
             clips.append(
                 dataclasses.replace(clip, id=f"{name} {clip.id}", music=tune, dancer=f"{name} {clip.dancer}",
                 audio={"librosa35": blocks}, made_of=made_of)
             )  # fmt: skip
         (tmp_path / name).mkdir()
-        write_store(tmp_path / name, made.header, clips)
+        pieces = [piece for clip in clips for piece in slices_of(made.header, clip)] if slices else clips
+        write_store(tmp_path / name, made.header, pieces)
         return tmp_path / name
 
     return make
@@ -145,13 +144,13 @@ def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
         assert alike_songs(store, songs_of(store.clips)) is None
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path: Path, scope: str) -> None:
+@pytest.mark.parametrize("slices", [False, True])
+def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path: Path, slices: bool) -> None:
     """An mp3, quieter, with its first second cut off and silence at its end; and a song that is only alike."""
     first = song(CLOSE[0])
     copy = as_mp3(np.concatenate([0.3 * first[RATE:], np.zeros(RATE // 2, "f4")]), tmp_path)
     songs = {"train": {"first": rows_of(CLOSE[0])}, "test": {"second": rows_of(CLOSE[1]), "copy": rows(copy)}}
-    path = write(songs, scope=scope)
+    path = write(songs, slices=slices)
     (problem,) = verify_store(path)
     assert problem.severity == "error"
     assert "sound alike: first of train and copy of test" in problem.message
@@ -163,14 +162,14 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
 
 
 @pytest.mark.parametrize("stride", [200, 260])
-def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int) -> None:
-    """A copy without the first 3.2 s has its gaps at other places; frames that no window covers do not count."""
+def test_slices_with_gaps_between_them(write: Callable[..., Path], stride: int) -> None:
+    """A copy without the first 3.2 s has its gaps at other places; frames that no slice covers do not count."""
     first, second = CLOSE
     songs = {
         "train": {"first": rows_of(first, 30)},
         "test": {"second": rows_of(second, 30), "copy": rows_of(first, 30, 3.2)},
     }
-    path = write(songs, scope="window", n_frames=780, stride=stride)
+    path = write(songs, slices=True, n_frames=780, stride=stride)
     with open_store(path) as store:
         (pair,) = alike_songs(store, songs_of(store.clips))
     assert pair.songs == ("first", "copy")
@@ -179,12 +178,12 @@ def test_windows_with_gaps_between_them(write: Callable[..., Path], stride: int)
 
 
 @pytest.mark.parametrize(("long", "seed"), [("train", 2), ("test", 6)])
-def test_the_clip_with_the_most_windows_represents_a_song(write: Callable[..., Path], long: str, seed: int) -> None:
+def test_the_clip_with_the_most_slices_represents_a_song(write: Callable[..., Path], long: str, seed: int) -> None:
     """A song's copy is found by the song's long clip, the first or the last; its short clip has only noise."""
     music, noise = rows_of(CLOSE[0]), np.random.default_rng(0).normal(size=(360, 35)).astype("f4")
     songs = {split: {split: music if split in (long, "val") else noise} for split in ("train", "val", "test")}
-    with open_store(write(songs, scope="window", shortest=240, n_frames=360, seed=seed)) as store:
-        assert max(store.clips, key=lambda clip: clip.n_frames * (clip.split != "val")).split == long
+    with open_store(write(songs, slices=True, shortest=240, n_frames=360, seed=seed)) as store:
+        assert max(("train", "test"), key=lambda split: sum(clip.split == split for clip in store.clips)) == long
         (pair,) = alike_songs(store, {clip.id: "copy" if clip.split == "val" else "song" for clip in store.clips})
     assert pair.likeness > LIKENESS
 
@@ -192,7 +191,7 @@ def test_the_clip_with_the_most_windows_represents_a_song(write: Callable[..., P
 def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
     """Different songs with their gaps at the same places."""
     songs = {"train": {"first": rows_of(CLOSE[0], 30)}, "test": {"second": rows_of(CLOSE[1], 30)}}
-    assert verify_store(write(songs, scope="window", n_frames=780, stride=260)) == []
+    assert verify_store(write(songs, slices=True, n_frames=780, stride=260)) == []
 
 
 @pytest.mark.nightly

@@ -101,14 +101,6 @@ def test_a_clip_shows_itself(scenes) -> None:
     assert html.unescape(html.escape(attrs["srcdoc"] or "")) == attrs["srcdoc"]
 
 
-def test_a_clip_of_window_scope_shows_its_windows(scenes) -> None:
-    dataset = scenes("window")
-    clip = dataset.store.clips[0]
-    read = Reader(Reader(html_of(clip)).tags[0][1]["srcdoc"] or "")
-    starts = [row[1] for row in json.loads(read.texts["script"][0])["list"]["items"]]
-    assert starts == [item.start for item in dataset.items if item.clip.id == clip.id]
-
-
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 def test_the_script_is_javascript(tmp_path) -> None:
     script = tmp_path / "viewer.js"

@@ -36,7 +36,7 @@ def unpacked(packed: dict) -> np.ndarray:
     ("recipe", "field"),
     [
         *[("thirty", name) for name in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")],
-        ("window", "edge151"), ("sixty", "fact219"), ("sixty", "bailando72"), ("twenty", "humanml263"),
+        ("slices", "edge151"), ("sixty", "fact219"), ("sixty", "bailando72"), ("twenty", "humanml263"),
         ("infinite", "humanml264"),
     ],
 )  # fmt: skip
@@ -118,18 +118,13 @@ def test_beats_of_librosa35_come_first(tmp_path: Path) -> None:
     assert rhythm_fields(dancedata.open(written.path)) == ("librosa35.own", "beats", "other")
 
 
-def test_window_scope_lists_windows(scenes) -> None:
-    dataset = scenes("window")
-    windows = [window for split in dataset.store.splits for window in dataset.store.windows(split)]
-    assert len(dataset.items) == len(windows)
-    item = dataset.find(dataset.store.clips[0].id, 20)
-    assert item.id == f"{dataset.store.clips[0].id}@{item.start}"
-    assert item.start <= 20 < item.start + 60
-    scene = dataset.scene(item)
+def test_slices_are_items(scenes) -> None:
+    dataset = scenes("slices")
+    assert [item.id for item in dataset.items] == [clip.id for clip in dataset.store.clips]
+    scene = dataset.scene(dataset.items[0])
     assert scene.figure.n_frames == 60
-    assert scene.seconds == 2
     assert scene.windows == ((0, 60),)
-    assert link(item, at=0.5) == f"#clip={item.clip.id}&window={item.start}&t=0.500"
+    assert link(scene.item, at=0.5) == f"#clip={scene.item.clip.id}&t=0.500"
 
 
 def test_links_escape_names(scenes) -> None:
@@ -143,7 +138,7 @@ def test_links_escape_names(scenes) -> None:
 
 
 def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyPatch) -> None:
-    dataset = Scenes(scenes("window").store)
+    dataset = Scenes(scenes("thirty").store)
     clip = dataset.items[0].clip.id
     rows = [
         {"clip": clip, "kind": "fast_turn", "joint": "left_knee", "frame": 73,
@@ -151,16 +146,14 @@ def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyP
         {"clip": clip, "kind": "implausible_body", "rate": "60", "value": 0.5, "unit": "m"},
     ]  # fmt: skip
     dataset.__dict__["_quality"] = {clip: rows}
-    flags = {item.start: dataset.scene(item).flags for item in dataset.items if item.clip.id == clip}
-    assert [flag.time for flag in flags[0]] == [pytest.approx(73 / 60), None]
-    assert [flag.time for flag in flags[15]] == [pytest.approx(73 / 60 - 0.5), None]
-    assert [flag.time for flag in flags[45]] == [None]  # the flag is before this window
+    flags = dataset.scene(dataset.items[0]).flags
+    assert [flag.time for flag in flags] == [pytest.approx(73 / 60), None]
     assert dataset.flag_count(dataset.find(clip, 0)) == 2
 
 
 @pytest.mark.parametrize("wrong", [{"rate": "0"}, {"rate": "sixty"}, {"frame": 10**400}])
 def test_a_flag_without_a_time_is_one_of_the_whole_clip(scenes, wrong: dict) -> None:
-    dataset = Scenes(scenes("window").store)
+    dataset = Scenes(scenes("slices").store)
     item = dataset.items[0]
     row = {"clip": item.clip.id, "kind": "fast_turn", "frame": 3, "rate": "60", "value": 50.0, "unit": "deg", **wrong}
     dataset.__dict__["_quality"] = {item.clip.id: [row]}
@@ -180,9 +173,9 @@ def test_a_dataset_without_joints_says_so(tmp_path: Path) -> None:
 
 
 def test_music_begins_where_the_clip_begins(scenes, dances: Path) -> None:
-    dataset = scenes("window")
+    dataset = scenes("slices")
     clip_source = ClipSource(dataset.store, dances)
-    item = next(item for item in dataset.items if item.start == 30)
+    item = next(item for item in dataset.items if item.clip.slice_start == 30)
     whole = clip_source.music.load(dataset.store.clip(item.clip.id))
     sound = clip_source.sound(item)
     first = whole.sample_rate
@@ -214,7 +207,7 @@ def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> No
 def test_other_music_is_used_with_a_note(scenes, dances: Path, tmp_path: Path) -> None:
     import shutil
 
-    dataset, other = scenes("window"), tmp_path / "other"
+    dataset, other = scenes("slices"), tmp_path / "other"
     shutil.copytree(dances, other)
     songs = sorted((other / "wavs").iterdir())
     shutil.copy(songs[0], songs[1])
@@ -240,7 +233,7 @@ def test_flac_gives_every_sample_back() -> None:
 
 
 def test_the_original_is_the_source_of_the_build(scenes, dances: Path) -> None:
-    dataset = scenes("window")
+    dataset = scenes("slices")
     clip_source = ClipSource(dataset.store, dances)
     for item in dataset.items[:4]:
         scene = dataset.scene(item)

@@ -80,7 +80,8 @@ class FileField(Field):
         asks = []
         for k, dancer in enumerate(take.dancers):
             file, placed = dancer.files[self.name], self._placed(take, k)
-            asks.append(Ask(file, file_key(self.job, file.sha256, placed), placed, -placed.first))
+            first = placed.first - self._first(take)
+            asks.append(Ask(file, file_key(self.job, file.sha256, placed), placed, -first))
         return asks
 
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
@@ -93,8 +94,8 @@ class FileField(Field):
             placed = self._placed(take, dancer)
         except DataError as error:
             return reject_of(error, file=file.path)
-        first = max(0, self.grid.rows_up(placed.first, of=grid))
-        end = self.grid.rows_down(placed.first + placed.n_rows, of=grid)
+        row = placed.first - self._first(take)
+        first, end = max(0, self.grid.rows_up(row, of=grid)), self.grid.rows_down(row + placed.n_rows, of=grid)
         detail = f"the files of {self.name} reach from frame {first} to {end}"
         short = f"{detail}: no window of the clip lies within"
         return Reach(first, end, "no_audio", "short_feature", f"is beyond: {detail}", short)
@@ -110,11 +111,16 @@ class FileField(Field):
 
     def _placed(self, take: Take, dancer: int) -> Placed:
         of = take.dancers[dancer]
-        return self._feature.placed(of.files[self.name].n_rows, self._feature.begin_s(of.music.start), self.grid)
+        begin_s = self._feature.begin_s(of.music.start - take.time.begin)
+        return self._feature.placed(of.files[self.name].n_rows, begin_s, self.grid)
+
+    def _first(self, take: Take) -> int:
+        """Return the row at frame 0, counted from that of the whole motion."""
+        return take.time.grid.rows(take.time.first, of=self.grid)
 
     def _wrong_length(self, take: Take, dancer: int, grid: FrameGrid) -> Reject | None:
         """Return why a file is not of this motion, by their lengths."""
-        feature, file, time = self._feature, take.dancers[dancer].files[self.name], take.time
+        feature, file, time = self._feature, take.dancers[dancer].files[self.name], take.time.whole
         file_s, tolerance = feature.grid.seconds(file.n_rows), feature.tolerance_s
         is_short = self._is_short(take, dancer, time, grid)
         if not is_short and (tolerance is None or abs(file_s - time.seconds) <= Fraction(tolerance)):

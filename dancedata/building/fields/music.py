@@ -109,10 +109,13 @@ class MusicRows(Field):
         signal = _signal(music)
         path = ref.audio_path or ref.motion_path
         audio_s = round(signal.n_samples / signal.sample_rate, 3)
-        beyond = f"reaches beyond the end of {path.name}"
+        beyond, reason = f"reaches beyond the end of {path.name}", "short_audio"
+        short = f"{path}: the music is shorter than a window: {audio_s} s"
         if music.excerpt is not None:
             n_slices = len(window_samples(self.job, signal.n_samples, signal.sample_rate)[0])
             first, end = 0, take.time.frames_on(grid) if music.excerpt < n_slices else 0
+            if n_slices:
+                reason, short = "no_audio", f"{path}: the music ends before the slice does, after {audio_s} s"
         else:
             timeline, offset = timeline_of(signal, music.start, self.grid)
             rows = self.job.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
@@ -120,8 +123,7 @@ class MusicRows(Field):
             end = self.grid.rows_down(rows - offset, of=grid)
             if music.start:
                 beyond = f"is not within {path.name}, whose second {float(music.start):g} is frame 0"
-        short = f"{path}: the music is shorter than a window: {audio_s} s"
-        return Reach(first, end, "no_audio", "short_audio", beyond, short, str(path), {"audio_s": audio_s})
+        return Reach(first, end, "no_audio", reason, beyond, short, str(path), {"audio_s": audio_s})
 
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
         """Compute the rows of a whole song, or of slices of it, for each tempo that is stated."""

@@ -10,7 +10,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import needs_field, needs_track_scope
+from dancedata.exports.base.needs import needs_field
 
 _FIELD = "joints"
 
@@ -39,7 +39,7 @@ class TemplateName(Export):
 
     def missing(self, job: ExportJob) -> list[Missing]:
         """Return the missing requirements of the dataset, with the line of a recipe that gives it."""
-        return needs_track_scope(job) + needs_field(job, _FIELD, kind="motion")
+        return needs_field(job, _FIELD, kind="motion")
 
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         """Write clips/<id>.csv."""

@@ -1,6 +1,6 @@
-"""Clips of a built dataset, or its windows where it has window scope, in columns that a protocol can measure."""
+"""Clips of a built dataset in columns that a protocol can measure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -94,17 +94,15 @@ def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
 def store_clips(
     store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None, role: Role = "truth"
 ) -> tuple[ClipInput, ...]:
-    """List the clips of a store; copies that augmentations made are left out.
+    """List the clips of a store; copies that augmentations made are left out, and slices that begin in a piece.
 
-    UsageError if no field has the protocol's joints, or the store has only windows of another length than its pieces.
+    UsageError if no field has the protocol's joints, or the store has slices of another length than its pieces.
     """
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
-    if store.scope == "window":
-        if protocol.of_groups:
-            raise UsageError("a dataset of window scope has no groups", where=str(store.path))
-        return _windows(store, protocol, splits, name, reader, role)
+    stride = _stride_of_slices(store, protocol, role) if store.has_slices else 1
     records = [c for c in store.clips if c.split in splits and not c.source and c.has_field(name)]
+    records = [c for c in records if c.slice_start % stride == 0]
     clips = tuple(
         StoreClip(
             id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start, recording=recording_of(c),
@@ -170,29 +168,16 @@ def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | Non
     return tuple(clips.values())
 
 
-def _windows(
-    store: Store, protocol: Protocol, splits: Sequence[str], name: str, reader: ColumnsReader, role: Role
-) -> tuple[ClipInput, ...]:
+def _stride_of_slices(store: Store, protocol: Protocol, role: Role) -> int:
+    """Return the distance of the slices that are the protocol's pieces; UsageError if none are."""
     pieces = protocol.pieces(role)
     length, stride = pieces.frames(store.grid)
-    windows = [window for split in splits for window in store.windows(split)]
-    lengths = sorted({window.length for window in windows})
-    if length is None or lengths != [length] or pieces.skip:
-        raise UsageError(
-            "a dataset of window scope does not hold whole clips",
-            where=str(store.path),
-            found=f"windows of {', '.join(map(str, lengths))} frames; {protocol.name} measures {pieces}",
-            fix="build it with scope: track",
-        )
-    records = {c.id: c for c in store.clips}
-    chosen = [w for w in windows if not records[w.clip].source and (stride is None or w.start % stride == 0)]
-    return tuple(
-        StoreClip(
-            id=f"{w.clip}@{w.start}", music=records[w.clip].music, tempo_bpm=records[w.clip].tempo_bpm,
-            reference=store.reference, field=name, reader=reader, window=w,
-        )
-        for w in chosen
-    )  # fmt: skip
+    stored = store.meta["windows"]["length"]
+    if length != stored or stride is None or pieces.skip:
+        raise UsageError("slices are not the pieces of the protocol", where=str(store.path),
+                         found=f"slices of {stored} frames; {protocol.name} measures {pieces}",
+                         fix="build without slices")  # fmt: skip
+    return stride
 
 
 def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:

@@ -131,11 +131,11 @@ class Dgsdp(Protocol):
         Measure(Pfc("code", "z")),
     )
     music = MusicRule(
-        ("librosa35",), 30, scope="window", about="the last of EDGE's 35 columns, computed for each slice by itself"
+        ("librosa35",), 30, by_piece=True, about="the last of EDGE's 35 columns, computed for each slice by itself"
     )
     notes = (
         "features take the horizontal y axis as up, and 30 frames per second as 60 (slips of the code)",
-        "beats of the music are those of each slice by itself: a dataset of window scope has them",
+        "beats of the music are those of each slice by itself: a dataset of slices has them",
         "beats are the program's: of motion half a frame (16.7 ms) early, of music a row (33.3 ms) late",
     )
 

@@ -112,8 +112,8 @@ def record_json(clip: ClipView) -> dict[str, Any]:
 
 #: Attributes that few clips have, with their defaults.
 _OPTIONAL: dict[str, Any] = {
-    "group": "", "member": -1, "role": "", "song": "", "source_start": None, "source_end": None,
-    "audio_start": 0, "audio_start_by": "", "licence": -1, "columns": {},
+    "group": "", "member": -1, "role": "", "song": "", "slice_of": "", "slice_start": 0,
+    "source_start": None, "source_end": None, "audio_start": 0, "audio_start_by": "", "licence": -1, "columns": {},
 }  # fmt: skip
 
 
@@ -152,7 +152,7 @@ class Export(Plugin):
     def missing(self, job: ExportJob) -> list[Missing]:
         """Return everything that the dataset lacks for this export; nothing is written while there is something.
 
-        `dancedata.exports.base.needs` has the usual checks: fields, rates, splits, scope, names, music.
+        `dancedata.exports.base.needs` has the usual checks: fields, rates, splits, names, music.
         """
 
     def reads(self, job: ExportJob) -> tuple[str, ...]:

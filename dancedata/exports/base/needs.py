@@ -70,13 +70,6 @@ def needs_fps(job: ExportJob, fps: int) -> list[Missing]:
     return [Missing(f"the dataset has {job.store.fps} frames per second, not {fps}", f"fps: {fps}")]
 
 
-def needs_track_scope(job: ExportJob) -> list[Missing]:
-    """Check that whole clips are stored."""
-    if job.store.scope == "track":
-        return []
-    return [Missing("the dataset has window scope, without whole clips", "scope: track")]
-
-
 def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
     """Check that splits have clips."""
     absent = [split for split in splits if split not in job.store.splits]

@@ -109,7 +109,7 @@ const KEYS = [
   ['t', 'T', 'camera follows the dancer, or stays', () => el('follow').click()],
   ['z', 'Z', 'full screen', fullScreen],
   ['k', 'K', 'star this moment', starNow],
-  ['x', 'X', 'reject the clip, in window scope the window', rejectNow],
+  ['x', 'X', 'reject the clip', rejectNow],
   ['n', 'N', 'note at this moment', noteNow],
   ['f', 'F', 'next quality flag; with shift the one before', e => nextFlag(e.shiftKey)],
   ...Object.keys(RATES).map(k => [k, k, `${RATES[k]} times the speed`, () => setRate(RATES[k])]),

@@ -17,7 +17,7 @@ export const plain = text =>
 
 export const option = value => new Option(plain(value), value);
 
-// One row of the list: a clip, in window scope a window of it.
+// One row of the list: a clip, or a window of it.
 export const items = page.list.items.map(([c, start, n, flags], number) => {
   const [id, split, genre, music, dancer, source, members] = clipRows[c];
   const name = page.list.windows ? `${id}@${start}` : id;

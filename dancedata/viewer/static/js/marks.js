@@ -55,7 +55,7 @@ export function starNow() {
   toggleMark({ clip, whole, start: (begin + state.t).toFixed(3), label: 'star' });
 }
 
-// All of the clip; in window scope of the window.
+// All of the clip, or of the window that is shown.
 export function rejectNow() {
   const { clip, whole, begin } = markPlace();
   const end = page.list.windows ? (begin + state.clip.seconds).toFixed(3) : 'end';

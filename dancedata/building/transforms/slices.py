@@ -1,0 +1,94 @@
+"""Slices of takes, each a take by itself, as EDGE's scripts make them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from typing import Any, ClassVar
+
+from dancedata.building.plugins import TRANSFORMS
+from dancedata.building.take import Scene, Take, Time, Transform
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.segments import Segment
+from dancedata.recipes.fields import WindowSpec
+from dancedata.store.schema import slice_name
+
+
+@TRANSFORMS.register("slices")
+@dataclass(frozen=True)
+class Slices(Transform):
+    """Cuts a take into slices before anything is computed of it.
+
+    Motion is cut at the rate of the source, where that is a whole multiple: 1,919 frames at 60 per second have 54
+    slices of 5 s every 0.5 s, the 960 frames at 30 per second of them would have 55. Music is cut in samples.
+
+    Attributes
+    ----------
+    windows
+        Length and stride.
+    """
+
+    version: ClassVar[int] = 1
+
+    windows: WindowSpec
+
+    def expand(self, take: Take) -> Sequence[Take]:
+        """Return the slices of a take; UsageError for a group, and music that does not begin with its clip."""
+        if take.group:
+            raise UsageError("groups are stored whole", where=f"group {take.group}", found="slices",
+                             fix="build without slices")  # fmt: skip
+        (dancer,) = take.dancers
+        if dancer.music.start:
+            raise UsageError("music that does not begin with its clip has no slices", where=f"clip {dancer.id}",
+                             found=f"frame 0 at {float(dancer.music.start):g} s of the music",
+                             fix="build without slices")  # fmt: skip
+        windows, time = self.windows, take.time
+        step = time.grid.step_to(windows.grid)
+        count, at = windows.count(time.frames_on(windows.grid)), windows.grid
+        if step is not None:
+            count, at = min(count, windows.times(step).count(time.n_frames)), time.grid
+        if not count:  # too short, by a part of a frame perhaps
+            n_frames = min(time.frames_on(windows.grid), windows.length - 1)
+            return [replace(take, time=Time(n_frames, windows.grid.rate))]
+        return [self._slice(take, k, at) for k in range(count)]
+
+    def _slice(self, take: Take, k: int, at: FrameGrid) -> Take:
+        """Return a slice, cut at a rate."""
+        (dancer,), first = take.dancers, self.windows.start(k)
+        start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))
+        whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate)
+        music = replace(dancer.music, excerpt=k, start=at.seconds(start))
+        dancer = replace(dancer, id=slice_name(dancer.id, k), slice_of=dancer.id, music=music)
+        return take.then(Part(at.rate, start, stop), dancers=(dancer,), time=whole.part(start, stop))
+
+
+@dataclass(frozen=True)
+class Part(Transform):
+    """Frames start .. stop - 1 at a rate."""
+
+    name: ClassVar[str] = "part"
+    version: ClassVar[int] = 1
+    cuts: ClassVar[bool] = True
+
+    rate: Fraction
+    start: int
+    stop: int
+
+    def scene(self, scene: Scene) -> Scene:
+        """Cut the motions."""
+        at = FrameGrid(self.rate)
+        return scene.with_motions([m.resampled(at).part(self.start, self.stop) for m in scene.motions])
+
+    def segment(self, segment: Segment, take: Take) -> Segment | None:
+        """Return a segment that a slice has a part of, moved."""
+        shift, length = self.start / self.rate, (self.stop - self.start) / self.rate
+        start, end = segment.start - shift, segment.end - shift
+        # Rows near the end may be made of a frame beyond it.
+        beyond = start >= length + segment.data.get("period", 0) or (end <= 0 and start < 0)
+        return None if beyond else replace(segment, start=start, end=end)
+
+    def key(self) -> list[Any]:
+        """Return the frames and their rate."""
+        return [self.name, self.version, str(self.rate), self.start, self.stop]
