@@ -44,7 +44,7 @@ def evaluate(
     ] = None,
     pool: Annotated[Path | None, typer.Option(help=POOL_HELP)] = None,
     save_pool: Annotated[Path | None, typer.Option(help="Write the pool's features to this .npz file.")] = None,
-    split: Annotated[str | None, typer.Option(help="Splits of the dataset: test, or val,test; default all.")] = None,
+    split: Annotated[str | None, typer.Option(help="Splits: test, or val,test, or all; default test.")] = None,
     pool_split: Annotated[str | None, typer.Option(help="Splits of the pool; default the protocol's.")] = None,
     role: Annotated[str | None, typer.Option(help=ROLE_HELP)] = None,
     like: Annotated[Path | None, typer.Option(help=LIKE_HELP)] = None,

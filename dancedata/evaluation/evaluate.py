@@ -6,6 +6,7 @@ from pathlib import Path
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.inputs.clip import ClipSet
+from dancedata.evaluation.inputs.songs import MusicSources
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
@@ -51,9 +52,19 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
     return report_of(
         protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
-        warnings=[*clip_set.warnings, *problems, *_short_music(measured, music), *_in_pool(inputs)],
-        matched=clip_set.matched,
+        warnings=[*clip_set.warnings, *problems, *_short_music(measured, music)], matched=clip_set.matched,
+        truth=_truth(resources, inputs), truth_source="" if inputs.truth is None else inputs.truth.source,
+        in_pool=_in_pool(inputs),
     )  # fmt: skip
+
+
+def _truth(resources: Resources, inputs: Inputs) -> list[MeasuredClip]:
+    """Measure the real dances beside generated ones."""
+    if inputs.truth is None:
+        return []
+    sources = None if inputs.music is None else MusicSources(files=inputs.music.files, like=inputs.music.like)
+    music, _ = clip_music(resources, inputs.protocol, inputs.truth, sources)
+    return measure_clips(resources, inputs.protocol, inputs.truth, inputs.numbers, music)[0]
 
 
 def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
@@ -68,16 +79,15 @@ def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> P
     return with_lost_entries(root, measured, progress)
 
 
-def _in_pool(inputs: Inputs) -> list[str]:
-    """Return the warning that judged clips are in the pool that they are compared with."""
+def _in_pool(inputs: Inputs) -> int:
+    """Return how many of the clips that are judged are in the pool that they are compared with."""
     pool, judged = inputs.pool, inputs.clip_set
     if not isinstance(pool, ClipSet) or pool.store is None or judged.store is None:
-        return []
+        return 0
     if pool.store.meta.get("self_sha256") != judged.store.meta.get("self_sha256"):
-        return []
+        return 0
     ids = {clip.clip for clip in judged.clips}
-    both = sum(clip.clip in ids for clip in pool.clips)
-    return [f"{both} of the {len(pool.clips)} clips of the pool are judged themselves"] if both else []
+    return sum(clip.clip in ids for clip in pool.clips)
 
 
 def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,7 +17,7 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.inputs.naming import of_sample
-from dancedata.evaluation.inputs.store import reader_for
+from dancedata.evaluation.inputs.store import reader_for, truth_of
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
 from dancedata.evaluation.protocol import Protocol, protocol_named
@@ -101,7 +102,7 @@ class Evaluator:
     >>> for batch in DataLoader(WindowDataset("data/aistpp", "val"), batch_size=4):
     ...     samples = batch["edge151"]  # of a model that has heard batch["librosa35"]
     ...     evaluator.update(samples, batch["id"])
-    >>> evaluator.gather().compute()["fid_k"] >= 0
+    >>> evaluator.gather().compute()["fid_k"].value >= 0
     True
     """
 
@@ -146,6 +147,7 @@ class Evaluator:
         name = music or (None if rules.music is None else beat_field(self.store, rules.music, rules.generated))
         self.music_field = None if name is None else self.store.field(name)
         self._music_of = lru_cache(maxsize=4096)(partial(music_of, self.store, name or ""))
+        self._real: dict[str, MeasuredClip] = {}
         self.reset()
 
     def __len__(self) -> int:
@@ -330,7 +332,22 @@ class Evaluator:
         return report_of(
             self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap,
             warnings=self._about_music(), left_out=sorted(self._left_out.items()),
+            truth=self._truth(), truth_source=f"the same of {self.store.path.name}",
         )  # fmt: skip
+
+    def _truth(self) -> list[MeasuredClip]:
+        """Measure the dances of the dataset that the samples are of, each once for all epochs."""
+        samples = {str(sample.id): sample for sample in map(self._samples.require, self._measured)}
+        for clip in truth_of(samples, self.protocol, self.field):
+            if clip.id not in self._real:
+                sample = self._samples.require(clip.id)
+                music = None if self.music_field is None else self._music(sample)
+                numbers = range(len(self.protocol.measures))
+                with suppress(DataError):
+                    measured = measure_pose(self.protocol, "generated", numbers, clip.load(), music)
+                    self._real[clip.id] = MeasuredClip.of(clip, measured)
+        ids = {str(replace(sample.id, take=0)) for sample in samples.values()}
+        return [self._real[name] for name in sorted(ids & self._real.keys())]
 
     def _about_music(self) -> list[str]:
         """Return what is to be known of the beats of the dataset."""

@@ -35,6 +35,11 @@ from dancedata.store.motion_fields import Pose
 EVALUATE_STAGE = 1
 _STAGE = "evaluate"
 
+#: Before the note that says why the scaling of columns is doubtful.
+_DOUBT = "scaling: "
+#: Relative difference of the numbers of a dance and of a copy of it.
+_SAME = 1e-3
+
 #: Numbers of one piece, or the name of the outcome that a metric has instead.
 Outcome = tuple[float, ...] | str
 
@@ -66,6 +71,19 @@ class MeasuredClip:
     cuts: tuple[tuple[int, int], ...]
     rows: Mapping[int, tuple[Outcome, ...] | None]
     notes: tuple[str, ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """Why the scaling of its columns is doubtful; "" where it is not."""
+        return next((note.removeprefix(_DOUBT) for note in self.notes if note.startswith(_DOUBT)), "")
+
+    def same_numbers(self, other: MeasuredClip) -> bool:
+        """Whether all numbers are those of another clip, to a thousandth."""
+        pairs = [pair for k in self.rows for pair in zip(self.rows[k] or (), other.rows.get(k) or (), strict=False)]
+        texts, numbers = ([p for p in pairs if isinstance(p[0], str) is is_text] for is_text in (True, False))
+        return bool(numbers) and all(
+            not isinstance(two, str) and np.allclose(one, two, rtol=_SAME, atol=1e-9) for one, two in numbers
+        ) and all(one == two for one, two in texts)  # fmt: skip
 
     @property
     def seconds(self) -> list[float]:
@@ -110,6 +128,7 @@ def measure_pose(
     else:
         placed, notes = conformed(pose, protocol.motion)
         joints = in_axes(placed.joints, protocol.motion)
+        notes = (*notes, f"{_DOUBT}{pose.doubt}") if pose.doubt else notes
     cuts = protocol.pieces(role).of(joints.shape[-3], placed.grid)
     computable = [n for n in numbers if music is not None or not protocol.measures[n].metric.needs_music]
     outcomes: dict[int, list[list[float] | str]] = {number: [] for number in computable}

@@ -124,7 +124,9 @@ class Request:
         pool, pool_numbers = self.pool_input(numbers if self.save_pool is None else None)
         if self.save_pool is not None and pool is None:
             raise UsageError("no pool was given, so none can be saved", fix="name a dataset: --pool STORE")
-        clip_set = self._clip_set(self.what, self.split, self.role)
+        store = _as_store(self.what)
+        split = self.split or ("test" if store is not None and "test" in store.splits else None)
+        clip_set = self._clip_set(self.what, split, self.role)
         ids = {clip.id for clip in clip_set.clips}
         if unknown := sorted(set(self.songs) - ids):
             raise UsageError("the list of songs names unknown clips", found=listed(unknown))

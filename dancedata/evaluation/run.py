@@ -74,7 +74,8 @@ def evaluate(
         What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: the dataset that
         is evaluated, or that `like` names.
     split, pool_split
-        Splits of a dataset: "test" or "val,test". Default: all of the set, and the protocol's of the pool.
+        Splits of a dataset: "test", "val,test" or "all". Default: test of the set, where the dataset has it, and the
+        protocol's of the pool. Of samples with `like`, `split` chooses the real dances beside them.
     role
         "truth" or "generated", where a protocol cuts the two differently. Default: datasets are ground truth, all
         else is generated.
@@ -115,7 +116,8 @@ def evaluate(
     Returns
     -------
     Report
-        ``report["fid_k"]`` is a value, ``str(report)`` the table, ``report.to_json()`` all of it.
+        ``report["fid_k"]`` is a score with its verdict: ``float`` of one that means nothing is an error with the
+        reason. ``str(report)`` is the table, ``report.numbers()`` for loggers, ``report.to_json()`` all of it.
 
     Raises
     ------
@@ -129,7 +131,7 @@ def evaluate(
     --------
     >>> import dancedata
     >>> report = dancedata.evaluate("data/aistpp", split="val,test")
-    >>> 0 < report["bas"] < 1
+    >>> 0 < report["bas"].value < 1
     True
     """
     if isinstance(music_of, Mapping):

@@ -1,27 +1,58 @@
 """Scores of a set from the numbers of its clips, with undefined ones, intervals and warnings."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 
 from dancedata.core.dance import OUTCOMES, Undefined
+from dancedata.core.errors import DanceDataError
 from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.pool import MetricRows
 from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 
-#: Intervals of scores that fewer than 1 / HEAVY of the clips carry are known to be too short.
-HEAVY = 3
 #: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
 MAX_VECTORS = 4_000
-#: Random divisions of a pool into halves, and least clips of a pool that is divided.
-DIVISIONS, MIN_HALVES = 10, 4
 _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"
 #: Ends of the names of scores that are shown with others, or in warnings.
 _BESIDE = (_CHANCE, _MEDIAN, _POOL, _VARYING)
 _CONSTANT = "constant_columns"
 _NOT_FINITE = "not_finite"
+
+
+Verdict = Literal["ok", "weak", "void"]
+
+
+class MeaninglessScore(DanceDataError):  # noqa: N818
+    """A score that means nothing was taken for a number."""
+
+
+@dataclass(frozen=True)
+class Why:
+    """A reason of a verdict.
+
+    `code`: Name of the rule.
+    `verdict`: What it makes of the score; "ok" is a remark.
+    `text`: In words.
+    `found`, `needed`: Numbers that were compared; None without any.
+    """
+
+    code: str
+    verdict: Verdict
+    text: str
+    found: float | None = None
+    needed: float | None = None
+
+
+@dataclass(frozen=True)
+class SameN:
+    """Distances of as many real dances from the pool: least, median and greatest."""
+
+    low: float
+    median: float
+    high: float
 
 
 @dataclass(frozen=True)
@@ -33,12 +64,14 @@ class Score:
     `interval`: 95 percent, see `jackknife`; None where there is none.
     `median`, `chance`, `pool`: Where the metric has them: median over pieces, score of beats shifted at random, the
         pool's own diversity.
-    `halves`: Of a distance to the pool: that between two random halves of the pool's clips, see `halves_of`. A
-        distance near it is as small as the pool can show.
     `n`: Pieces that have a value.
     `undefined`: Ids of clips without a value, by outcome.
     `published`: The figure of the ground truth that was published under the protocol.
     `better`: "higher", "lower" or "closer" to the ground truth.
+    `recordings`, `samples`: Independent clips, and samples, that have a value.
+    `truth`, `truth_interval`: Value and interval of the real dances that samples are of.
+    `same_n`: Of a distance, that of as many real dances.
+    `why`: Reasons of the verdict, the gravest first.
     """
 
     name: str
@@ -48,15 +81,56 @@ class Score:
     median: float | None = None
     chance: float | None = None
     pool: float | None = None
-    halves: float | None = None
     undefined: dict[str, tuple[str, ...]] = field(default_factory=dict)
     published: float | None = None
     better: str = "closer"
+    recordings: int = 0
+    samples: int = 0
+    truth: float | None = None
+    truth_interval: Interval | None = None
+    same_n: SameN | None = None
+    why: tuple[Why, ...] = ()
 
     @property
     def n_undefined(self) -> int:
         """Clips without a value."""
         return len({clip for clips in self.undefined.values() for clip in clips})
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether it means something: "ok"; "weak", of this set alone; "void", nothing."""
+        return self.why[0].verdict if self.why else "ok"
+
+    @property
+    def reason(self) -> str:
+        """The gravest reason of the verdict, or a remark; "" without any."""
+        return self.why[0].text if self.why else ""
+
+    def __float__(self) -> float:
+        if self.verdict == "void" or self.value is None:
+            raise MeaninglessScore(f"the score {self.name} means nothing", found=self.reason,
+                                   fix=".value is the number all the same")  # fmt: skip
+        return self.value
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        ends = None if self.interval is None or self.verdict != "ok" else [self.interval.low, self.interval.high]
+        return {
+            "value": self.value, "verdict": self.verdict, "interval_95": ends,
+            "n": {"recordings": self.recordings, "samples": self.samples, "vectors": self.n},
+            "why": [asdict(reason) for reason in self.why], "truth": self.truth,
+            "same_n": None if self.same_n is None else asdict(self.same_n), "median": self.median,
+            "chance": self.chance, "pool": self.pool,
+            "undefined": {outcome: list(ids) for outcome, ids in self.undefined.items()},
+            "published": self.published, "better": self.better,
+        }  # fmt: skip
+
+
+def number_text(value: float | None) -> str:
+    """Return a number as tables show it."""
+    if value is None:
+        return "undefined"
+    return f"{value:.4g}" if value and (abs(value) < 0.01 or abs(value) >= 1e5) else f"{value:.4f}"
 
 
 def scores_of(
@@ -66,7 +140,7 @@ def scores_of(
     if metric.needs_pool and pool is None:
         return [], [f"{metric.name} is not computed: it compares with a pool, and none is given (--pool)"]
     try:
-        values = _summary(metric, rows.rows, pool)
+        values = summary_of(metric, rows.rows, pool)
     except Undefined as error:
         names = [name for name in metric.better if not name.endswith(_BESIDE)] or [metric.name]
         missing = rows.undefined if rows.undefined and not len(rows.rows) else {**rows.undefined, error.reason: ()}
@@ -74,7 +148,7 @@ def scores_of(
             Score(name, None, len(rows.rows), undefined=missing, better=metric.better.get(name, "closer"))
             for name in names
         ], []
-    intervals, warnings = _intervals(metric, rows, pool, values, draws)
+    intervals = _intervals(metric, rows, pool, draws)
     scores = [
         Score(
             name,
@@ -90,35 +164,10 @@ def scores_of(
         for name, value in values.items()
         if not _is_beside(name)
     ]
-    return scores, [*warnings, *_pool_warnings(metric, rows, pool, values)]
+    return scores, _pool_warnings(metric, rows, pool, values)
 
 
-def halves_of(metric: Metric, pool: Float64Array, clips: Float64Array) -> dict[str, float]:
-    """Return the distances between two halves of a pool, by the names of the scores for which lower is better.
-
-    Clips are divided at random, all pieces of one into the same half; the median over 10 divisions (of a pool of more
-    than MAX_VECTORS: one). Halves have fewer vectors than the pool, which makes the distance larger.
-
-    `pool`: (M, C) numbers of the pool.
-    `clips`: (M,) number of the clip of each row.
-    """
-    ids = np.unique(clips)
-    if not metric.needs_pool or len(ids) < MIN_HALVES:
-        return {}
-    random = np.random.default_rng(0)
-    found: dict[str, list[float]] = {}
-    for _ in range(DIVISIONS if len(pool) <= MAX_VECTORS else 1):
-        first = np.isin(clips, random.permutation(ids)[: len(ids) // 2])
-        try:
-            values = _summary(metric, pool[first], pool[~first])
-        except Undefined:
-            return {}
-        for name in (name for name, better in metric.better.items() if better == "lower" and name in values):
-            found.setdefault(name, []).append(values[name])
-    return {name: float(np.median(values)) for name, values in found.items() if np.isfinite(values).all()}
-
-
-def _summary(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
+def summary_of(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
     """Return the scores of rows; numbers that overflow on the way are not warned of, but are not finite."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
@@ -135,39 +184,21 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
 
 
-def _intervals(
-    metric: Metric, rows: MetricRows, pool: Float64Array | None, values: dict[str, float], draws: int
-) -> tuple[dict[str, Interval], list[str]]:
+def _intervals(metric: Metric, rows: MetricRows, pool: Float64Array | None, draws: int) -> dict[str, Interval]:
     clips = np.unique(rows.clips)
-    if not draws:
-        return {}, []
-    if len(clips) < MIN_CLIPS:
-        return {}, [f"{counted(len(clips), 'clip')}: too few for intervals, which need {MIN_CLIPS}"]
-    if metric.needs_pool and max(len(rows.rows), 0 if pool is None else len(pool)) > MAX_VECTORS:
-        return {}, [f"{metric.name}: no intervals for sets of more than {MAX_VECTORS:,} vectors"]
+    n_vectors = max(len(rows.rows), 0 if pool is None else len(pool)) if metric.needs_pool else 0
+    if not draws or len(clips) < MIN_CLIPS or n_vectors > MAX_VECTORS:
+        return {}
     of_clip = {clip: np.flatnonzero(rows.clips == clip) for clip in clips}
 
     def scores(kept: Float64Array) -> dict[str, float]:
-        return _summary(metric, rows.rows[np.concatenate([of_clip[clip] for clip in kept[:, 0]])], pool)
+        return summary_of(metric, rows.rows[np.concatenate([of_clip[clip] for clip in kept[:, 0]])], pool)
 
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            intervals = jackknife(clips[:, None], scores, n=draws, bounds=metric.bounds)
+            return jackknife(clips[:, None], scores, n=draws, bounds=metric.bounds)
     except Undefined:
-        return {}, [f"{metric.name}: too few clips for intervals"]
-    warnings = []
-    for name in (name for name in values if not _is_beside(name)):
-        interval = intervals.get(name)
-        if interval is None and np.isfinite(values[name]):
-            warnings.append(
-                f"{name}: no interval: no clip changes the score, too few carry it, or it is at an end of its range"
-            )
-        elif interval is not None and interval.clips < min(len(clips), draws) / HEAVY:
-            warnings.append(
-                f"{name}: {interval.clips:.1f} of {min(len(clips), draws)} clips carry the score, so its interval is "
-                "too short"
-            )
-    return intervals, warnings
+        return {}
 
 
 def _pool_warnings(
@@ -176,12 +207,6 @@ def _pool_warnings(
     if not metric.needs_pool or pool is None:
         return []
     warnings = []
-    n, m, width = len(rows.rows), len(pool), pool.shape[1]
-    if min(n, m) <= width:
-        warnings.append(
-            f"{metric.name}: {counted(n, 'vector')} and a pool of {m:,} for {width} dimensions: the covariance has "
-            f"not full rank, and the distance depends on the number of clips"
-        )
     constant = next((v for name, v in values.items() if name.startswith(_CONSTANT)), 0)
     if constant:
         varying = next((v for name, v in values.items() if name.endswith(_VARYING)), None)

@@ -68,7 +68,7 @@ def write_samples_report(
     `against`: The built dataset: its rate, columns, scaler, music and ground truth.
     `to`: HTML file to write; None: numbers alone.
     `protocol`: Name of the protocol of the scores.
-    `split`: Splits of the ground truth beside them. Default: "test" where the dataset has it, else all.
+    `split`: Splits of the ground truth beside them. Default: the dances that samples are of, or "test".
     `clips`: Number of samples that the page plays, the most suspicious first.
     `field`, `normalized`, `scaler`, `clip_to_range`, `fps`: What columns of arrays are, as in `dancedata.evaluate`.
     `source`, `music_of`: Music files of the songs, and a CSV file with the columns clip and song.
@@ -87,21 +87,16 @@ def write_samples_report(
         named = protocol_named(protocol)
         files = None if source is None else Path(source).expanduser()
         request = Request(
-            what=path, protocol=named, like=store, role="generated", field=field, normalized=normalized,
+            what=path, protocol=named, like=store, role="generated", split=split, field=field, normalized=normalized,
             scaler=scaler, clip=clip_to_range, fps=fps, source=files, draws=bootstrap,
             songs={} if music_of is None else read_songs(Path(music_of)),
         )  # fmt: skip
         inputs = request.inputs()
         scores = evaluate_inputs(inputs, cache=root, progress=reporter)
-        of_truth = split if split is not None else "test" if "test" in store.splits else ""
-        truth_request = Request(
-            what=store, protocol=named, split=of_truth or None, field=field, source=files, draws=bootstrap
-        )
-        truth = evaluate_inputs(truth_request.inputs(), cache=root, progress=reporter)
         music, _ = clip_music(Resources(Cache(root), Executor(1), reporter), named, inputs.clip_set, inputs.music)
         beats = {clip: of_clip.beats.seconds for clip, of_clip in music.items()}
         scenes = MotionScenes(inputs.clip_set.clips, path.name, None, store.skeleton, beats)
-        report, dancers = _compared(scenes, measure(store, reporter), inputs, music, (scores, truth, of_truth))
+        report, dancers = _compared(scenes, measure(store, reporter), inputs, music, scores)
     if target is None:
         return report
     suspects = {outlier.clip: number for number, outlier in enumerate(report.outliers)}
@@ -117,7 +112,7 @@ def _compared(
     measured: Measured,
     inputs: Inputs,
     music: Mapping[str, ClipMusic],
-    scores: tuple[Evaluation, Evaluation, str],
+    scores: Evaluation,
 ) -> tuple[SamplesReport, dict[str, Item]]:
     """Measure the samples as the dataset was, and return the report and the item of each sample."""
     store = measured.store
@@ -144,7 +139,7 @@ def _compared(
     sample_rows = tuple(SampleRow(clip, *of_clip, to_train.get(of_sample(clip))) for clip, of_clip in rows.items())
     unlike = outliers({row.clip: row.numbers for row in sample_rows}, measured.clips)
     clips = {clip: of_clip for clip, of_clip in measured.clips.items() if of_clip.seconds}
-    return SamplesReport(shown(scenes.place), *scores, sample_rows, unlike, nearest, numbers, clips), dancers
+    return SamplesReport(shown(scenes.place), scores, sample_rows, unlike, nearest, numbers, clips), dancers
 
 
 def _piece(figure: Figure, music: ClipMusic | None) -> Piece:

@@ -63,8 +63,7 @@ class SampleRow:
 class SamplesReport:
     """Samples of a model beside the dataset that it was trained on.
 
-    `scores`, `truth`: The samples and the ground truth under one protocol.
-    `split`: Split of the ground truth; "" for all of it.
+    `scores`: The samples under a protocol, with the real dances beside them.
     `rows`: The samples.
     `outliers`: Samples with a number far above the median of the dataset's clips.
     `nearest`: Of each sample the pose farthest from train, the farthest first.
@@ -75,8 +74,6 @@ class SamplesReport:
 
     name: str
     scores: Evaluation
-    truth: Evaluation
-    split: str
     rows: tuple[SampleRow, ...]
     outliers: tuple[Outlier, ...]
     nearest: tuple[NearestPose, ...]
@@ -93,8 +90,8 @@ class SamplesReport:
         poses = self.dataset.poses
         return {
             "schema": SCHEMA, "path": None if self.path is None else str(self.path), "samples": self.name,
-            "against": self.dataset.about.name, "split": self.split, "scores": self.scores.to_json(),
-            "truth": self.truth.to_json(), "clips": rows, "outliers": [asdict(outlier) for outlier in self.outliers],
+            "against": self.dataset.about.name, "scores": self.scores.to_json(), "clips": rows,
+            "outliers": [asdict(outlier) for outlier in self.outliers],
             "to_train_m": {name: asdict(near) for name, near in poses.to_train.items()},
             "to_train_chance_m": None if poses.chance is None else asdict(poses.chance),
             "frechet": {kind: {s: asdict(v) for s, v in of.items()} for kind, of in poses.frechet.items()},

@@ -9,9 +9,9 @@ import numpy as np
 
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.report import LABELS
+from dancedata.evaluation.report import LABELS, score_cells, score_table
 from dancedata.report.figures import Drawing
-from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table
+from dancedata.report.markup import Figure, Markup, escaped, percent, rounded, table
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.page import chapter_links, chapters_html, grid, outlier_figures, whole_page
 from dancedata.report.player import Player
@@ -40,11 +40,7 @@ def describe(report: SamplesReport) -> list[str]:
     poses, other = report.dataset.poses, report.dataset.about.name
     lines = [report.scores.matched] if report.scores.matched else []
     lines += [] if report.path is None else [f"{report.path}: {report.path.stat().st_size / 1e6:.1f} MB"]
-    truth = {score.name: score.value for score in report.truth.scores}
-    for score in report.scores.scores:
-        beside = f"ground truth {number(truth.get(score.name))}"
-        chance = "" if score.chance is None else f", by chance {number(score.chance)}"
-        lines.append(f"  {LABELS.get(score.name, score.name)} {number(score.value)} ({beside}{chance})")
+    lines += [report.scores.verdict, *score_table(report.scores)]
     if near := poses.to_train.get(SAMPLES):
         usual = "" if poses.chance is None else f" (two halves of train: {rounded(100 * poses.chance.p50)} cm)"
         lines.append(f"  poses: {rounded(100 * near.p50)} cm from the nearest of train{usual}")
@@ -80,10 +76,11 @@ def samples_page(report: SamplesReport, player: Player) -> str:
     scores = report.scores
     facts = (
         f"{counted(len(report.rows), 'sample')} at {scores.fps} frames per second, protocol {scores.protocol.name}; "
-        f"ground truth: {report.split or 'all clips'} of {report.dataset.about.name}"
+        f"ground truth: {scores.truth_source}"
     )
     sections = chapter_links(chapters, player, "sample")
     main = (
+        f'<p class="verdict {"void" * all(s.verdict == "void" for s in scores.scores)}">{escaped(scores.verdict)}</p>'
         f"<header><h1>{name} <small>samples, against {other}</small></h1>"
         f'<p class="sub">{escaped(facts, 600)}</p></header>'
         f'<nav aria-label="Sections">{sections}</nav>{chapters_html(chapters)}'
@@ -92,24 +89,17 @@ def samples_page(report: SamplesReport, player: Player) -> str:
 
 
 def _scores(report: SamplesReport) -> str:
-    truth = {score.name: score for score in report.truth.scores}
-    arrows = {"higher": "higher is better", "lower": "lower is better", "closer": "as near to the truth as possible"}
-    rows = []
-    for score in report.scores.scores:
-        interval = score.interval
-        beside = truth.get(score.name)
-        rows.append(
-            (LABELS.get(score.name, score.name), score.value,
-             Markup("–") if interval is None else Markup(f"{number(interval.low)} to {number(interval.high)}"),
-             score.chance, None if beside is None else beside.value, score.published, score.n,
-             Markup(arrows[score.better]))
-        )  # fmt: skip
-    head = ("score", "samples", "95 % interval", "by chance", "ground truth", "published", "n", "better")
+    head, rows = score_cells(report.scores)
+    cells = [
+        tuple(Markup(f'<span class="{score.verdict}" title="{escaped(score.reason)}">{escaped(str(cell))}</span>')
+              for cell in row)
+        for score, row in zip(report.scores.scores, rows, strict=True)
+    ]  # fmt: skip
     note = (
-        "the ground truth is measured under the same protocol against the same pool; by chance: beats of the same "
-        "music, shifted at random"
+        "in brackets: means nothing; after ~: of these samples alone, not comparable with another set. The truth is "
+        "measured under the same protocol against the same pool; at this n: as many real dances against the pool"
     )
-    body = f'<div class="scroll">{table(head, rows, "list")}</div>'
+    body = f'<div class="scroll">{table(head, cells, "list")}</div>'
     return Figure("scores", f"Protocol {report.scores.protocol.name}", note, body, kind="wide").to_html()
 
 
@@ -224,6 +214,5 @@ def _remarks(report: SamplesReport) -> str:
     entries += [("warning", text) for text in scores.warnings]
     entries += [("not computable", f"{name}: {why}") for name, why in scores.protocol.not_computable.items()]
     entries += [("note", text) for text in scores.notes]
-    entries += [("ground truth", text) for text in report.truth.warnings]
     lines = "".join(f"<li><b>{escaped(kind)}</b>: {escaped(text, 2000)}</li>" for kind, text in entries)
     return f'<ul class="terms">{lines}</ul>' if lines else ""

@@ -110,6 +110,7 @@ class Pose:
     `grid`: Rate of the frames.
     `true_pelvis`: Whether the pelvis is where the body has it.
     `motion`: Root and rotations, where they are known.
+    `doubt`: Why it is doubtful that its columns were scaled as stated; "" where it is not.
     """
 
     joints: Float64Array
@@ -117,6 +118,7 @@ class Pose:
     grid: FrameGrid
     true_pelvis: bool = True
     motion: Motion | None = None
+    doubt: str = ""
 
     @property
     def rest(self) -> Float64Array:
@@ -169,10 +171,10 @@ class ColumnsReader:
         if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:
             raise DataError(f"these are not columns of {plugin.name}", reason="bad_shape", where=where,
                             found=f"shape {rows.shape}", allowed=f"(T, {plugin.columns.width})")  # fmt: skip
-        rows = self.scaling.undo(rows, plugin, file=file, where=where)
+        rows, doubt = self.scaling.undone(rows, plugin, file=file, where=where)
         if plugin.decodes:
             try:
-                return Pose.of_motion(plugin.decode(rows, self.grid))
+                return replace(Pose.of_motion(plugin.decode(rows, self.grid)), doubt=doubt)
             except DataError as error:
                 error.where = ": ".join(str(place) for place in (where, error.where) if place is not None) or None
                 raise

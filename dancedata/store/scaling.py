@@ -78,7 +78,18 @@ class Scaling:
         file: bool | None = None,
         where: Any = None,
     ) -> npt.NDArray[Any]:
-        """Return columns (..., D) as they are stored: float64 if they were normalised.
+        """Return the columns of `undone`."""
+        return self.undone(columns, representation, file=file, where=where)[0]
+
+    def undone(
+        self,
+        columns: npt.NDArray[Any],
+        representation: Representation,
+        *,
+        file: bool | None = None,
+        where: Any = None,
+    ) -> tuple[npt.NDArray[Any], str]:
+        """Return columns (..., D) as they are stored, float64 if they were normalised; and why that is doubtful.
 
         `file`: What the file of the columns states.
         Raises UsageError: if nothing states whether they are normalised, call and file differ, or the columns are not
@@ -96,17 +107,18 @@ class Scaling:
                     fix="name it: like= or scaler=, in a command --like STORE or --scaler FILE",
                 )  # fmt: skip
             off, limit = _distance(_rows(columns), representation)
-            if limit == _UNIT and off > _DOUBT:  # bones may be those of another body
-                _warn_once(f"vectors of {representation.name}, taken as not normalised, are far off unit length")
-            return columns
+            if limit != _UNIT or not off > _DOUBT:  # bones may be those of another body
+                return columns, ""
+            _warn_once(f"vectors of {representation.name}, taken as not normalised, are far off unit length")
+            return columns, f"vectors are {off:.0%} off unit length"
         if normalized is None:
             raise self.unstated(where)
         rows = np.asarray(columns, dtype=np.float64)
-        _check(_rows(rows), representation, self.scaler, normalized, where)
+        doubt = _check(_rows(rows), representation, self.scaler, normalized, where)
         if not normalized:
-            return columns
+            return columns, doubt
         undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clip=self.clip)
-        return np.where(np.isfinite(rows), undone, np.nan)  # clipping would hide infinity
+        return np.where(np.isfinite(rows), undone, np.nan), doubt  # clipping would hide infinity
 
 
 def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
@@ -122,19 +134,26 @@ def _warn_once(text: str) -> None:
 
 def _check(
     rows: npt.NDArray[np.float64], representation: Representation, scaler: Scaler, normalized: bool, where: Any
-) -> None:
-    """Raise UsageError if rows (N, D) are clearly not as stated.
+) -> str:
+    """Raise UsageError if rows (N, D) are clearly not as stated; return why it is doubtful, "" where it is not.
 
     They are not if the other choice, and it alone, gives what motion has: vectors of 6D and matrices of unit length,
     bones of the skeleton's length, values within the range of the scaler. The output of a network that is not
     trained has that with neither choice, or is near 0, and passes; with a warning where the other choice is far
     better.
     """
-    if not np.isfinite(rows).any() or _mean(np.abs(rows)) < _NEAR_0:
-        return
-    problem = ""
+    if not np.isfinite(rows).any():
+        return ""
     (distance, least), (undone, _) = (_distance(r, representation) for r in (rows, scaler.unnormalize(rows)))
     stated, other = (undone, distance) if normalized else (distance, undone)
+    words = ("normalised", "not normalised")
+    is_better = stated > max(_DOUBT, 3 * other)
+    doubt, problem = "", ""
+    if least == _UNIT and stated > _DOUBT:
+        fit = f"columns fit {words[normalized]!r} better"
+        doubt = fit if is_better else f"vectors are {stated:.0%} off unit length"
+    if _mean(np.abs(rows)) < _NEAR_0:
+        return doubt
     range_ = np.tile(np.linspace(-1, 1, 5)[:, None], scaler.width)
     narrows = _outside(scaler.normalize(range_ * scaler.usual), scaler.usual) > 3 * _INSIDE
     again, outside = _outside(scaler.normalize(rows), scaler.usual), _outside(rows, scaler.usual)
@@ -143,9 +162,8 @@ def _check(
         problem = f"vectors or bones {stated:.1%} off their length; {other:.1%} with the other choice"
     if normalized and not problem and ((narrows and again < _INSIDE) or outside > _FAR):
         problem = f"values from {np.nanmin(rows):.3g} to {np.nanmax(rows):.3g}, which are not of this scaler"
-    words = ("normalised", "not normalised")
     name = f"vectors or bones of {representation.name}, stated to be {words[not normalized]}"
-    if not problem and stated > max(_DOUBT, 3 * other):
+    if not problem and is_better:
         _warn_once(f"{name}, are far off their length, and nearer to it with the other choice")
     elif not problem and stated > max(_DOUBT, 1.5 * least):  # bones may be those of another body
         _warn_once(f"{name}, are far off their length with either choice: an untrained model, or another scaler")
@@ -154,6 +172,7 @@ def _check(
         raise UsageError(f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}",
                          where=where, found=problem,
                          fix=f"if they are {words[normalized]}: {spelt[normalized]}")  # fmt: skip
+    return doubt
 
 
 def _outside(rows: npt.NDArray[np.float64], usual: float) -> float:

@@ -41,7 +41,8 @@ class Validation:
     report
         Of all samples; None where none could be measured.
     numbers
-        Scores by name with the prefix, without undefined ones, and the number of samples that were left out.
+        Scores by name with the prefix, without those that mean nothing; the number of independent clips, and that of
+        samples that were left out.
     page
         The page; None without one, and in all processes but the main one.
     """
@@ -167,8 +168,7 @@ class SampleLog:
         except UsageError as error:
             warnings.warn(f"{error}", stacklevel=3)
             return None, {f"{self.prefix}left_out": float(len(self.evaluator))}
-        scores = {self.prefix + score.name: score.value for score in report.scores}
-        numbers = {name: value for name, value in scores.items() if value is not None}
+        numbers = {self.prefix + name: value for name, value in report.numbers().items()}
         return report, {**numbers, f"{self.prefix}left_out": float(len(report.left_out))}
 
     def _page(self, step: int) -> Path | None:

@@ -214,7 +214,7 @@ def test_the_protocol_of_the_page_evaluates(distribution, demo: Path, cache: Pat
     environment["DANCEDATA_CACHE"] = str(cache)
     _, command = blocks("docs/plug-ins.md", "sh")
     printed = _dancedata(environment, demo, *command.split()[1:])
-    assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo as truth"
+    assert printed.splitlines()[0] == f"ten-seconds, version 1: {demo}/data/demo, split test as truth"
     assert "pieces, 30 frames per second, 10.00 s" in printed
     (line,) = (line for line in printed.splitlines() if line.startswith("  PFC "))
     assert "1.2500" in line

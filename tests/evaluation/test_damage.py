@@ -41,7 +41,9 @@ def flip(copy: Path) -> Flip:
 
 
 def pfc(path: Path, cache: Path) -> float | None:
-    return dancedata.evaluate(path, metrics=["pfc"], field="joints", bootstrap=0, cache=cache)["pfc"]
+    return dancedata.evaluate(path, split="all", metrics=["pfc"], field="joints", bootstrap=0, cache=cache)[
+        "pfc"
+    ].value
 
 
 def test_a_flipped_bit_is_an_error_and_leaves_nothing_in_the_cache(copy: Path, flip: Flip, tmp_path: Path) -> None:

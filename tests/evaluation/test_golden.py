@@ -63,7 +63,7 @@ def column(report: Report, name: str) -> dict[str, Any]:
 def assert_total(report: Report, score: str, expected: Mapping[str, float], rtol: float, row: str = "") -> None:
     """The clips' values and their mean."""
     assert column(report, row or score) == pytest.approx(dict(expected), rel=rtol, abs=1e-12)
-    assert report[score] == pytest.approx(np.mean(list(expected.values())), rel=rtol, abs=1e-12)
+    assert report[score].value == pytest.approx(np.mean(list(expected.values())), rel=rtol, abs=1e-12)
 
 
 def beats(golden: Golden, suffix: str, clips: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -98,7 +98,7 @@ def test_popdg(golden: Golden) -> None:
     report = evaluated(golden.z30, "popdg", 30, body="smpl24-edge", beats=music)
     expected = golden.of("bas_popdg", golden.z30)
     assert column(report, "bas") == pytest.approx(expected, rel=BAS_FLOAT32)
-    assert report["bas"] == pytest.approx(sum(expected.values()) / 24, rel=BAS_FLOAT32)
+    assert report["bas"].value == pytest.approx(sum(expected.values()) / 24, rel=BAS_FLOAT32)
     assert_total(report, "pfc", golden.of("pfc_edge", golden.z30), PFC)
     assert_total(report, "pbc", golden.of("pbc_popdg", golden.z30), PFC)
 
@@ -114,12 +114,12 @@ def test_slices_of_dgsdp_and_edge(golden: Golden) -> None:
     starts = golden.of("slice_starts30", golden.z30)
     report = evaluated(golden.z30, "dgsdp", 30)
     assert report.pieces == sum(map(len, slices.values()))
-    assert report["pfc"] == pytest.approx(np.mean([v for own in slices.values() for v in own]), rel=PFC)
+    assert report["pfc"].value == pytest.approx(np.mean([v for own in slices.values() for v in own]), rel=PFC)
     for clip, values in slices.items():
         own = [row["pfc"] for row in report.per_clip if row["clip"] == clip]
         assert own == pytest.approx(values, rel=PFC)
     every = [v for clip, own in slices.items() for s, v in zip(starts[clip], own, strict=True) if s % 75 == 0]
-    assert evaluated(golden.z30, "edge-aistpp", 30)["pfc"] == pytest.approx(np.mean(every), rel=PFC)
+    assert evaluated(golden.z30, "edge-aistpp", 30)["pfc"].value == pytest.approx(np.mean(every), rel=PFC)
 
 
 def test_beats_of_dgsdps_slices(whole: None, golden: Golden) -> None:
@@ -149,7 +149,7 @@ def test_lodge(golden: Golden) -> None:
     sides = np.array([golden.values[clip]["fsr_lodge"] for clip in clips])
     found = [[column(report, f"skating_{side}")[clip] for side in ("left", "right")] for clip in clips]
     np.testing.assert_allclose(found, sides, atol=1e-6)
-    assert report["skating"] == pytest.approx(sides.mean(axis=0).mean(), abs=1e-6)
+    assert report["skating"].value == pytest.approx(sides.mean(axis=0).mean(), abs=1e-6)
 
 
 #: Protocol, which of its measures, the dances, their rate and body, role, and the golden array.
@@ -236,5 +236,5 @@ def test_beats_at_another_rate_than_the_motions() -> None:
     dance = {"a": rng.normal(0, 0.01, (200, 24, 3)).cumsum(axis=0)}
     with_30 = MusicBeats.of([3, 20, 50, 77], FrameGrid.of(30))
     with_60 = MusicBeats.of([6, 40, 100, 154], FrameGrid.of(60))
-    scores = [dancedata.evaluate(dance, fps=40, beats={"a": b}, bootstrap=0)["bas"] for b in (with_30, with_60)]
+    scores = [dancedata.evaluate(dance, fps=40, beats={"a": b}, bootstrap=0)["bas"].value for b in (with_30, with_60)]
     assert scores[0] == scores[1]

@@ -47,12 +47,12 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0}
     named = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", **options)
     stored = dancedata.evaluate({clip.id: dancedata.decode(clip.read("edge151"), "edge151")}, like=store, bootstrap=0)
-    assert named["bas"] == stored["bas"] is not None
+    assert named["bas"].value == stored["bas"].value is not None
     # Of nothing that the dataset has there is no music: an error, unless no metric takes it.
     with raises_message(DataError, "named") as error:
         dancedata.evaluate(tmp_path, **options)
     assert error.value.reason == "nothing_matched"
-    assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"] is not None
+    assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"].value is not None
     # Of some a warning comes first, with their number.
     np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:150])
     some = dancedata.evaluate(tmp_path, **options)
@@ -81,13 +81,13 @@ def test_beats_of_slices_where_a_protocol_takes_those_of_songs(store: Store, tmp
     evaluator = dancedata.Evaluator(windows, normalized=False)
     ids = [f"{w.clip}@{w.start}+{w.length}" for w in windows.windows("train")]
     evaluator.update(columns, ids)
-    own = evaluator.compute()["bas"]
+    own = evaluator.compute()["bas"].value
     evaluator.reset()
     evaluator.update(columns, ids, music=music)
-    assert own == pytest.approx(evaluator.compute()["bas"], rel=1e-9)
-    reports = [dancedata.evaluate(windows, metrics=["bas"], bootstrap=0), evaluator.compute()]
+    assert own == pytest.approx(evaluator.compute()["bas"].value, rel=1e-9)
+    reports = [dancedata.evaluate(windows, split="all", metrics=["bas"], bootstrap=0), evaluator.compute()]
     for report in reports:
-        assert report["bas"] is not None
+        assert report["bas"].value is not None
     told = [any("beats are those of each slice" in w for w in r.warnings) for r in reports]
     assert told == [slices] * 2
 
@@ -133,14 +133,16 @@ def other_songs(store: Store) -> dict[str, str]:
 def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
     store: Store, motions: Mapping[str, Motion], other_songs: dict[str, str]
 ) -> None:
-    own, other = [dancedata.evaluate(store, metrics=["bas"], music_of=m, bootstrap=0) for m in (None, other_songs)]
-    assert own["bas"] != other["bas"]
+    own, other = [
+        dancedata.evaluate(store, split="all", metrics=["bas"], music_of=m, bootstrap=0) for m in (None, other_songs)
+    ]
+    assert own["bas"].value != other["bas"].value
     # As if generated clips of other names had these songs, and as generated clips with the names of the dataset's.
     renamed = {f"new-{name}": motion for name, motion in motions.items()}
     songs = {f"new-{name}": song for name, song in other_songs.items()}
     for clips, music in ((renamed, songs), (dict(motions), other_songs)):
         found = dancedata.evaluate(clips, like=store, metrics=["bas"], music_of=music, bootstrap=0)
-        assert found["bas"] == pytest.approx(other["bas"], rel=1e-9)
+        assert found["bas"].value == pytest.approx(other["bas"].value, rel=1e-9)
 
 
 def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> None:
@@ -169,7 +171,9 @@ def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping
     music = {clip.id: f"{clip.music}.wav" for clip in store.clips}
     renamed = {f"new-{name}": motion for name, motion in motions.items()}
     songs = {f"new-{name}": song for name, song in music.items()}
-    assert dancedata.evaluate(renamed, like=store, metrics=["bas"], music_of=songs, bootstrap=0)["bas"] is not None
+    assert (
+        dancedata.evaluate(renamed, like=store, metrics=["bas"], music_of=songs, bootstrap=0)["bas"].value is not None
+    )
 
 
 @pytest.mark.parametrize("lines", ["x,a\nx,b\n", "x, \n"])

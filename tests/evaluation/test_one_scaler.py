@@ -87,7 +87,7 @@ def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Stor
     motions = {f"{place}": dancedata.decode(plain[place][FIELD].numpy(), FIELD, fps=30) for place in places}
     wanted = dancedata.evaluate(motions, pool=store, bootstrap=0)
     for name in ("fid_k", "pfc", "div_k"):
-        assert evaluator.compute()[name] == pytest.approx(wanted[name], rel=1e-3), name
+        assert evaluator.compute()[name].value == pytest.approx(wanted[name].value, rel=1e-3), name
 
 
 def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         with raises_message(UsageError, "whether", where="x.npz"):
             dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, normalized=not normalized, bootstrap=0)
     options: dict[str, Any] = {"metrics": ["pfc"], "bootstrap": 0}
-    assert dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, **options)["pfc"] is not None
+    assert dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, **options)["pfc"].value is not None
 
 
 @pytest.mark.parametrize("field", [FIELD, "lodge139", "joints"])
@@ -304,7 +304,9 @@ def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) ->
     options: dict[str, Any] = {"like": store, "field": FIELD, "bootstrap": 0, "metrics": ["fid_k"]}
     pool, saved = tmp_path / "wide", tmp_path / "pool.npz"
     wanted = dancedata.evaluate(pool, pool=pool, scaler=wide, save_pool=saved, **options)
-    assert dancedata.evaluate(pool, pool=saved, scaler=wide, **options)["fid_k"] == pytest.approx(wanted["fid_k"])
+    assert dancedata.evaluate(pool, pool=saved, scaler=wide, **options)["fid_k"].value == pytest.approx(
+        wanted["fid_k"].value
+    )
     with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         dancedata.evaluate(tmp_path / "plain", pool=saved, normalized=True, **options)
     with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):

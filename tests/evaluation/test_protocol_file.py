@@ -42,19 +42,21 @@ def write(folder: Path, text: str = TEXT) -> Path:
 def test_a_file_gives_the_numbers_of_the_same_protocol_in_code(jobs: int, store: Store, tmp_path: Path) -> None:
     file = str(write(tmp_path))
     ours = dancedata.evaluate(
-        store, protocol=file, bootstrap=0, jobs=jobs, cache=tmp_path, save_pool=tmp_path / "p.npz"
+        store, split="all", protocol=file, bootstrap=0, jobs=jobs, cache=tmp_path, save_pool=tmp_path / "p.npz"
     )
-    theirs = dancedata.evaluate(store, bootstrap=0)
-    assert {s.name: s.value for s in ours.scores} == {name: theirs[name] for name in (s.name for s in ours.scores)}
+    theirs = dancedata.evaluate(store, split="all", bootstrap=0)
+    assert {s.name: s.value for s in ours.scores} == {
+        name: theirs[name].value for name in (s.name for s in ours.scores)
+    }
     assert {"fid_k", "pfc", "bas"} <= {s.name for s in ours.scores}
     assert str(ours).startswith("ours, version 3: ")
     assert ours.notes[-1] == "of a file"
     assert next(s.published for s in ours.scores if s.name == "pfc") == 1.25
-    again = dancedata.evaluate(store, protocol=file, pool=tmp_path / "p.npz", bootstrap=0)
-    assert again["fid_k"] == ours["fid_k"]
+    again = dancedata.evaluate(store, split="all", protocol=file, pool=tmp_path / "p.npz", bootstrap=0)
+    assert again["fid_k"].value == ours["fid_k"].value
     changed = write(tmp_path, TEXT.replace("[5, 2.5]", "[4, 2]"))
     with pytest.raises(UsageError, match="the pool was measured by other metrics"):
-        dancedata.evaluate(store, protocol=str(changed), pool=tmp_path / "p.npz", bootstrap=0)
+        dancedata.evaluate(store, split="all", protocol=str(changed), pool=tmp_path / "p.npz", bootstrap=0)
 
 
 def test_members_are_those_of_the_file(tmp_path: Path) -> None:
@@ -83,4 +85,4 @@ def test_wrong_files(old: str, new: str, tmp_path: Path) -> None:
 
 def test_a_file_that_does_not_exist(store: Store) -> None:
     with raises_message(UsageError, "protocol", where="nothing.yaml"):
-        dancedata.evaluate(store, protocol="nothing.yaml")
+        dancedata.evaluate(store, split="all", protocol="nothing.yaml")

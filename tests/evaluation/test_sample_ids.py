@@ -64,7 +64,7 @@ def test_a_folder_an_evaluator_and_numpy_agree(copies: Store, tmp_path: Path) ->
     evaluator.update(np.stack([rows_of(copies, name) for name in ids]), ids)
     batches = evaluator.compute()
     assert [s.value for s in batches.scores] == pytest.approx([s.value for s in folder.scores], rel=1e-6)
-    assert folder["bas"] == pytest.approx(np.mean([by_hand(copies, name) for name in ids]), rel=1e-6)
+    assert folder["bas"].value == pytest.approx(np.mean([by_hand(copies, name) for name in ids]), rel=1e-6)
     assert folder.clips == batches.clips
     assert "windows of" in folder.matched
     originals = {Samples(copies).require(name).recording for name in ids}
@@ -96,7 +96,7 @@ def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:
     rows, name = clip.read("edge151")[20:170], f"{clip.id}@20+150"
     np.savez(tmp_path / "x.npz", samples=rows, id=name)
     stated = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
-    assert stated["bas"] == pytest.approx(by_hand(store, name), rel=1e-6)
+    assert stated["bas"].value == pytest.approx(by_hand(store, name), rel=1e-6)
     np.savez(tmp_path / "y.npz", samples=rows, id=name)
     with raises_message(DataError, "number", reason="two_samples"):
         dancedata.evaluate(tmp_path, like=store, **OPTIONS)

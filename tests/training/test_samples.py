@@ -76,9 +76,12 @@ def test_the_truth_as_samples_has_the_numbers_of_evaluate(path: Path, tmp_path: 
     done = log.finish(40)
     report = plain.compute()
     assert done.report is not None
-    numbers = {f"samples/{score.name}": score.value for score in report.scores if score.value is not None}
+    numbers = {f"samples/{name}": value for name, value in report.numbers().items()}
     assert done.numbers == pytest.approx({**numbers, "samples/left_out": 0.0}, rel=1e-9)
-    assert "samples/bas" in done.numbers
+    assert done.numbers["samples/n_clips"] == report.recordings > 0
+    means = {score.name for score in report.scores if score.verdict != "void"}
+    assert {name.removeprefix("samples/") for name in done.numbers} == {*means, "n_clips", "left_out"}
+    assert "fid_k" not in means  # a distance of so few clips means nothing
     assert done.page == tmp_path / "walls" / "step-00000040.html"
     assert len(log.evaluator) == 0
 
@@ -125,7 +128,7 @@ def test_whole_clips_that_are_padded(path: Path, tmp_path: Path) -> None:
     done = log.finish(0)
     assert done.report is not None
     for name in ("bas", "pfc", "fid_k"):
-        assert done.report[name] == pytest.approx(plain.compute()[name], rel=1e-9)
+        assert done.report[name].value == pytest.approx(plain.compute()[name].value, rel=1e-9)
     assert done.page is not None
 
 
@@ -218,7 +221,7 @@ def test_lightning_logs_scores_and_writes_pages(path: Path, tmp_path: Path) -> N
         f"step-{steps:08d}.html", f"step-{2 * steps:08d}.html"
     ]  # fmt: skip
     with open(tmp_path / "log/version_0/metrics.csv", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row.get("samples/fid_k")]
+        rows = [row for row in csv.DictReader(file) if row.get("samples/n_clips")]
     assert [int(row["step"]) for row in rows] == [steps - 1, 2 * steps - 1]
     # The noise is the same in each validation, so the numbers are; they are those of an Evaluator with that noise.
     first, second = ({key: v for key, v in row.items() if key.startswith("samples/")} for row in rows)

@@ -83,7 +83,7 @@ def test_dancers_on_a_wall_keep_their_seconds(stores: dict[str, Path]) -> None:
     np.testing.assert_allclose(scene.rhythm.beats, expected, atol=0.1)
     alone = dancedata.evaluate(store, metrics=["bas"], bootstrap=0)
     found = wall_bas(wall)
-    assert alone["bas"] is not None
+    assert alone["bas"].value is not None
     assert found["whole"] == pytest.approx(found["part"], abs=0.15)
 
 
@@ -157,7 +157,7 @@ def test_a_song_of_a_window_needs_its_second(stores: dict[str, Path], tmp_path: 
         beats = store.clip("part").beats()
         mine = MusicBeats.of(np.round((beats[beats >= 1] - 1) * 30).astype(int), store.grid)
         own = dancedata.evaluate({"x": motion}, beats={"x": mine}, metrics=["bas"], bootstrap=0)
-        assert listed["bas"] == given["bas"] == pytest.approx(own["bas"], abs=0.03)
+        assert listed["bas"].value == given["bas"].value == pytest.approx(own["bas"].value, abs=0.03)
     (tmp_path / "songs.csv").write_text("part@30+150,song,1\npart@30+150,song,2\n")
     with raises_message(UsageError, "two songs"):
         read_songs(tmp_path / "songs.csv")

@@ -93,7 +93,7 @@ def named_clips(
             clip = of_sample(clip, sample)
         elif not clip.stored:
             (by_song if music else unknown).append(clip.id)
-            clip = replace(clip, recording=f"song:{music}" if music else "")
+            clip = replace(clip, recording=f"song:{music}" if music and name is None else "")
         found.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
     _require_one_each(samples)
     return Named(tuple(found), samples, tuple(by_song), tuple(unknown))

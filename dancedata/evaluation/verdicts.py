@@ -1,0 +1,159 @@
+"""Verdicts: whether a score means something, and if not, why."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from dancedata.core.dance import Undefined
+from dancedata.core.plugins import Metric
+from dancedata.core.rotations import Float64Array
+from dancedata.core.text import counted
+from dancedata.evaluation.pool import MetricRows, Pool
+from dancedata.evaluation.scores import MAX_VECTORS, SameN, Score, Why, describe_outcome, number_text, summary_of
+from dancedata.metrics.intervals import MIN_CLIPS
+
+#: Least recordings of a distance or diversity: AIST++'s test split, the smallest that tables are made of.
+LEAST_OF_SETS = 20
+#: Scores that fewer than 1 / HEAVY of the clips carry are no means of all.
+HEAVY = 3
+#: An interval whose ends differ by more than this factor says nothing.
+WIDE = 10
+#: Shares of pieces without a value that make a score weak and void.
+SOME, MOST = 0.1, 0.5
+#: Draws of real dances, and least recordings of a pool that is divided.
+DRAWS, LEAST_OF_POOL = 20, 4
+
+
+@dataclass(frozen=True, eq=False)
+class Circumstances:
+    """What a verdict depends on besides the score.
+
+    `metric`, `rows`: The metric, and its numbers of the set.
+    `pool`: (M, C) numbers of the pool; None without one.
+    `generated`: Whether the set is of a model.
+    `truth`: Scores of the real dances, by name.
+    `same_n`: Distances of as many real dances, by the name of the score.
+    `in_pool`: How many clips of the set are in the pool.
+    `pool_of_all`: Whether the protocol wants them there.
+    `doubt`: Why the scaling of columns is doubtful; "" where it is not.
+    `draws`: How many times scores were computed again for intervals, at most.
+    """
+
+    metric: Metric
+    rows: MetricRows
+    pool: Float64Array | None
+    generated: bool
+    truth: Mapping[str, Score]
+    same_n: Mapping[str, SameN]
+    in_pool: int
+    pool_of_all: bool
+    doubt: str
+    draws: int
+
+
+def judged(score: Score, of: Circumstances) -> Score:
+    """Return a score with its reasons, the gravest first, and the real dances beside it."""
+    recordings = len(np.unique(of.rows.clips))
+    truth, same = of.truth.get(score.name), of.same_n.get(score.name)
+    score = replace(
+        score, recordings=recordings, samples=len({name.partition("#")[0] for name in of.rows.ids}),
+        truth=None if truth is None else truth.value, truth_interval=None if truth is None else truth.interval,
+        same_n=same if of.generated else None,
+    )  # fmt: skip
+    why = [*_beside_real(score, of), *_of_set(score, of), *_of_interval(score, of)]
+    return replace(score, why=tuple(sorted(why, key=lambda one: ("void", "weak", "ok").index(one.verdict))))
+
+
+def _of_set(score: Score, of: Circumstances) -> list[Why]:
+    """Return the reasons that lie in the clips, their number and their columns."""
+    why = [Why("scaler", "void", of.doubt)] if of.doubt else []
+    n, needed = score.recordings, LEAST_OF_SETS if of.metric.needs_pool else MIN_CLIPS
+    if n < needed and score.value is not None:
+        why.append(Why("few_clips", "void", f"{counted(n, 'clip')}; needs {needed}", n, needed))
+    total = score.n + score.n_undefined
+    share = 1.0 if score.value is None else score.n_undefined / max(total, 1)
+    if share > SOME:
+        outcome = max(score.undefined, key=lambda name: len(score.undefined[name]), default="short")
+        text = f"{score.n_undefined} of {total} have no value: {describe_outcome(outcome)}"
+        why.append(Why("undefined", "void" if share >= MOST else "weak", text, score.n_undefined, total))
+    is_distance = of.metric.needs_pool and score.better == "lower"
+    if is_distance and of.in_pool:
+        text = f"{counted(of.in_pool, 'clip')} of the pool are these dances"
+        why.append(Why("in_pool", "weak" if of.pool_of_all else "void", text, of.in_pool, 0))
+    if is_distance and of.pool is not None:
+        vectors, width = min(score.n, len(of.pool)), of.pool.shape[1]
+        if vectors <= width:
+            whose = "vectors" if vectors == score.n else "vectors of the pool"
+            text = f"{vectors} {whose}, {width} dimensions: compare at n = {vectors} alone"
+            why.append(Why("rank", "weak", text, vectors, width + 1))
+    return why
+
+
+def _of_interval(score: Score, of: Circumstances) -> list[Why]:
+    """Return the reasons that lie in the interval, and in the chance level."""
+    value, interval, n, why = score.value, score.interval, score.recordings, []
+    if value is None:
+        return []
+    if score.chance is not None and score.chance >= (value if interval is None else interval.low):
+        is_below = interval is None or score.chance > interval.high
+        text = f"below chance, {score.chance:.2f}" if is_below else f"as good as chance ({score.chance:.2f})"
+        why.append(Why("chance", "void", text, value, score.chance))
+    if not of.draws or n < MIN_CLIPS:
+        return why
+    if interval is None:
+        most = of.metric.needs_pool and max(score.n, 0 if of.pool is None else len(of.pool)) > MAX_VECTORS
+        text = "no clip changes it, or too few carry it" if not most else f"of more than {MAX_VECTORS:,} vectors"
+        return [*why, Why("no_interval", "ok" if most else "weak", f"no interval: {text}")]
+    if interval.clips < min(n, of.draws) / HEAVY:
+        median = "" if score.median is None else f"; the median is {number_text(score.median)}"
+        text = f"{interval.clips:.0f} of {n} clips carry the mean{median}"
+        why.append(Why("few_carry", "weak", text, interval.clips, n / HEAVY))
+    if of.metric.bounds[0] == 0 and interval.high > WIDE * interval.low:
+        ends = f"{interval.low:.3g} .. {interval.high:.3g}"
+        why.append(Why("no_interval", "weak", f"interval {ends}: too few clips", interval.high, interval.low))
+    return why
+
+
+def _beside_real(score: Score, of: Circumstances) -> list[Why]:
+    """Return what real dances say of the score of generated ones."""
+    value, same, truth, why = score.value, score.same_n, score.truth_interval, []
+    if value is None or not of.generated:
+        return []
+    if same is not None and value <= same.high:
+        text = f"as real dances at this n: {same.low:.3g} .. {same.high:.3g}"
+        why.append(Why("same_n", "weak", text, value, same.high))
+    is_lower = score.better == "lower" and truth is not None and value < truth.low
+    is_nearer = score.chance is not None and truth is not None and value > truth.high
+    if of.metric.needs_pool:
+        is_lower, is_nearer = score.better == "lower" and score.truth is not None and value < score.truth, False
+    if is_lower or is_nearer:
+        text = "better than the real dances: look for copies of train, still dancers, too few samples"
+        why.append(Why("below_truth", "ok", text, value, score.truth))
+    return why
+
+
+@lru_cache(maxsize=64)
+def same_n_of(pool: Pool, number: int, metric: Metric, recordings: int, vectors: int) -> dict[str, SameN]:
+    """Return the distances of as many real dances from the others of a pool, by the names of the scores.
+
+    Of 20 draws of so many recordings, at most half of them, with so many of their vectors.
+    """
+    rows, clips = pool.rows[number], pool.clips[number]
+    ids = np.unique(clips)
+    if len(ids) < LEAST_OF_POOL or not recordings:
+        return {}
+    random = np.random.default_rng(0)
+    found: dict[str, list[float]] = {}
+    for _ in range(DRAWS if len(rows) <= MAX_VECTORS else 3):
+        drawn = np.isin(clips, random.permutation(ids)[: min(recordings, len(ids) // 2)])
+        chosen = np.sort(random.permutation(np.flatnonzero(drawn))[:vectors])
+        try:
+            values = summary_of(metric, rows[chosen], rows[~drawn])
+        except Undefined:
+            return {}
+        for name in (name for name, better in metric.better.items() if better == "lower" and name in values):
+            found.setdefault(name, []).append(values[name])
+    finite = {name: values for name, values in found.items() if np.isfinite(values).all()}
+    return {name: SameN(min(of), float(np.median(of)), max(of)) for name, of in finite.items()}
