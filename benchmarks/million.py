@@ -11,7 +11,6 @@ are, per process, wall seconds and the growth of its anonymous memory (without p
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import multiprocessing
 import os
@@ -50,33 +49,27 @@ def write(folder: Path, n: int) -> None:
     size = info["shards"][0]["fields"]["music"][0] + rows * 8
     os.truncate(shard, size)
     numbers = np.arange(n)
-    ids = b"".join(b"clip%07d" % k for k in range(n))
+    texts = {"id": [f"clip{k:07d}" for k in range(n)], "genre": ["break"] * n, "music": ["songaaaa"] * n}
+    texts |= {"split": ["train"] * n, "file": [shard.name] * n}
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        texts = {"id": (ids, 11), "genre": (b"break" * n, 5), "music": (b"songaaaa" * n, 8)}
-        for name, (data, width) in texts.items():
-            hdf5.write_array(file, f"clips/{name}/offset", np.arange(n + 1, dtype=np.int64) * width)
-            hdf5.write_array(file, f"clips/{name}/bytes", np.frombuffer(data, np.uint8))
+        hdf5.write_attributes(file, format=info["format"], fps=info["fps"])
+        for name, values in texts.items():
+            hdf5.write_strings(file, f"clips/{name}", values, 128)
         hdf5.write_array(file, "clips/n_frames", np.full(n, FRAMES, np.int32))
-        hdf5.write_array(file, "clips/by_id", numbers.astype(np.int32))
         for name in ("motion/pose", "audio/music"):
             hdf5.write_array(file, f"clips/{name}/start", numbers * FRAMES)
             hdf5.write_array(file, f"clips/{name}/length", np.full(n, FRAMES, np.int32))
         hdf5.write_array(file, "clips/audio/music/offset", np.zeros(n, np.int64))
         hdf5.write_array(file, "windows/clip", np.repeat(numbers, WINDOWS).astype(np.int32))
         hdf5.write_array(file, "windows/start", np.tile(np.arange(WINDOWS) * STRIDE, n).astype(np.int32))
-    with open(folder / "train-tables.h5", "wb") as target:
+    with open(folder / "tables.h5", "wb") as target:
         layout.copy_to(target)
-    kept = [c for c in info["tables"]["clips"]["columns"] if "/" in c["name"] or c["name"] in (*texts, "n_frames")]
-    info["tables"]["clips"]["columns"] = kept
     info["shards"][0] |= {"size": size, "clips": n, "windows": n * WINDOWS}
-    entry = info["splits"]["train"]
-    entry["rows"] = {"clips": n, "windows": n * WINDOWS}
-    data = (folder / "train-tables.h5").read_bytes()
-    entry["tables"] |= {"size": len(data), "sha256": sha256_bytes(data)}
+    data = (folder / "tables.h5").read_bytes()
+    info["files"]["tables.h5"] = {"size": len(data), "sha256": sha256_bytes(data)}
     del info["self_sha256"]
     (folder / "dataset.json").write_text(json.dumps({**info, "self_sha256": json_sha256(info)}))
-    assert hashlib.sha256(data).hexdigest() == entry["tables"]["sha256"]
 
 
 def memory_mb() -> tuple[float, float]:
@@ -123,7 +116,7 @@ def main() -> None:
         folder = Path(work) / "store"
         begin = time.perf_counter()
         write(folder, options.clips)
-        tables = (folder / "train-tables.h5").stat().st_size / 1e6
+        tables = (folder / "tables.h5").stat().st_size / 1e6
         print(f"{options.clips:,} clips, {options.clips * WINDOWS:,} windows, tables {tables:.0f} MB")
         print(f"written in {time.perf_counter() - begin:.1f} s; {options.processes} processes at once")
         context = multiprocessing.get_context("spawn")

@@ -49,7 +49,7 @@ def write_many(demo: Path, out: Path, n: int) -> Path:
     with open_store(demo) as store:
         kept = [_stored(store, k) for k in range(len(store.clips))]
         clips = [replace(kept[k % len(kept)], id=f"{kept[k % len(kept)].id}_{k:04d}") for k in range(n)]
-        keys = ("name", "dataset", "licence", "citation", "recipe", "axes", "dancedata", "source")
+        keys = ("name", "licence", "citation", "recipe", "versions", "source")
         about = {key: store.meta[key] for key in keys if key in store.meta}
         windows = store.meta["windows"]["length"], store.meta["windows"]["stride"]
         fields = tuple(store.field(name) for name in store.fields)

@@ -6,6 +6,7 @@ import io
 import pickle
 import struct
 import wave
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -200,6 +201,7 @@ def store() -> dict[str, bytes]:
     from tempfile import TemporaryDirectory
 
     from dancedata.core.clip import Reject
+    from dancedata.store import write_store
     from dancedata.store.schema import Field
     from dancedata.testing.stores import random_columns, write_random_store
 
@@ -207,6 +209,9 @@ def store() -> dict[str, bytes]:
         Field("pose", "motion", random_columns(3), Fraction(30)),
         Field("music", "audio", random_columns(2, mirror=False), Fraction(30), "float16"),
     )
+    rejects = [Reject("nan", "x", "x.pkl", 3, "why", {"audio_s": 1.5}), Reject("no_audio", file="s.wav")]
+    flag = {"kind": "k", "joint": "j", "frame": 3, "value": 1.5, "unit": "deg", "rate": "30"}
+    quality = [{"clip": "train_c00", **flag}]
     with TemporaryDirectory() as folder:
         made = write_random_store(
             Path(folder) / "store",
@@ -215,17 +220,10 @@ def store() -> dict[str, bytes]:
             n_frames=(40, 60),
             length=20,
             stride=10,
-            rejects=[Reject("nan", "x", "x.pkl", 3, "why", {"audio_s": 1.5}), Reject("no_audio", file="s.wav")],
-            quality=[
-                {
-                    "clip": "train_c00",
-                    "kind": "k",
-                    "joint": "j",
-                    "frame": 3,
-                    "value": 1.5,
-                    "unit": "deg",
-                    "rate": "30",
-                }
-            ],
         )
-        return {path.name: path.read_bytes() for path in made.path.iterdir()}
+        written = Path(folder) / "written"
+        written.mkdir()
+        texts = ("é" * 100, "short")
+        clips = [replace(c, columns={"says": says}) for c, says in zip(made.clips, texts, strict=True)]
+        write_store(written, made.header, clips, rejects=rejects, quality=quality)
+        return {path.name: path.read_bytes() for path in written.iterdir()}

@@ -8,6 +8,7 @@ import yaml
 
 from dancedata.core.text import counted, shown
 from dancedata.store import Store
+from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.hub_head import OTHER, Publication, citations, head, strictest
 from dancedata.store.licence import clips_by_terms, terms_text
 
@@ -86,7 +87,7 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
     )
     genre_line = f"\nGenres: {', '.join(map(_text, genres))}.\n" if genres else ""
     table = _table(("split", "clips", "copies", "windows", "songs", "minutes"), rows)
-    left = sum(store.meta.get("rejects", {}).values())
+    left = len(store.rejects)
     return f"## Content\n\n{table}\n{about}\n{genre_line}\nLeft out: {left}.\n"
 
 
@@ -147,14 +148,15 @@ def _command(recipe: str) -> str:
 def _again(store: Store, place: Publication | None) -> str:
     meta = store.meta
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
-    hashes = [(key, meta.get(key)) for key in ("recipe_sha256", "source_sha256", "self_sha256")]
-    rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in hashes if value]
+    rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in dataset_hashes(meta).items()]
     rows += [(f"`{shard['file']}`", f"`{shard['sha256']}`") for shard in meta.get("shards", [])]
-    packages = ", ".join(f"{name} {version}" for name, version in meta.get("packages", {}).items())
+    versions = dict(meta.get("versions", {}))
+    made_by = _text(str(versions.pop("dancedata", "")))
+    packages = ", ".join(f"{name} {version}" for name, version in versions.items() if isinstance(version, str))
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall(r"`+", recipe)), default=0))
     used = f" ({_text(packages)})" if packages else ""
     return (
-        f"## How to build it again\n\nWith dancedata {_text(str(meta.get('dancedata', '')))}{used}, and this recipe "
+        f"## How to build it again\n\nWith dancedata {made_by}{used}, and this recipe "
         f"as recipe.yaml:\n\n{fence}yaml\n{recipe}{fence}\n\n"
         f"{_command('recipe.yaml' if place is None else place.address)}\n"
         f"{_table(('', 'SHA-256'), rows)}"

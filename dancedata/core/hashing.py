@@ -33,6 +33,11 @@ def json_sha256(obj: Any) -> str:
     return sha256_bytes(canonical_bytes(obj))
 
 
+def recipe_hash(recipe: Mapping[str, Any]) -> str:
+    """Return the hash of all of a recipe with its defaults that shapes the result: not its name or description."""
+    return json_sha256({key: value for key, value in recipe.items() if key not in ("name", "description")})
+
+
 def self_hash(document: Mapping[str, Any]) -> str:
     """Return the hash of a document without its own key self_sha256, which is to hold it."""
     return json_sha256({key: value for key, value in document.items() if key != "self_sha256"})

@@ -216,7 +216,7 @@ class SampleExport(Export):
 
     def write_index(self, job: ExportJob, folder: ExportFolder, rows: Mapping[str, int]) -> None:
         """Write index.json: rows of every file, and columns, rates, axes, statistics and scalers of the fields."""
-        store, axes = job.store, job.store.meta.get("axes", {})
+        store, axes = job.store, {name: job.store.field(name).axes for name in job.store.fields}
         statistics = store.stats.get("fields", {})
         fields = {
             name: field_json(job, name, axes=axes.get(name), statistics=statistics.get(name))

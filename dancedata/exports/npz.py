@@ -72,7 +72,7 @@ class Npz(Export):
 
     def _index(self, job: ExportJob, clips: Mapping[str, Any]) -> dict[str, Any]:
         store = job.store
-        axes = store.meta.get("axes", {})
+        axes = {name: store.field(name).axes for name in store.fields}
         fields = {name: field_json(job, name, axes=axes.get(name)) for name in self.reads(job)}
         windows = {
             split: [[w.clip, w.start, w.length] for w in store.windows(split, fields=self.reads(job))]

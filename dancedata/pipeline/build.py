@@ -12,6 +12,7 @@ from typing import Any
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.hashing import recipe_hash
 from dancedata.core.text import counted, shown
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected
@@ -22,7 +23,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend, start_workers
 from dancedata.pipeline.audio import libsndfile_version
 from dancedata.pipeline.clips import ComputedClips, compute_clips
-from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged
+from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged, reasons
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.rebuild import Published
@@ -60,7 +61,7 @@ class BuildResult:
     def of(cls, path: Path, built: bool) -> BuildResult:
         """Describe a finished dataset."""
         with open_store(path) as store:
-            counts, left_out = dict(store.meta["counts"]), dict(store.meta["rejects"])
+            counts, left_out = dict(store.meta["splits"]), reasons(store)
             notes = tuple(store.meta.get("source", {}).get("notes", ()))
         summary = describe_built(path) if built else describe_unchanged(path)
         return cls(path, built, counts, left_out, notes, summary)
@@ -168,7 +169,7 @@ class _Build:
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
         stored = {clip.original for clip in computed.clips}
-        meta = {**_meta(self.recipe, sources, record.to_json(stored)), "quality_flags": len(computed.quality)}
+        meta = _meta(self.recipe, sources, record.to_json(stored))
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
         return True
@@ -176,6 +177,7 @@ class _Build:
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return the header of the store."""
+    axes = {f.name: f.representation.axes for f in recipe.motion}
     return StoreHeader(
         scope="track",
         fps=recipe.fps,
@@ -191,6 +193,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
                 f.dtype,
                 f.codebook,
                 optional=f.optional,
+                axes=axes.get(f.name, ""),
             )
             for f in recipe.fields
         ),
@@ -222,11 +225,11 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
     packages.update(name for job in recipe.audio for name in job.feature.packages)
     return {
         "name": recipe.name,
-        "dancedata": __version__,
         "recipe": recipe.document,
-        "recipe_sha256": recipe.sha256,
-        "source_sha256": sources.sha256,
         "source": {
+            "reader": recipe.dataset.name,
+            "sha256": sources.sha256,
+            **({"split_rule": "official"} if recipe.dataset.official_split else {}),
             "layout": sources.scan.layout,
             "notes": [
                 *sources.scan.notes,
@@ -234,20 +237,19 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
                 *recipe.curation.notes({ref.split for ref in sources.scan.clips}),
             ],
             "clips": dict(left_out),
+            "content": sources.content,
         },
-        "dataset": recipe.dataset.name,
-        **({"split_rule": "official"} if recipe.dataset.official_split else {}),
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,
-        "axes": {motion_field.name: motion_field.representation.axes for motion_field in recipe.motion},
-        "rotation_6d": {motion_field.name: motion_field.representation.rotation_6d for motion_field in recipe.motion},
-        "skeletons": {motion_field.name: motion_field.representation.skeleton.name for motion_field in recipe.motion},
         "genre_ids": dict(sources.scan.genre_ids or recipe.dataset.genre_ids),
-        "content": sources.content,
-        "arithmetic": expected(),
-        **({"plugins": local} if (local := _local_plugins(recipe)) else {}),
         **({"encoders": networks} if (networks := _networks(recipe)) else {}),
-        "packages": {**versions, **{name: package_version(name) for name in sorted(packages)}},
+        "versions": {
+            "dancedata": __version__,
+            "arithmetic": expected(),
+            **versions,
+            **{name: package_version(name) for name in sorted(packages)},
+            **({"plugins": local} if (local := _local_plugins(recipe)) else {}),
+        },
     }
 
 
@@ -271,12 +273,12 @@ def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceR
         f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
         for key, a, b in document_differences(old, new)
     ]
-    if meta.get("recipe_sha256") != recipe.sha256:
+    if recipe_hash(meta.get("recipe", {})) != recipe.sha256:
         listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
         raise StoreError("this folder holds a dataset built from a different recipe", where=out,
                          found=f"these differences:\n{listed}\n",
                          fix="choose another --out, or --overwrite to replace it")  # fmt: skip
-    if meta.get("source_sha256") != source_sha256:
+    if meta.get("source", {}).get("sha256") != source_sha256:
         changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
         listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"
         raise StoreError(

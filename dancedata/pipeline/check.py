@@ -186,7 +186,7 @@ def _check_built(path: Path) -> list[Problem]:
 
 def _shared(one: Store, other: Store) -> Iterator[Problem]:
     where = f"{one.path} and {other.path}"
-    official = all(store.meta.get("split_rule") == "official" for store in (one, other))
+    official = all(store.meta.get("source", {}).get("split_rule") == "official" for store in (one, other))
     songs = [songs_of(store.clips) for store in (one, other)]
     by_samples = [_splits_by(store, lambda clip: music_hash(clip)) for store in (one, other)]
     label = [

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.core.clip import Reject
+from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.text import counted, shown, size_text, table
@@ -71,7 +72,7 @@ def describe_built(path: Path) -> str:
         name = shown(store.meta.get("name", path.name))
         lines = [
             f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
-            *_splits(store.meta["counts"]),
+            *_splits(store.meta["splits"]),
             f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
@@ -95,7 +96,7 @@ def _next_steps(path: Path) -> str:
 
 
 def _size(store: Store) -> str:
-    counts = store.meta["counts"].values()
+    counts = store.meta["splits"].values()
     return ", ".join(counted(sum(n[f"{noun}s"] for n in counts), noun) for noun in ("clip", "window"))
 
 
@@ -109,6 +110,11 @@ def _splits(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
             for split, n in counts.items()
         ],
     )  # fmt: skip
+
+
+def reasons(store: Store) -> dict[str, int]:
+    """Return how many were left out for each reason."""
+    return dict(sorted(Counter(row["reason"] for row in store.rejects).items()))
 
 
 def _bytes(store: Store) -> int:
@@ -210,17 +216,19 @@ def store_json(path: Path) -> dict[str, Any]:
 
 
 def _store_json(store: Store, path: Path) -> dict[str, Any]:
-    keys = ("name", "scope", "fps", "windows", "counts", "rejects", "quality_flags", "licence", "citation")
+    keys = ("name", "scope", "fps", "windows", "splits", "licence", "citation")
     heights = [c.height_m for c in store.clips if c.height_m is not None]
     return {
         "path": path_text(path),
         **{key: store.meta[key] for key in keys if key in store.meta},
+        "rejects": reasons(store),
+        "quality_flags": len(store.quality),
         "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
         "notes": list(store.meta.get("source", {}).get("notes", [])),
         "fields": {name: _field_json(store, name) for name in store.fields},
         "bytes": _bytes(store),
-        "recipe_sha256": store.meta.get("recipe_sha256"),
+        "recipe_sha256": recipe_hash(store.meta["recipe"]) if "recipe" in store.meta else None,
         "weights": store.weights,
         **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
         **(
@@ -241,7 +249,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "dtype": field.dtype,
         **({"without": sum(not clip.has_field(name) for clip in store.clips)} if field.optional else {}),
         **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
-        "axes": store.meta.get("axes", {}).get(name),
+        "axes": field.axes or None,
     }
 
 
@@ -258,7 +266,7 @@ def describe_store(path: Path) -> str:
         f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
         scope_text(info["scope"], info["fps"], windows),
         f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
-        *_splits(info.get("counts", {})),
+        *_splits(info["splits"]),
     ]
     for name, field in info["fields"].items():
         groups = shown(", ".join(map(shown, field["groups"])), _NOTE)

@@ -99,7 +99,7 @@ _EXAMPLES = 2
 _ABOUT_STORE = ("format", "fps", "windows", "genre_ids", "licence", "citation")
 #: Hashes of sources and songs are compared as such.
 _ABOUT_CLIP = ("split", *(c.name for c in CLIP_COLUMNS if c.name not in ("id", "made_of", "song")), "columns")
-_NOTED = ("name", "dancedata", "packages")
+_NOTED = ("name", "versions")
 
 
 @dataclass(frozen=True)
@@ -220,8 +220,9 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
     recipes = shaping(one.meta.get("recipe", {})), shaping(two.meta.get("recipe", {}))
     for key, old, new in document_differences(*recipes):
         yield Difference("recipe", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
-    if one.meta.get("source_sha256") != two.meta.get("source_sha256"):
-        hashes = [str(store.meta.get("source_sha256"))[:12] for store in (one, two)]
+    sources = [str(store.meta.get("source", {}).get("sha256")) for store in (one, two)]
+    if sources[0] != sources[1]:
+        hashes = [sha256[:12] for sha256 in sources]
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
         records = SourceRecord.of_store(one), SourceRecord.of_store(two)
         # The metadata of clips are compared separately.

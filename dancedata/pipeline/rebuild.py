@@ -70,7 +70,7 @@ class Published:
                 files = {name: entry["sha256"] for name, entry in document["files"].items()}
                 document = _sealed(document["dataset"])
                 check_names(document, str(path))
-            if not isinstance(document["recipe"], dict) or not isinstance(document["recipe_sha256"], str):
+            if not isinstance(document["recipe"], dict) or not isinstance(document["source"]["sha256"], str):
                 raise ValueError("recipe")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             found = f"{type(error).__name__}: {quoted(str(error), 120)}"
@@ -92,7 +92,7 @@ class Published:
         try:
             return load_recipe(document, overrides)
         except UsageError as error:
-            local = self.dataset.get("plugins")
+            local = self.dataset.get("versions", {}).get("plugins")
             if not isinstance(local, Mapping) or not local:
                 raise
             raise self._not_loaded(local, error) from error
@@ -124,7 +124,7 @@ class Published:
             clips |= {str(row["id"]): str(row["made_of"]) for row in rows if row["made_of"]}
             about = {str(row["id"]): {**row, "lists": tuple(row["lists"])} for row in rows}
             rejects = tuple(Reject.from_json(row) for row in json_rejects(self._read(REJECTS_FILE)))
-            content = {str(key): str(value) for key, value in self.dataset.get("content", {}).items()}
+            content = {str(key): str(value) for key, value in self.dataset["source"].get("content", {}).items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             found = f"{type(error).__name__}: {quoted(str(error), 120)}"
             raise StoreError("a file of the publication is damaged", where=self.place, found=found) from error
@@ -154,7 +154,7 @@ class Published:
 
     def warn(self, source_sha256: str, record: SourceRecord, progress: Progress) -> None:
         """Print the differences between a source and the published one, before anything is computed."""
-        if source_sha256 != self.dataset.get("source_sha256"):
+        if source_sha256 != self.dataset["source"]["sha256"]:
             for difference in source_differences(self.record(), record, "in the publication", "in your source"):
                 progress.write(f"another source than that of the publication: {difference}")
 

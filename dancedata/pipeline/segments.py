@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +22,7 @@ from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
 from dancedata.store import ClipView, Store, open_store
-from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_json
+from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json
@@ -199,15 +198,15 @@ def _link(folder: Path, out: Path, store: Store) -> None:
 
 def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
     layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
-    document = {key: value for key, value in store.meta.items() if key not in ("self_sha256", "empty_segments")}
-    rows, empty = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
+    document = {key: value for key, value in store.meta.items() if key not in ("self_sha256", "layers")}
+    entries = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
+    known = {layer_of(entry): entry["empty"] for entry in store.meta.get("layers", ())}
+    for layer, entry in zip(layers, entries, strict=True):
+        entry["empty"] = max(entry["empty"], known.get(layer, 0))  # a file of --to does not have those of the build
+    document |= {"layers": entries} if entries else {}
     document["files"] = {name: entry for name, entry in document["files"].items() if name != SEGMENTS_FILE}
-    if rows:
-        path = out / SEGMENTS_FILE
+    path = out / SEGMENTS_FILE
+    if path.exists():
         document["files"][SEGMENTS_FILE] = {"size": path.stat().st_size, "sha256": sha256_file(path)}
-    of_layer = Counter(row.layer for row in rows)
-    document["layers"] = [layer_json(layer, of_layer[k]) for k, layer in enumerate(layers)]
-    empty = max(empty, store.meta.get("empty_segments", 0))  # a file of --to does not have those of the build
-    document |= {"empty_segments": empty} if empty else {}
     document["self_sha256"] = json_sha256(document)
     write_text(out / DATASET_FILE, dump_json(document))

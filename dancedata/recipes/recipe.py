@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin, WindowFilter
 from dancedata.core.skeleton import Skeleton
@@ -161,8 +161,7 @@ class Recipe:
     @cached_property
     def sha256(self) -> str:
         """Hash of all that shapes the result: not the name or description."""
-        shaping = {k: v for k, v in self.document.items() if k not in ("name", "description")}
-        return json_sha256(shaping)
+        return recipe_hash(self.document)
 
 
 def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:

@@ -39,6 +39,7 @@ from dancedata.report.scaling import scaled_groups
 from dancedata.report.space import Space, poses_of
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.store import ClipView, Store
+from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.segment_numbers import layer_numbers
@@ -81,10 +82,13 @@ def document(measured: Measured, scales: Scales) -> Document:
 
 
 def _about(store: Store) -> About:
-    keys = ("name", "dataset", "fps", "windows", "licence", "citation", "dancedata", "recipe_sha256")
+    keys = ("name", "fps", "windows", "licence", "citation")
     record: dict[str, Any] = {key: store.meta.get(key) for key in keys}
     return About(
         **record,
+        dataset=store.meta.get("source", {}).get("reader"),
+        dancedata=store.meta.get("versions", {}).get("dancedata"),
+        recipe_sha256=dataset_hashes(store.meta).get("recipe_sha256"),
         description=store.meta.get("recipe", {}).get("description", ""),
         notes=tuple(store.meta.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
@@ -122,7 +126,7 @@ def _contents(measured: Measured, scales: Scales) -> Contents:
     shorter = tuple(sorted(clip for clip, gap in gaps.items() if gap < 0))
     return Contents(
         splits=tuple(store.splits),
-        by_split={split: dict(store.meta["counts"].get(split, {})) for split in store.splits},
+        by_split={split: dict(store.meta["splits"].get(split, {})) for split in store.splits},
         windows_by_split=_windows_by(measured, lambda c: c.split),
         windows_by_genre=genres,
         windows_by_dancer=_windows_by(measured, lambda c: c.dancer),
@@ -290,7 +294,7 @@ def _field(store: Store, name: str) -> FieldNumbers:
         width=field.columns.width,
         rate=str(field.rate),
         dtype=field.dtype,
-        axes=store.meta.get("axes", {}).get(name),
+        axes=store.field(name).axes or None,
         groups=tuple({"name": g.name, "width": g.width, "unit": g.unit} for g in field.columns.groups),
         rows=0 if stats is None else stats["n"],
         constant=tuple(column.label for column in columns if column.max - column.min < _CONSTANT),

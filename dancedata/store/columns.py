@@ -134,11 +134,16 @@ def broken(where: str, problem: str, actual: object, allowed: object = None) -> 
 Column = Array | Texts | Lists
 
 
-def write_column(group: Any, name: str, kind: str, values: Sequence[Any], *, nullable: bool = False) -> None:
-    """Write the values of a column; StoreError for one that it cannot hold."""
+def checked(name: str, kind: str, values: Sequence[Any]) -> Sequence[Any]:
+    """Return the values of a column; StoreError for one that it cannot hold."""
     found = next(filter(None, (problem(kind, value) for value in values)), "")
     if found:
         raise StoreError(f"a value of a table cannot be stored: {found}", where=name)
+    return values
+
+
+def write_column(group: Any, name: str, kind: str, values: Sequence[Any], *, nullable: bool = False) -> None:
+    """Write the values of a column, which are those of `checked`."""
     if kind == "text":
         hdf5.write_strings(group, name, values, FIXED)
     elif kind in ("texts", "ints", "floats"):

@@ -12,7 +12,7 @@ import numpy as np
 
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.hashing import canonical_json, self_hash
+from dancedata.core.hashing import canonical_json, recipe_hash, self_hash
 from dancedata.core.segments import Layer
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
@@ -23,7 +23,6 @@ from dancedata.remote import PUBLICATION_FILE, origin_of
 from dancedata.store.schema import (
     DATASET_FILE,
     FORMAT,
-    OPTIONAL_FIELDS,
     TABLES_FILE,
     Field,
     is_shard_name,
@@ -35,8 +34,6 @@ REBUILD = "build the dataset again"
 MAX_BYTES = 1 << 26
 #: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
-#: Names that `needs` may hold: what readers must understand so that what they read is right.
-NEEDS = (OPTIONAL_FIELDS,)
 #: Larger numbers are refused.
 _LARGE = 1e300
 #: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
@@ -144,10 +141,6 @@ def load_description(folder: Path) -> Description:
         raise StoreError("the dataset has another format version", where=str(path), found=document["format"],
                          allowed=FORMAT,
                          fix="use the dancedata version that built it, or build it again")  # fmt: skip
-    unknown = [need for need in document.get("needs", ()) if need not in NEEDS]
-    if unknown:
-        raise StoreError("the dataset uses what this version cannot read correctly", where=str(path),
-                         found=f"needs {listed(unknown)}", fix="use the dancedata version that built it")  # fmt: skip
     return _parse(document, path)
 
 
@@ -257,14 +250,13 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         ) from error
 
 
-#: Types of the keys that commands show; all but `counts` are optional.
+#: Types of the keys that commands show; all but `splits` are optional.
 _ABOUT: dict[str, type] = {
-    **dict.fromkeys(("name", "dataset", "licence", "citation", "recipe_sha256", "source_sha256", "self_sha256"), str),
+    **dict.fromkeys(("name", "licence", "citation", "self_sha256"), str),
     **dict.fromkeys(
-        ("recipe", "source", "counts", "rejects", "axes", "content", "genre_ids", "packages", "encoders"),
+        ("recipe", "source", "splits", "genre_ids", "versions", "encoders"),
         dict,
     ),
-    "quality_flags": int,
 }
 
 
@@ -283,7 +275,7 @@ def _check_about(document: Mapping[str, Any]) -> None:
             raise ValueError(f"{key} is a {type(document[key]).__name__}, not a {kind.__name__}")
     if len(canonical_json(document.get("recipe", {}))) > MAX_RECIPE:
         raise ValueError(f"a recipe of more than {MAX_RECIPE:,} characters")
-    for split, counts in document["counts"].items():
+    for split, counts in document["splits"].items():
         for name in ("clips", "windows", "frames", "songs", *(["groups"] if "groups" in counts else [])):
             _whole(counts[name])
         if not _is_number(counts["hours"]):
@@ -291,9 +283,21 @@ def _check_about(document: Mapping[str, Any]) -> None:
     for entry in document.get("licences", []):
         if not isinstance(entry, dict) or not all(isinstance(entry.get(k), str) for k in ("licence", "citation")):
             raise ValueError("licences are not a list of licence and citation")
+    if not all(
+        isinstance(document.get("source", {}).get(key, ""), str) for key in ("reader", "sha256", "split_rule")
+    ):
+        raise ValueError("reader, sha256 or split_rule of the source is not a text")
     notes = document.get("source", {}).get("notes", [])
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise ValueError("the notes on the source are not a list of texts")
+
+
+def dataset_hashes(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the hashes of recipe, source and dataset, as far as a dataset.json states them."""
+    source = document.get("source", {}).get("sha256")
+    recipe = recipe_hash(document["recipe"]) if "recipe" in document else None
+    stated = {"recipe_sha256": recipe, "source_sha256": source, "self_sha256": document.get("self_sha256")}
+    return {name: sha256 for name, sha256 in stated.items() if sha256}
 
 
 def stated_weights(document: Mapping[str, Any], field: str) -> str:

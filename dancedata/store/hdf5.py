@@ -149,7 +149,9 @@ def find_object(file: Any, name: str) -> Any:
                 raise
             return None
         if kind != "HardLink":
-            raise _refused("a shard lacks a dataset", f"{file.filename}, {path.decode()}", kind, "no links")
+            raise _refused(
+                "a link is not followed", f"{file.filename}, {path.decode()}", kind, "a dataset in the file itself"
+            )
     return h5py.h5o.open(file.id, path)
 
 
@@ -166,14 +168,16 @@ def find_dataset(file: Any, name: str) -> Any:
     shape = dataset.shape if dataset is not None else None
     if dataset is None or shape is None:
         kind = "nothing" if identifier is None else type(identifier).__name__.removesuffix("ID")
-        raise _refused("a shard lacks a dataset", where, kind, "a dataset")
+        raise _refused("a dataset is missing", where, kind, "a dataset")
     dtype = dataset.dtype
     if dtype.kind not in "iufS" or dtype.subdtype is not None:
-        raise _refused("a dataset has a type that shards do not use", where, dtype, "numbers or fixed-length text")
+        raise _refused(
+            "a dataset has a type that the store does not use", where, dtype, "numbers or fixed-length text"
+        )
     storage = identifier.get_create_plist()
     if storage.get_layout() == h5py.h5d.VIRTUAL or storage.get_external_count():
         raise _refused(
-            "a dataset is stored in another file", where, "virtual or external storage", "data in the shard"
+            "a dataset is stored in another file", where, "virtual or external storage", "data in the file itself"
         )
     filters = [storage.get_filter(k) for k in range(storage.get_nfilters())]
     if missing := [f"{shown(f[3])} ({f[0]})" for f in filters if not h5py.h5z.filter_avail(f[0])]:

@@ -10,6 +10,7 @@ import yaml
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.store.dataset import Store
+from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.licence import clips_by_terms
 
 #: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
@@ -137,7 +138,7 @@ def _terms(licence: Licence) -> str:
 def _about(store: Store, place: Publication | None) -> dict[str, object]:
     """Return machine-readable facts of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
     meta = store.meta
-    counts = meta.get("counts", {})
+    counts = meta["splits"]
     about: dict[str, object] = {
         **({"address": place.address, "data": not place.recipe_only} if place is not None else {}),
         "format": meta["format"],
@@ -145,7 +146,7 @@ def _about(store: Store, place: Publication | None) -> dict[str, object]:
         "splits": {split: {key: n[key] for key in ("clips", "windows") if key in n} for split, n in counts.items()},
         "columns": {name: store.field(name).columns.width for name in store.fields},
         "recipe": shown(meta.get("name", "")),
-        **{key: meta[key] for key in ("recipe_sha256", "source_sha256", "self_sha256") if key in meta},
+        **dataset_hashes(meta),
         "citation": [shown(text, 2000) for text in citations(store)],
     }
     return about | ({"rights": shown(place.rights, 2000)} if place is not None and place.rights else {})

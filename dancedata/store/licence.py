@@ -39,7 +39,7 @@ def terms_text(terms: dict[Licence | None, int]) -> list[str]:
 
 def may_share_audio(store: Store) -> bool:
     """Return whether the strictest licence of a dataset allows its music to be passed on; False where unknown."""
-    name = store.meta.get("dataset", "")
+    name = store.meta.get("source", {}).get("reader", "")
     of_dataset = name in DATASETS.names() and DATASETS.get(name).may_share_audio
     terms = clips_by_terms(store) or {None: 1}
     return all(of_dataset if licence is None or not licence.text else licence.may_share for licence in terms)

@@ -56,7 +56,9 @@ class SideFiles:
 
     @cached_property
     def rejects(self) -> list[dict[str, Any]]:
-        """rejects.jsonl."""
+        """rejects.jsonl; none if the dataset does not list it."""
+        if REJECTS_FILE not in self._description.files:
+            return []
         return self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES)
 
     def scaler(self, f: Field) -> Scaler:

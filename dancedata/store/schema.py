@@ -22,8 +22,6 @@ from dancedata.core.text import listed, quoted
 
 #: Version of the layout.
 FORMAT = 3
-#: Name in `needs` of datasets with fields that not every clip has.
-OPTIONAL_FIELDS = "optional_fields"
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
 ALIGNMENT = 64
 #: The order in which splits are listed; others follow by name.
@@ -66,6 +64,8 @@ class Field:
         Of codes; None for real values.
     optional
         Whether clips may have no rows of it, see `Tables.having`; of motion and key motions in track scope alone.
+    axes
+        Handedness, up axis and unit of motion, in words.
     """
 
     name: str
@@ -75,6 +75,7 @@ class Field:
     dtype: DType = "float32"
     codebook: Codebook | None = None
     optional: bool = False
+    axes: str = ""
 
     @property
     def per_clip(self) -> bool:
@@ -111,21 +112,19 @@ class Field:
         return {
             "name": self.name,
             "kind": self.kind,
-            "shared": not self.per_clip,
             "rate": str(self.rate),
-            "values": "real" if self.codebook is None else "code",
             "dtype": self.dtype,
-            "width": self.columns.width,
             "columns": self.columns.to_json(),
             **({} if self.codebook is None else {"codebook": self.codebook.to_json()}),
             **({"optional": True} if self.optional else {}),
+            **({"axes": self.axes} if self.axes else {}),
         }
 
     @classmethod
     def from_json(cls, obj: Mapping[str, Any]) -> Field:
         """Read an entry that `to_json` gave; ValueError for anything else."""
-        values = obj.get("values", "real")
-        is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES.get(values, ())
+        values = "code" if "codebook" in obj else "real"
+        is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES[values]
         if not is_supported or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
             raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
         columns = Columns.from_json(obj["columns"])
@@ -137,6 +136,7 @@ class Field:
             dtype=obj["dtype"],
             codebook=_codebook(obj["codebook"], columns.width, obj["dtype"]) if values == "code" else None,
             optional=obj.get("optional") is True,
+            axes=str(obj.get("axes", "")),
         )
 
 
@@ -253,10 +253,10 @@ def slice_name(clip: str, index: int) -> str:
     return f"{clip}_slice{index}"
 
 
-def layer_json(layer: Layer, rows: int) -> dict[str, Any]:
-    """Return the entry of a layer in dataset.json."""
-    entry = asdict(layer)
-    return {**entry, "units": dict(layer.units), "mirror": [list(pair) for pair in layer.mirror], "rows": rows}
+def layer_json(layer: Layer, rows: int, empty: int) -> dict[str, Any]:
+    """Return the entry of a layer in dataset.json: `rows` segments, and `empty` ones that cover no frame."""
+    mirror = [list(pair) for pair in layer.mirror]
+    return {**asdict(layer), "units": dict(layer.units), "mirror": mirror, "rows": rows, "empty": empty}
 
 
 def layer_of(entry: Mapping[str, Any]) -> Layer:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple, Protocol
@@ -62,16 +63,19 @@ class SegmentedClip(Protocol):
 
 
 def segment_rows(
-    clips: Sequence[SegmentedClip], numbers: Mapping[Layer, int], grid: FrameGrid
-) -> tuple[list[SegmentRow], int]:
-    """Return the rows of a split's clips, in the order of the table, and how many segments cover no frame."""
-    row_of = {clip.id: row for row, clip in enumerate(clips)}
-    rows, empty = [], 0
-    for number, clip in enumerate(clips):
+    clips: Sequence[SegmentedClip], first: int, numbers: Mapping[Layer, int], grid: FrameGrid
+) -> tuple[list[SegmentRow], Counter[int]]:
+    """Return the rows of a split's clips, in the order of the table, and how many of a layer cover no frame.
+
+    `first` is the row of the split's first clip in the table of clips.
+    """
+    row_of = {clip.id: row for row, clip in enumerate(clips, start=first)}
+    rows, empty = [], Counter[int]()
+    for number, clip in enumerate(clips, start=first):
         for segment in clip.segments:
             begin, end = segment.frames(grid, clip.n_frames)
             if begin == end:
-                empty += 1
+                empty[numbers[segment.layer]] += 1
                 continue
             if segment.other and segment.other not in row_of:
                 raise StoreError("a segment names a partner that the split does not have",

@@ -85,7 +85,7 @@ class TableFile:
     def table(self, name: str, **kinds: str) -> dict[str, Any]:
         """Read columns of a table by name, of these kinds and of one length; none without the table."""
         columns: dict[str, Any] = {}
-        for column, kind in kinds.items() if self.is_group(name) else ():
+        for column, kind in kinds.items() if hdf5.find_object(self.file, name) is not None else ():
             n_rows = len(next(iter(columns.values()))) if columns else None
             columns[column] = self.column(f"{name}/{column}", n_rows, kind)
         return columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,9 +20,9 @@ from dancedata.core.segments import Layer
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE, ClipColumn
-from dancedata.store.columns import MISSING, free_kind, write_column
+from dancedata.store.columns import MISSING, checked, free_kind, write_column
 from dancedata.store.hdf5 import SparseFile
-from dancedata.store.schema import FORMAT, SEGMENTS_FILE, TABLES_FILE, StoreHeader, check_name
+from dancedata.store.schema import FORMAT, SEGMENTS_FILE, TABLES_FILE, StoreHeader, check_name, layer_json
 from dancedata.store.segments import SegmentedClip, SegmentRow, segment_rows
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import StoredClip
@@ -91,8 +92,8 @@ def _free_kind(name: str, clips: Sequence[StoredClip]) -> str:
         raise StoreError(error.problem, where=f"{FREE}{name}", found=error.found, allowed=error.allowed) from error
 
 
-def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> tuple[list[SegmentRow], int]:
-    """Write tables.h5 and segments.h5, if there are segments; returns these, and how many cover no frame."""
+def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> list[dict[str, Any]]:
+    """Write tables.h5, and segments.h5 if there are segments; returns their layers as `write_segments` does."""
     clips = [clip for shard in shards for clip in shard.clips]
     tables = [shard.window_table() for shard in shards]
     if max(len(clips), sum(len(table.clip) for table in tables)) > MAX_ROWS:
@@ -139,7 +140,7 @@ def _write_clips(group: Any, plan: TablePlan, shards: Sequence[ShardPlan], clips
         write_column(group, column.name, column.kind, values)
     for name, kind in plan.free.items():
         values = [clip.columns.get(name, MISSING[kind]) for clip in clips]
-        write_column(group, FREE + name, kind, values, nullable=kind in ("int", "bool"))
+        write_column(group, FREE + name, kind, checked(FREE + name, kind, values), nullable=kind in ("int", "bool"))
     for name in ("split", "file"):
         write_column(group, name, "text", [getattr(shard, name) for shard in shards for _ in shard.clips])
     for f in plan.header.fields:
@@ -155,26 +156,26 @@ def _write_songs(file: Any, clips: Sequence[StoredClip]) -> None:
         group = file.create_group("songs")
         write_column(group, "id", "text", [name for name, _ in songs])
         for name, kind in (("sha256", "text"), ("sample_rate", "int"), ("n_samples", "int"), ("fingerprint", "ints")):
-            write_column(group, name, kind, [getattr(signal, name) for _, signal in songs])
+            values = checked(name, kind, [getattr(signal, name) for _, signal in songs])
+            write_column(group, name, kind, values)
 
 
 def write_segments(
     path: Path, header: Header, splits: Sequence[Sequence[SegmentedClip]], layers: Sequence[Layer]
-) -> tuple[list[SegmentRow], int]:
-    """Write segments.h5 if the clips have segments; returns these, and how many cover no frame."""
-    rows, empty, n_clips, numbers = list[SegmentRow](), 0, 0, {layer: k for k, layer in enumerate(layers)}
+) -> list[dict[str, Any]]:
+    """Write segments.h5 if a segment covers a frame; returns the entries of the layers in dataset.json."""
+    numbers, n_clips = {layer: k for k, layer in enumerate(layers)}, 0
+    rows, empty = list[SegmentRow](), Counter[int]()
     for clips in splits:
-        of_split, without_frame = segment_rows(clips, numbers, header.grid)
-        partner = [n_clips + row.other if row.other >= 0 else -1 for row in of_split]
-        rows += [r._replace(clip=r.clip + n_clips, other=k) for r, k in zip(of_split, partner, strict=True)]
-        empty, n_clips = empty + without_frame, n_clips + len(clips)
-    if not rows:
-        return rows, empty
-    with _written(path, header) as file:
-        group = file.create_group("segments")
-        columns = dict(zip(SegmentRow._fields, zip(*rows, strict=True), strict=True))
-        for name, kind in SEGMENT_COLUMNS.items():
-            write_column(group, name, kind, columns[name])
-        first = np.searchsorted(np.asarray(columns["clip"]), np.arange(n_clips + 1))
-        hdf5.write_array(group, "first", first.astype(np.int64))
-    return rows, empty
+        of_split, without_frame = segment_rows(clips, n_clips, numbers, header.grid)
+        rows, empty, n_clips = rows + of_split, empty + without_frame, n_clips + len(clips)
+    if rows:
+        with _written(path, header) as file:
+            group = file.create_group("segments")
+            columns = dict(zip(SegmentRow._fields, zip(*rows, strict=True), strict=True))
+            for name, kind in SEGMENT_COLUMNS.items():
+                write_column(group, name, kind, checked(name, kind, columns[name]))
+            first = np.searchsorted(np.asarray(columns["clip"]), np.arange(n_clips + 1))
+            hdf5.write_array(group, "first", first.astype(np.int64))
+    of_layer = Counter(row.layer for row in rows)
+    return [layer_json(layer, of_layer[number], empty[number]) for number, layer in enumerate(layers)]

@@ -19,7 +19,6 @@ from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     SEGMENTS_FILE,
-    SIDE_FILES,
     STATS_FILE,
     TABLES_FILE,
     is_shard_name,
@@ -99,8 +98,6 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
         yield Problem("error", where, str(error))
     if not description.shards:
         yield Problem("error", where, "it does not list any shards")
-    for name in (f for f in SIDE_FILES if f not in description.files):
-        yield Problem("error", where, f"it does not list {name}")
     by_split: dict[str, list[str]] = defaultdict(list)
     for entry in description.shards:
         by_split[entry.split].append(entry.file)
@@ -110,9 +107,8 @@ def _check_document(folder: Path, description: Description) -> Iterator[Problem]
             yield Problem(
                 "error", where, f"shards of {split} are not {_list(names)}, in this order, but {_list(files)}"
             )
-    counts = description.meta.get("counts")
-    if not isinstance(counts, dict) or set(counts) != set(by_split):
-        yield Problem("error", where, f"counts are not those of the splits {', '.join(by_split)}")
+    if set(description.meta["splits"]) != set(by_split):
+        yield Problem("error", where, f"splits are not those of the shards: {', '.join(by_split)}")
 
 
 def _check_side_files(folder: Path, description: Description) -> Iterator[Problem]:
@@ -167,7 +163,7 @@ def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:
 def _check_counts(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:
     where = str(folder / DATASET_FILE)
     songs = songs_of(records)
-    for split, counts in description.meta["counts"].items():
+    for split, counts in description.meta["splits"].items():
         clips = [r for r in records if r.split == split]
         frames = sum(r.n_frames for r in clips)
         actual = {
@@ -179,9 +175,8 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
             **({"groups": len({r.group for r in clips if r.group})} if any(r.group for r in clips) else {}),
         }
         for name, value in actual.items():
-            stated = counts.get(name) if isinstance(counts, dict) else None
-            if stated != value:
-                yield Problem("error", where, f"counts: {split} has {value} {name}, not {stated}")
+            if counts.get(name) != value:
+                yield Problem("error", where, f"splits: {split} has {value} {name}, not {counts.get(name)}")
 
 
 def _check_splits(folder: Path, description: Description, records: Sequence[ClipRecord]) -> Iterator[Problem]:
@@ -203,7 +198,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
         # A copy of a clip of another split is reported above.
         if record.id in song_of and split_of.get(record.source, record.split) == record.split:
             songs[record.split].add(song_of[record.id])
-    official = description.meta.get("split_rule") == "official"
+    official = description.meta.get("source", {}).get("split_rule") == "official"
     for split in ("val", "test"):
         shared = sorted(songs["train"] & songs[split])
         if shared and official:
@@ -224,7 +219,7 @@ def _find_alike_songs(folder: Path, description: Description) -> Iterator[Proble
         why = f"there are more than {MAX_PAIRS:,} pairs"
         yield Problem("note", str(folder), f"songs were compared by name and samples, not by their sound: {why}")
     for pair in alike or ():
-        official = description.meta.get("split_rule") == "official"
+        official = description.meta.get("source", {}).get("split_rule") == "official"
         yield Problem("error" if pair.leaks and not official else "note", str(folder), pair.message)
 
 

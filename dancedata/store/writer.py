@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
@@ -19,14 +18,12 @@ from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
     FORMAT,
-    OPTIONAL_FIELDS,
     REJECTS_FILE,
     SEGMENTS_FILE,
     SIDE_FILES,
     STATS_FILE,
     TABLES_FILE,
     StoreHeader,
-    layer_json,
 )
 from dancedata.store.segments import quality_segments
 from dancedata.store.shard_plan import ShardPlan, plan_shards
@@ -79,7 +76,7 @@ def write_store(
     clips = [replace(c, segments=(*c.segments, *flags[c.id])) if c.id in flags else c for c in clips]
     plans = plan_shards(header, clips, shard_bytes)
     tables = TablePlan.of(header, clips)
-    document = _check_meta(header, _describe(header, plans, tables, rejects))
+    document = _check_meta(header, _describe(header, plans, tables))
     done = itertools.count(1)
 
     def advance() -> None:
@@ -105,14 +102,12 @@ def write_store(
             published[-1].result()
             stats = compute_stats(out, header, plans)
             document["shards"] = [entry.result() for entry in entries]
-        segments, empty = write_tables(out, tables, plans)
-        of_layer = Counter(row.layer for row in segments)
-        document["layers"] = [layer_json(layer, of_layer[number]) for number, layer in enumerate(tables.layers)]
-        document |= {"empty_segments": empty} if empty else {}
+        layers = write_tables(out, tables, plans)
+        document |= {"layers": layers} if layers else {}
         write_text(out / STATS_FILE, dump_json(stats))
         write_text(out / REJECTS_FILE, dump_lines([r.to_json() for r in rejects]))
         write_text(out / CARD_FILE, card)
-        written = (TABLES_FILE, *([SEGMENTS_FILE] if segments else []), *SIDE_FILES)
+        written = (TABLES_FILE, *([SEGMENTS_FILE] if (out / SEGMENTS_FILE).exists() else []), *SIDE_FILES)
         document["files"] = {name: _describe_file(out / name) for name in written}
         document["self_sha256"] = json_sha256(document)
         write_text(out / DATASET_FILE, dump_json(document))
@@ -143,20 +138,16 @@ def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
     return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)
 
 
-def _describe(
-    header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan, rejects: Sequence[Reject]
-) -> dict[str, Any]:
+def _describe(header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan) -> dict[str, Any]:
     return {
         "format": FORMAT,
-        "needs": [OPTIONAL_FIELDS] if any(f.optional for f in header.fields) else [],
         "scope": header.scope,
         "fps": str(header.fps),
         "windows": {"length": header.length, "stride": header.stride, "order": header.order},
         "fields": [f.to_json() for f in header.fields],
         "skeleton": header.skeleton.to_json(),
         **({"licences": [licence.to_json() for licence in tables.licences]} if tables.licences else {}),
-        "counts": _count(header, plans),
-        "rejects": dict(sorted(Counter(r.reason for r in rejects).items())),
+        "splits": _count(header, plans),
     }
 
 

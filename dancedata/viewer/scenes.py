@@ -143,7 +143,7 @@ class Scenes(SceneList):
 
     @override
     def about(self) -> dict[str, Any]:
-        meta, counts = self.store.meta, self.store.meta.get("counts", {}).values()
+        meta, counts = self.store.meta, self.store.meta["splits"].values()
         total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
         if any("groups" in split for split in counts):
             total["groups"] = sum(split.get("groups", 0) for split in counts)

@@ -23,7 +23,7 @@ _SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 def store_html(store: Store) -> str:
     """Return a dataset as an element: name, splits, fields, licence, and its first clips."""
-    counted_by = store.meta.get("counts", {})
+    counted_by = store.meta["splits"]
     kinds = [kind for kind in ("clips", "groups", "windows") if any(kind in counts for counts in counted_by.values())]
     splits = [
         (split, *(counts.get(kind, "") for kind in kinds), f"{round(60 * counts['hours'], 6):.1f}")

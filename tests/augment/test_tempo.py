@@ -194,7 +194,7 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     # Stretched copies of a song are not counted as songs, nor shared by another split.
     songs = songs_of(store.clips)
     assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
-    assert {split: own["songs"] for split, own in store.meta["counts"].items()} == {
+    assert {split: own["songs"] for split, own in store.meta["splits"].items()} == {
         split: own["songs"] for split, own in plan["splits"].items()
     }
     assert splits(store).songs.counts["train"]["train"] == plan["splits"]["train"]["songs"] == 1

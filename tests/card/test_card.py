@@ -11,6 +11,7 @@ import yaml
 from dancedata.card import write_card
 from dancedata.card.text import without_paths
 from dancedata.core.errors import UsageError
+from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
@@ -51,7 +52,7 @@ def test_the_head_is_what_hubs_read(card: Path) -> None:
 def test_the_text_has_the_numbers_of_the_dataset_and_no_paths(card: Path, demo: Path) -> None:  # noqa: F811
     text = card.read_text()
     with open_store(demo) as store:
-        for split, counts in store.meta["counts"].items():
+        for split, counts in store.meta["splits"].items():
             row = f"| {split} | {counts['clips']} | 0 | {counts['windows']} | {counts['songs']} |"
             assert row in text
         assert all(shard["sha256"] in text for shard in store.meta["shards"])
@@ -68,7 +69,7 @@ def test_the_recipe_is_that_of_the_dataset(card: Path, demo: Path) -> None:  # n
     text = re.findall(r"```yaml\n(.*?)```", card.read_text(), re.DOTALL)[0]
     with open_store(demo) as store:
         assert yaml.safe_load(text) == store.meta["recipe"]
-        assert parse_recipe(yaml.safe_load(text)).sha256 == store.meta["recipe_sha256"]
+        assert parse_recipe(yaml.safe_load(text)).sha256 == recipe_hash(store.meta["recipe"])
 
 
 def test_two_runs_are_equal_and_other_files_are_kept(card: Path, demo: Path, tmp_path: Path) -> None:  # noqa: F811

@@ -407,7 +407,7 @@ def test_features_replace_no_foreign_file(corpus: Path, tmp_path: Path, name: st
     assert (out / "mBR0.librosa35.npy").read_bytes() == before
 
 
-@pytest.mark.parametrize("key", ["counts", "recipe"])
+@pytest.mark.parametrize("key", ["splits", "recipe"])
 def test_a_dataset_json_that_lacks_something_is_a_clear_error(
     corpus: Path, built_copy: Path, tmp_path: Path, key: str
 ):
@@ -416,7 +416,7 @@ def test_a_dataset_json_that_lacks_something_is_a_clear_error(
     del document[key]
     document["self_sha256"] = self_hash(document)
     path.write_text(json.dumps(document))
-    if key == "counts":
+    if key == "splits":
         assert key in run("info", built_copy, code=1).output
     song = corpus / "wavs" / "mBR0.wav"
     result = CliRunner().invoke(app, ["features", str(song), "--out", str(tmp_path), "--like", str(built_copy)])

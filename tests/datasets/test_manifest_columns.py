@@ -207,7 +207,7 @@ def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
         assert found.genre_ids == {"waltz": number, "tango": 0}
         with built_in(tmp_path, source) as store:
             assert store.meta["genre_ids"] == found.genre_ids
-            shas.append(store.meta["source_sha256"])
+            shas.append(store.meta["source"]["sha256"])
     assert shas[0] != shas[1], "another number is another dataset"
 
 

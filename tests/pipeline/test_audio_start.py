@@ -27,6 +27,7 @@ from dancedata.evaluation.music import Resources, clip_music
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
+from dancedata.pipeline.describe import reasons
 from dancedata.readers import Scale, WindowDataset
 from dancedata.report import write_report
 from dancedata.report.pieces import ClipReader
@@ -237,9 +238,9 @@ def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build
     store = build(start, **tempo)
     places = {"jobs": 1, "cache": cache, "progress": False}
     plan = dancedata.plan(store.meta["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
-    counts = store.meta["counts"]["train"]
+    counts = store.meta["splits"]["train"]
     assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
-    assert plan["left_out"] == store.meta["rejects"]
+    assert plan["left_out"] == reasons(store)
     assert all(units["cached"] == units["of"] > 0 for units in plan["cached"].values())
 
 

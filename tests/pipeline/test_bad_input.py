@@ -198,10 +198,7 @@ def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
             assert starts[0] == starts[1] != []
 
 
-def test_rejects_are_counted_in_the_card_and_in_dataset_json(bad: Bad, rejects: Any):
-    reasons = [r["reason"] for r in rejects(bad.out)]
-    with dancedata.open(bad.out) as ds:
-        assert ds.meta["rejects"] == {r: reasons.count(r) for r in sorted(set(reasons))}
+def test_rejects_are_counted_in_the_card(bad: Bad):
     assert str(bad.source.parent) not in (bad.out / "rejects.jsonl").read_text(encoding="utf-8")
     assert "- unsafe_pickle: 1" in (bad.out / "README.md").read_text(encoding="utf-8")
 

@@ -33,7 +33,7 @@ def test_build_prints_its_result(demo: Any) -> None:
     assert demo.built
     assert demo.path.with_name("demo-source").is_dir()
     about = store_json(demo.path)
-    assert demo.counts == about["counts"]
+    assert demo.counts == about["splits"]
     assert demo.left_out == about["rejects"]
     assert demo.notes == tuple(about["notes"])
     assert demo.summary.startswith("demo: 4 clips, ")

@@ -10,6 +10,7 @@ import pytest
 import dancedata
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
+from dancedata.core.hashing import recipe_hash
 from dancedata.core.motion import Motion
 from dancedata.curation.scores import MEASURES
 from dancedata.pipeline.motion_keys import MotionKeys
@@ -158,7 +159,7 @@ def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain
     assert "repaired: spike in 1 frame of 1 clip" in run("info", store.path).output
     assert any("repaired: spikes (0.075 m)" in note for note in store.meta["source"]["notes"])
     assert store.meta["recipe"]["motion"].keys() == {"edge151"}
-    assert load_recipe(store.meta["recipe"]).sha256 == store.meta["recipe_sha256"]
+    assert load_recipe(store.meta["recipe"]).sha256 == recipe_hash(store.meta["recipe"])
 
 
 def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_build(

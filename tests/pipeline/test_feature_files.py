@@ -20,6 +20,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
+from dancedata.pipeline.describe import reasons
 from dancedata.pipeline.plan import Plan, make_plan
 from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe, parse_recipe
@@ -264,9 +265,9 @@ def test_a_plan_counts_what_a_build_stores(source: Path, build: Callable[..., St
     np.save(source / "muq" / "a.npy", ramp(148))
     plan = plan_of(source, cache, {"fps": 25})
     store = build({"fps": 25})
-    counts = store.meta["counts"]["train"]
+    counts = store.meta["splits"]["train"]
     assert plan.to_json()["splits"]["train"]["windows"] == counts["windows"] == 4
-    assert plan.to_json()["left_out"] == store.meta["rejects"] == {"no_audio": 1}
+    assert plan.to_json()["left_out"] == reasons(store) == {"no_audio": 1}
     assert plan.to_json()["bytes"] == sum(
         store.field(name).row_bytes * n for name, n in {"joints": N, "file.muq": 148}.items()
     )

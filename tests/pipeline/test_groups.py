@@ -332,7 +332,7 @@ def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomp
     places = {"jobs": 1, "cache": cache, "progress": False}
     plan = dancedata.plan(document, source, tmp_path / "out", **places)
     store = dancedata.build(document, source, tmp_path / "out", **places).open()
-    planned, counts = plan.to_json()["splits"]["train"], store.meta["counts"]["train"]
+    planned, counts = plan.to_json()["splits"]["train"], store.meta["splits"]["train"]
     assert planned == {name: counts[name] for name in planned}
     # Words are of no concern to a plan.
     left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"] and r["reason"] != "unmirrored_words"}

@@ -78,7 +78,6 @@ def test_a_clip_that_one_field_cannot_take_is_kept_for_the_others(mixed: Path, c
     assert {row["reason"] for row in ds.rejects} == {"no_field"}
     assert rejects["bvh_1"]["detail"].startswith(f"kept without {FIELD}: the motion has no fingers")
     assert rejects["bvh_1"]["file"] == "a.bvh"
-    assert ds.meta["needs"] == ["optional_fields"]
     assert ds.optional_fields == (FIELD,)
     # A strict build, and one from the cache alone, are the same.
     again = mixed.parent / "again"
@@ -91,7 +90,6 @@ def test_rows_that_a_field_has_are_those_of_a_build_without_the_key(mixed: Path,
     dancedata.build({**RECIPE, "motion": {"edge151": {}, FIELD: {}}}, captures, plain, cache=cache)
     one, two = open_store(mixed), open_store(plain)
     # Without the key a clip without fingers has hands that do not move, also where an entry without rows is cached.
-    assert two.meta["needs"] == []
     assert all(clip[FIELD].shape == (120, 319) for clip in two)
     for clip in one:
         assert np.array_equal(clip["edge151"], two[clip.id]["edge151"])
@@ -187,7 +185,7 @@ def test_check_report_view_and_tables_know_it(mixed: Path, captures: Path) -> No
     ds = open_store(mixed)
     table = ds.to_pandas().set_index("id")["without"]
     assert table.to_dict() == {clip.id: [FIELD] if clip.id in WITHOUT else [] for clip in ds}
-    assert len(ds.to_pandas("windows")) == sum(split["windows"] for split in ds.meta["counts"].values())
+    assert len(ds.to_pandas("windows")) == sum(split["windows"] for split in ds.meta["splits"].values())
     assert {clip: numbers.seconds for clip, numbers in measure(ds).clips.items()} == {clip.id: 4.0 for clip in ds}
     scenes = Scenes(ds, FIELD)
     drawn = {item.clip.id: scenes.scene(item) for item in scenes.items}

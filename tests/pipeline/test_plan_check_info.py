@@ -41,9 +41,9 @@ def test_a_plan_counts_the_units_of_a_build(worn: Path, out: Path, scope: str):
     built = as_json("build", RECIPES[scope], "--source", worn, "--out", out, "--jobs", 1)
     assert plan["left_out"] == built["rejects"]
     assert plan["left_out"].keys() >= {"broken_file", "no_audio"}
-    assert plan["splits"].keys() == built["counts"].keys()
+    assert plan["splits"].keys() == built["splits"].keys()
     for split, counts in plan["splits"].items():
-        assert counts == {name: built["counts"][split][name] for name in counts}
+        assert counts == {name: built["splits"][split][name] for name in counts}
     assert plan["recipe_sha256"] == built["recipe_sha256"]
     shards = sum(p.stat().st_size for p in out.glob("*-of-*.h5"))
     assert 0.8 * shards < plan["bytes"] < 1.2 * shards
@@ -193,7 +193,7 @@ def test_info_shows_the_content(built: Path):
         assert part in text
     assert TRAIN not in text
     about = as_json("info", built)
-    assert about["counts"]["train"]["windows"] == 6
+    assert about["splits"]["train"]["windows"] == 6
     assert about["fields"]["edge151"]["groups"] == ["contact", "translation", "rotation_6d"]
     lines = {line.split()[0]: line.split()[1:] for line in run("info", built, "--clips").stdout.splitlines() if line}
     assert lines[TRAIN][:4] == ["train", "mHO3", "180", "3"]

@@ -125,7 +125,7 @@ def test_the_music_of_the_timeline_is_its_waveform(demo: Path) -> None:
 
 
 def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
-    path = relabelled(lambda k: {}, {"dataset": "aist++", "licence": "no redistribution"})
+    path = relabelled(lambda k: {}, {"source": {"reader": "aist++"}, "licence": "no redistribution"})
     clip = dancedata.open(path).clips[0].id
     options = {"source": demo.parent / "demo-source", "length_s": 0.2, "size": SIZE}
     with raises_message(UsageError, "allow", where="relabelled"):

@@ -45,8 +45,8 @@ def raw(store: Store, **options: Any) -> GroupDataset:
 
 def test_the_store_is_sound_and_groups_are_whole(folder: Path, store: Store) -> None:
     assert verify_store(folder) == []
-    assert store.meta["counts"]["train"]["groups"] == 4
-    assert store.meta["counts"]["train"]["scene_hours"] < store.meta["counts"]["train"]["hours"]
+    assert store.meta["splits"]["train"]["groups"] == 4
+    assert store.meta["splits"]["train"]["scene_hours"] < store.meta["splits"]["train"]["hours"]
     tables = store.tables
     assert len(tables.shard_begin) > 3
     assert [(tables.groups["id"][k], int(tables.groups["count"][k])) for k in range(4)] == [

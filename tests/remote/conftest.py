@@ -76,7 +76,7 @@ def relabelled_random(random_store: Callable[..., Any], tmp_path: Path) -> Calla
         clips = [replace(clip, terms=terms[k % len(terms)]) for k, clip in enumerate(written.clips)]
         out = tmp_path / "with"
         out.mkdir()
-        meta = {"dataset": "folder", "licence": DATASETS.get("folder").licence}
+        meta = {"source": {"reader": "folder"}, "licence": DATASETS.get("folder").licence}
         write_store(out, replace(written.header, meta=meta), clips)
         return out
 

@@ -166,7 +166,7 @@ def of_dataset(random_store: Callable[..., Any], out: Path, name: str, *, music:
     pose = Field("pose", "motion", random_columns(7), Fraction(30))
     sound = Field("music", "audio", random_columns(5, mirror=False), Fraction(30))
     reader = DATASETS.get(name)
-    meta = {"dataset": name, "licence": reader.licence, "citation": reader.citation}
+    meta = {"source": {"reader": name}, "licence": reader.licence, "citation": reader.citation}
     random_store(out, fields=(pose, sound) if music else (pose,), meta=meta, **writer)
     return out
 

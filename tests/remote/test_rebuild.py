@@ -245,7 +245,7 @@ def test_local_plugins(
         lambda d: d["files"].update({"../x": d["files"]["clips.jsonl"]}),
         lambda d: d["dataset"]["files"].update({"../../x": {"size": 1, "sha256": "0" * 64}}),
         lambda d: d["dataset"].update(recipe=7),
-        lambda d: d["dataset"].update(recipe_sha256=None),
+        lambda d: d["dataset"]["source"].update(sha256=None),
         lambda d: d.update(dataset=[]),
         lambda d: d.update(publication=2),
         lambda d: d["files"].update({"clips.jsonl": 3}),

@@ -57,7 +57,7 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
         out.mkdir()
         with open_store(demo) as store:
             clips = [replace(_stored(store, k), **names(k)) for k in range(len(store.clips))]
-            kept = ("name", "dataset", "licence", "citation", "recipe", "axes", "dancedata", "source")
+            kept = ("name", "licence", "citation", "recipe", "versions", "source")
             about = {**{key: store.meta[key] for key in kept if key in store.meta}, **(meta or {})}
             length, stride = store.meta["windows"]["length"], store.meta["windows"]["stride"]
             fields = tuple(store.field(name) for name in store.fields)

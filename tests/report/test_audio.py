@@ -11,7 +11,7 @@ from dancedata.report import write_report
 from dancedata.viewer.opus import without_serial
 from tests.messages import raises_message
 
-AIST = {"dataset": "aist++", "licence": "research use, <b>no redistribution</b>"}
+AIST = {"source": {"reader": "aist++"}, "licence": "research use, <b>no redistribution</b>"}
 
 
 def data_of(path: Path) -> dict:

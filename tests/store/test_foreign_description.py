@@ -102,11 +102,11 @@ def test_control_characters_in_a_description(folder: Path) -> None:
         document |= {
             "name": LOUD,
             "licence": LOUD,
-            "axes": {"pose": LOUD},
             "source": {"notes": [LOUD, LOUD * 10_000]},
         }
+        document["fields"][0]["axes"] = LOUD
         document["fields"][0]["columns"]["groups"][0]["name"] = LOUD
-        document["counts"][LOUD] = document["counts"]["train"]
+        document["splits"][LOUD] = document["splits"]["train"]
         document["fps"] = "\n30 "
 
     rows = [{"reason": LOUD, "clip": LOUD}, {"reason": "nan", "file": "\ud800"}]
@@ -124,11 +124,11 @@ def test_control_characters_in_a_description(folder: Path) -> None:
     ("key", "value"),
     [
         ("name", 7), ("licence", ["x"]), ("recipe", []), ("recipe", {"x": "y" * 200_000}), ("source", {"notes": [1]}),
-        ("source", {"notes": {}}), ("counts", {"train": {}}), ("counts", {"train": 3}),
-        ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": "x"}}),
-        ("counts", {"train": {"clips": -1, "windows": 1, "frames": 1, "songs": 1, "hours": 1}}),
-        ("counts", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": 10**400}}),
-        ("quality_flags", "many"), ("axes", 3), ("format", [[[[]]] * 1000]), ("scope", {"x": [1] * 100_000}),
+        ("source", {"notes": {}}), ("splits", {"train": {}}), ("splits", {"train": 3}),
+        ("splits", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": "x"}}),
+        ("splits", {"train": {"clips": -1, "windows": 1, "frames": 1, "songs": 1, "hours": 1}}),
+        ("splits", {"train": {"clips": 1, "windows": 1, "frames": 1, "songs": 1, "hours": 10**400}}),
+        ("versions", "many"), ("source", {"reader": 3}), ("format", [[[[]]] * 1000]), ("scope", {"x": [1] * 100_000}),
         ("shards", [{"file": ["x"] * 100_000}]),
     ],
 )  # fmt: skip

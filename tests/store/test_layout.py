@@ -143,7 +143,7 @@ def test_dataset_json(make_store: Any) -> None:
     assert info["licence"] == "CC0"
     train = [c for c in made.clips if c.split == "train"]
     frames = sum(c.n_frames for c in train)
-    assert info["counts"]["train"] == {
+    assert info["splits"]["train"] == {
         "clips": 6, "windows": sum(len(c.starts) for c in train), "frames": frames, "hours": frames / 108_000,
         "songs": 3,
     }  # fmt: skip

@@ -37,7 +37,7 @@ def test_equal_mirrored_words_are_not_stored_twice(folder: Path) -> None:
     assert table is not None
     assert list(table.columns["texts_mirrored"]) == [("one", "right"), ()] * 3
     assert [s.texts_mirrored for s in store.segments("train0_p0")] == [("one", "right"), ("same",)]
-    assert store.meta["empty_segments"] == 3
+    assert [(layer["rows"], layer["empty"]) for layer in store.meta["layers"]] == [(6, 3)]
     assert verify_store(folder) == []
 
 

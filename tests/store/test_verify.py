@@ -126,13 +126,11 @@ JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("scope", lambda d: d.update(scope="song"), "'song' is not one of"),
     ("length", lambda d: d["windows"].update(length="30"), "not a whole number"),
     ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "not the name of a shard"),
-    ("clips of split", lambda d: d["counts"]["train"].update(clips=5), "counts: train has 6 clips, not 5"),
-    ("songs of split", lambda d: d["counts"]["val"].update(songs=9), "counts: val has 1 songs, not 9"),
-    ("hours", lambda d: d["counts"]["test"].update(hours=0.5), "hours, not 0.5"),
-    ("missing count", lambda d: d["counts"].pop("val"), "counts are not those of the splits"),
-    ("side file", lambda d: d["files"].pop("stats.json"), "does not list stats.json"),
+    ("clips of split", lambda d: d["splits"]["train"].update(clips=5), "splits: train has 6 clips, not 5"),
+    ("songs of split", lambda d: d["splits"]["val"].update(songs=9), "splits: val has 1 songs, not 9"),
+    ("hours", lambda d: d["splits"]["test"].update(hours=0.5), "hours, not 0.5"),
+    ("missing count", lambda d: d["splits"].pop("val"), "splits are not those of the shards"),
     ("field", lambda d: d["fields"][0].update(name="other"), "does not state the rows of every field"),
-    ("needs", lambda d: d.update(needs=["wings"]), "needs wings"),
     ("no tables", lambda d: d["files"].pop("tables.h5"), "does not list tables.h5"),
     ("order of shards", lambda d: d["shards"].append(d["shards"][0]), "neighbours"),
     ("windows of shard", lambda d: d["shards"][0].update(windows=3), "another number of rows"),
@@ -288,7 +286,7 @@ LAYOUTS: dict[str, tuple[str, Callable[[Any], Any], dict[str, str], str]] = {
     "aligned": ("motion/pose", lambda old: np.tile(old, (2, 1)), {}, "not a multiple of 64"),
     "packed": ("motion/pose", lambda old: old, {"compression": "gzip"}, "/motion/pose is not contiguous"),
     "big-endian": ("motion/pose", lambda old: old.astype(">f4"), {}, "/motion/pose is of type >f4"),
-    "missing": ("windows/start", lambda old: None, {}, "lacks a dataset"),
+    "missing": ("windows/start", lambda old: None, {}, "a dataset is missing"),
     "shorter": ("clips/lists/values", lambda old: old[1:], {}, "offsets do not begin at 0 and end at the last entry"),
     "of another type": ("clips/genre", lambda old: np.arange(len(old)), {}, "/clips/genre: a column of a table"),
 }
@@ -387,7 +385,7 @@ def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
 def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path) -> None:
     made = make_store()
     clips = [dataclasses.replace(c, music="mBR0") for c in made.clips]
-    header = dataclasses.replace(made.header, meta={**made.header.meta, "split_rule": "official"})
+    header = dataclasses.replace(made.header, meta={**made.header.meta, "source": {"split_rule": "official"}})
     write_store(out, header, clips)
     problems = verify_store(out)
     assert {p.severity for p in problems} == {"note"}

@@ -28,7 +28,7 @@ def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
     assert "groups" not in page  # there is none
     assert "librosa35" in page
     assert page.count("<svg") == min(MOST_CLIPS, len(ds.clips)) == 7
-    counts = ds.meta["counts"]["train"]
+    counts = ds.meta["splits"]["train"]
     assert f"<td>train</td><td>{counts['clips']}</td>" in page
     for name in HOSTILE:
         assert name not in page

@@ -18,6 +18,7 @@ from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
 from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
+from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.licence import clips_by_terms, terms_text
 
 _TEXT = 5000
@@ -256,7 +257,7 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "parameters": document_of(target),
         "reference": target.reference,
         "name": str(job.store.meta.get("name", job.store.path.name)),
-        "dataset": {key: job.store.meta.get(key) for key in ("self_sha256", "recipe_sha256")},
+        "dataset": {"self_sha256": None, "recipe_sha256": None, **dataset_hashes(job.store.meta)},
         **({} if job.store.origin is None else {"address": job.store.origin.address}),
         "clips": {split: len(job.clips(split)) for split in job.store.splits},
         "licence": job.store.meta.get("licence"),
