@@ -53,7 +53,7 @@ def write_many(demo: Path, out: Path, n: int) -> Path:
         about = {key: store.meta[key] for key in keys if key in store.meta}
         windows = store.meta["windows"]["length"], store.meta["windows"]["stride"]
         fields = tuple(store.field(name) for name in store.fields)
-        write_store(out, StoreHeader("track", store.grid.rate, *windows, fields, store.skeleton, meta=about), clips)
+        write_store(out, StoreHeader(store.grid.rate, *windows, fields, store.skeleton, meta=about), clips)
     return out
 
 

@@ -73,7 +73,7 @@ def stored(
 
 
 HEADER = StoreHeader(
-    scope="track", fps=Fraction(30), length=LENGTH, stride=10, skeleton=SMPL24,
+    fps=Fraction(30), length=LENGTH, stride=10, skeleton=SMPL24,
     fields=(
         Field("edge151", "motion", EDGE.columns, Fraction(30)),
         Field("joints", "motion", JOINTS.columns, Fraction(30)),

@@ -83,7 +83,7 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
     windows = store.meta["windows"]
     about = (
         f"Windows of {windows['length']} frames every {windows['stride']}, at {store.meta['fps']} frames per second; "
-        f"scope {store.scope}; skeleton {_text(store.skeleton.name)}, {counted(store.skeleton.n_joints, 'joint')}."
+        f"skeleton {_text(store.skeleton.name)}, {counted(store.skeleton.n_joints, 'joint')}."
     )
     genre_line = f"\nGenres: {', '.join(map(_text, genres))}.\n" if genres else ""
     table = _table(("split", "clips", "copies", "windows", "songs", "minutes"), rows)

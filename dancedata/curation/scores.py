@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,7 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.sides import MIN_ELBOWS, sides_of, wrong_up
 from dancedata.core.text import shown
 from dancedata.curation import anatomy, glitches
-from dancedata.curation.spans import Span, union, worst_spans
+from dancedata.curation.spans import Span, worst_spans
 
 #: Raised by hand when a score gives other numbers for the same motion.
 VERSION = 2
@@ -114,26 +114,6 @@ def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, S
     """
     cached = motion.with_cache()
     return {name: _rounded(_SCORES[name](cached, MEASURES[name].least)) for name in names}
-
-
-def joined_scores(parts: Sequence[tuple[int, Mapping[str, Score]]]) -> dict[str, Score]:
-    """Return the scores of a clip from those of its parts, each with its first frame.
-
-    A value is that of the worst part; the cosines of sides and up, which are medians over frames, are the medians of
-    the parts. Spans that overlap are one, with the larger value.
-    """
-    if len(parts) == 1 and not parts[0][0]:
-        return dict(parts[0][1])
-    joined = {}
-    for name, measure in MEASURES.items():
-        values = [scores[name].value for _, scores in parts]
-        known = [value for value in values if value is not None]
-        middle = measure.unit == "1"
-        value = None if not known else round(float(np.median(known)), 6) if middle else max(known)
-        spans = [span._replace(start=span.start + first, end=span.end + first)
-                 for first, scores in parts for span in scores[name].spans]  # fmt: skip
-        joined[name] = Score(value, union(spans) if len(parts) > 1 else tuple(spans))
-    return joined
 
 
 def checked_limit(value: object, where: str, default: float, low: float) -> float | None:

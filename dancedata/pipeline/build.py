@@ -179,11 +179,9 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return the header of the store."""
     axes = {f.name: f.representation.axes for f in recipe.motion}
     return StoreHeader(
-        scope="track",
         fps=recipe.fps,
         length=recipe.windows.length,
         stride=recipe.windows.stride,
-        order="time",
         fields=tuple(
             Field(
                 f.name,

@@ -183,7 +183,7 @@ def plan(
     >>> import dancedata
     >>> print(dancedata.plan("aist++", "~/aist_plusplus_final").summary)
     aist++: about 524 kB
-      track scope, 30 frames per second, windows of 150 frames every 15
+      30 frames per second, windows of 150 frames every 15
       split  clips  windows  frames  songs
       train      2        6     360      1
     ...

@@ -32,11 +32,9 @@ _NAMED = 3
 _FIRST_COLUMNS = ("clip", "split", "music", "frames", "windows")
 #: Most characters that are shown of a sentence or list from a dataset.
 _NOTE = 2000
-#: The end of a window's music: the scopes differ where the music ends within the last frame of a window.
-_MUSIC_OF_WINDOWS = {
-    "track": "a frame is an instant: a window has music up to its last frame, not up to the next one after it",
-    "window": "a window has music for its whole length, in samples, as EDGE counts",
-}
+#: The end of a window's music: slices differ where the music ends within the last frame of a window.
+_MUSIC_OF_WINDOWS = "a frame is an instant: a window has music up to its last frame, not up to the next one after it"
+_MUSIC_OF_SLICES = "clips are slices: each has music for its whole length, in samples, as EDGE counts"
 _FIRST_LOOK = """## How to read it
 
 ```python
@@ -56,9 +54,9 @@ def windows_text(length: int, stride: int) -> str:
     return f"windows of {length} frames every {stride}"
 
 
-def scope_text(scope: str, fps: str, windows: str) -> str:
-    """Return the line on scope, frame rate and windows that `plan` and `info` print."""
-    return f"  {scope} scope, {shown(fps)} frames per second, {windows}"
+def rate_text(fps: str, windows: str) -> str:
+    """Return the line on frame rate and windows that `plan` and `info` print."""
+    return f"  {shown(fps)} frames per second, {windows}"
 
 
 # After a build
@@ -216,13 +214,14 @@ def store_json(path: Path) -> dict[str, Any]:
 
 
 def _store_json(store: Store, path: Path) -> dict[str, Any]:
-    keys = ("name", "scope", "fps", "windows", "splits", "licence", "citation")
+    keys = ("name", "fps", "windows", "splits", "licence", "citation")
     heights = [c.height_m for c in store.clips if c.height_m is not None]
     return {
         "path": path_text(path),
         **{key: store.meta[key] for key in keys if key in store.meta},
         "rejects": reasons(store),
         "quality_flags": len(store.quality),
+        "slices": store.has_slices,
         "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
         "notes": list(store.meta.get("source", {}).get("notes", [])),
@@ -264,8 +263,8 @@ def describe_store(path: Path) -> str:
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
-        scope_text(info["scope"], info["fps"], windows),
-        f"  {_MUSIC_OF_WINDOWS[info['scope']]}",
+        rate_text(info["fps"], windows),
+        f"  {_MUSIC_OF_SLICES if info['slices'] else _MUSIC_OF_WINDOWS}",
         *_splits(info["splits"]),
     ]
     for name, field in info["fields"].items():

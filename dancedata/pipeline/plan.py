@@ -18,7 +18,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.pipeline.audio import row_at
 from dancedata.pipeline.build import header_of
-from dancedata.pipeline.describe import scope_text, windows_text
+from dancedata.pipeline.describe import rate_text, windows_text
 from dancedata.pipeline.feature_files import FeatureFile, length_of, place, starts_within
 from dancedata.pipeline.groups import group_motions, groups_of, require_places, unusable_dancers, whole_groups
 from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
@@ -136,7 +136,7 @@ class Plan:
         into = "" if out is None else f" into {shown(out)}"
         lines = [
             f"{self.recipe.name}{into}: about {size_text(document['bytes'])}",
-            scope_text(self.recipe.scope, str(self.recipe.grid), windows),
+            rate_text(str(self.recipe.grid), windows),
             *table(
                 ["split", "clips", "windows", "frames", "songs"],
                 [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in document["splits"].items()],

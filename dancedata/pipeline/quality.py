@@ -14,7 +14,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, csv_cell, shown, table
-from dancedata.curation.scores import MEASURES, Score, joined_scores, score_motion
+from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
@@ -28,7 +28,6 @@ from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
-from dancedata.store.motion_fields import clip_stretches
 from dancedata.store.schema import DATASET_FILE
 
 #: Multiples of the limits at which clips are counted.
@@ -256,9 +255,8 @@ def _of_store(store: Store, progress: Progress) -> Quality:
     clips, rows = [clip for clip in store.clips if not clip.source], []
     with progress.stage("scoring clips", len(clips)) as advance:
         for clip in clips:
-            stretches = list(clip_stretches(store, clip.id))
-            rate = (stretches[0][1] if stretches else store).grid.rate
-            rows.append(ClipQuality(clip.id, rate, joined_scores([(k, score_motion(m)) for k, m in stretches])))
+            motion = clip.motion()
+            rows.append(ClipQuality(clip.id, motion.grid.rate, score_motion(motion)))
             advance(1)
     return Quality(str(store.path), tuple(rows))
 

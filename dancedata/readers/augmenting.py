@@ -159,8 +159,3 @@ def _check_windows(step: Step, store: Store, allow_crop: bool) -> None:
     if augmentation.chooses_windows and not allow_crop:
         raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",
                          fix="read windows: WindowDataset(..., augment=['crop'])")  # fmt: skip
-    if augmentation.chooses_windows and store.scope == "window":
-        raise UsageError(f"the augmentation {step.name} reads windows other than the stored ones",
-                         where=str(store.path),
-                         found="a dataset of window scope, which holds only the windows that were built",
-                         fix="build with scope: track")  # fmt: skip

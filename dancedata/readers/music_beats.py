@@ -74,7 +74,7 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     A beat between two such frames counts at the nearer one.
 
     The beats are those of the first of `fields` that has the column, else of the first field of the store. UsageError
-    if no field has it; StoreError in window scope.
+    if no field has it.
     """
     beats = _field_with(store, at, fields)
     starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
@@ -89,23 +89,17 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     return first_frames
 
 
-def estimated_tempo(store: Store, windows: WindowList, clip: str, fields: Sequence[str]) -> float:
+def estimated_tempo(store: Store, clip: str, fields: Sequence[str]) -> float:
     """Return the tempo of a clip's stored beats, beats per minute: 60 / the mean time from one to the next.
 
     Times that differ from the median by more than a quarter, where a beat was missed, do not count. The beats are
-    those that `beat_starts` takes, in window scope of all of the clip's `windows`; nan without two that follow each
-    other.
+    those that `beat_starts` takes; nan without two that follow each other.
     """
     if not store.fields_with("beat"):
         return math.nan
     beats = _field_with(store, "beat", fields)
-    if store.scope == "track":
-        pieces = [store.rows_within(clip, beats.name)[1]]
-    else:
-        places = np.flatnonzero(windows.clip == store.tables.find(clip)).tolist()
-        pieces = [store.read(windows[place], beats.name) for place in places]
     column = beats.columns.slice("beat").start
-    rows = np.concatenate([np.diff(np.flatnonzero(rows[:, column])) for rows in pieces])
+    rows = np.diff(np.flatnonzero(store.rows_within(clip, beats.name)[1][:, column]))
     near = rows[np.abs(rows - np.median(rows)) <= np.median(rows) / 4] if len(rows) else rows
     return 60.0 / (float(beats.grid.seconds(1)) * float(near.mean())) if len(near) else math.nan
 

@@ -145,15 +145,10 @@ def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
 
 
 def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:
-    for split in store.splits:
-        if store.scope == "window":
-            for window in store.windows(split, fields=(name,)):
-                yield store.read(window, name)
-    if store.scope == "track":
-        for clip in (clip for clip in store.clips if clip.has_field(name)):
-            first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
-            lead, rows = store.rows_within(clip.id, name)
-            yield rows[max(0, first - lead) :]
+    for clip in (clip for clip in store.clips if clip.has_field(name)):
+        first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
+        lead, rows = store.rows_within(clip.id, name)
+        yield rows[max(0, first - lead) :]
 
 
 def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> Scaler:

@@ -390,7 +390,7 @@ class SplitDataset(EpochDataset):
     def _estimated_tempo(self, clip: str) -> float:
         """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""
         if clip not in self._tempos:
-            self._tempos[clip] = estimated_tempo(self.store, self.windows, clip, self.fields)
+            self._tempos[clip] = estimated_tempo(self.store, clip, self.fields)
         return self._tempos[clip]
 
     def _place(self, index: int) -> int:

@@ -29,7 +29,7 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
     if stats is None or f.codebook is not None:
         return ()
     length = store.grid.rows(store.meta["windows"]["length"], of=f.grid)
-    blocks = covered(_windows_and_rows(store, f), length, once=store.scope == "track")
+    blocks = covered(_windows_and_rows(store, f), length)
     step = max(1, _VALUES // stats["n"])
     quantiles = [
         np.quantile(_columns(store, f, blocks, slice(left, left + step)), _QUANTILES, axis=0, overwrite_input=True)

@@ -59,8 +59,6 @@ class ClipView(ClipRecord):
         ------
         UsageError
             For a field that the clip does not have.
-        StoreError
-            In window scope, where clips are not stored whole.
         """
         return self.store.read_clip(self.id, field)
 
@@ -71,8 +69,6 @@ class ClipView(ClipRecord):
         ------
         UsageError
             For a field of motion.
-        StoreError
-            In window scope, where clips are not stored whole.
         """
         return self.store.read_song(self.id, field)
 

@@ -93,8 +93,6 @@ class Store(SegmentQueries):
         Frames per second of window starts and lengths: int if whole, else Fraction.
     grid
         The same rate as a `FrameGrid`.
-    scope
-        "track": windows are views of clips. "window": each window has its own rows.
     skeleton
         The motion's skeleton.
     meta

@@ -77,11 +77,9 @@ class Description:
     """dataset.json, parsed."""
 
     meta: Mapping[str, Any]
-    scope: str
     fps: Fraction
     length: int
     stride: int
-    order: str
     fields: tuple[Field, ...]
     skeleton: Skeleton
     shards: tuple[ShardEntry, ...]
@@ -230,11 +228,9 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         _check_about(document)
         description = Description(
             meta=document,
-            scope=_one_of(document["scope"], ("track", "window")),
             fps=as_rate(document["fps"]),
             length=_positive(windows["length"]),
             stride=_positive(windows["stride"]),
-            order=_one_of(windows["order"], ("time", "name")),
             fields=tuple(Field.from_json(f) for f in document["fields"]),
             skeleton=Skeleton.from_json(document["skeleton"]),
             shards=tuple(_shard(s) for s in document["shards"]),
@@ -357,9 +353,3 @@ def _positive(value: Any) -> int:
 def _is_number(value: Any) -> bool:
     """Whether it is a number that a float can hold."""
     return type(value) in (int, float) and abs(value) < _LARGE
-
-
-def _one_of(value: Any, allowed: tuple[str, ...]) -> str:
-    if value not in allowed:
-        raise ValueError(f"{quoted(value)} is not one of {', '.join(allowed)}")
-    return str(value)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
@@ -35,7 +35,7 @@ def require_field(tables: Tables, row: int, f: Field) -> None:
 
 
 def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
-    """Find first row and number of rows of a window in track scope, where any window within its clip is allowed.
+    """Find first row and number of rows of a window; any one within its clip is allowed.
 
     `row` is that of the clip, `grid` that of the store's frames. UsageError for a window that extends beyond its clip
     or the field's rows, or is not a whole number of rows.
@@ -66,34 +66,15 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
     return int(spans.first[row]) + first, length
 
 
-def locate_stored(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
-    """Find a window's rows in window scope, where each has its own rows; StoreError for one that is not stored."""
-    positions = tables.positions_of(row)
-    starts = tables.window_start[positions]
-    place = int(np.searchsorted(starts, window.start))
-    if place == len(starts) or starts[place] != window.start or window.length != tables.window_length:
-        raise StoreError(
-            "a store of window scope does not hold this window",
-            where=f"clip {window.clip}",
-            found=f"start {window.start}, length {window.length}",
-            allowed=f"the {len(starts)} stored windows"
-            + (f", starts {starts[0]} to {starts[-1]}" if len(starts) else ""),
-            fix="take windows from windows(split), or build with scope: track",
-        )
-    return int(tables.window_rows[f.name][positions[place]]), grid.rows_down(window.length, of=f.grid)
-
-
 def locate_windows(
-    tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid, scope: str
+    tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid
 ) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Find the first rows of many windows of a split, as `locate_view` and `locate_stored` do for one.
+    """Find the first rows of many windows of a split, as `locate_view` does for one.
 
     `row` (W,) are the rows of their clips. Returns (W,) each window's first row in its clip's shard, and whether the
     store does not have it.
     """
     start, length = windows.start.astype(np.int64), int(windows.length[0])
-    if scope == "window":
-        return _stored(tables, row, start, length, f)
     begin, begins_whole = grid.rows_of_all(start, of=f.grid)
     n_rows, spans = grid.rows_down(length, of=f.grid), tables.spans[f.name]
     bad = (start < 0) | (start + length > tables.n_frames[row]) | ~begins_whole
@@ -104,19 +85,3 @@ def locate_windows(
         bad[:] = True
     begin += spans.first[row]
     return begin, bad
-
-
-def _stored(
-    tables: Tables, row: Whole, start: IntArray, length: int, f: Field
-) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-    """Find windows that have their own rows."""
-    clip, starts = (column.astype(np.int64) for column in (tables.window_clip, tables.window_start))
-    if not len(clip):
-        return np.zeros_like(start), np.ones(len(start), dtype=np.bool_)
-    # (clip, start) as one ascending number, so that one search finds all of them.
-    step = int(starts.max(initial=0)) + 1
-    order = np.arange(len(clip)) if tables.by_start is None else tables.by_start
-    stored_starts = (clip * step + starts)[order]
-    place = order[np.searchsorted(stored_starts, row * step + start).clip(max=len(stored_starts) - 1)]
-    bad = (start < 0) | (start >= step) | (clip[place] != row) | (starts[place] != start)
-    return tables.window_rows[f.name][place], bad | (length != tables.window_length)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -213,46 +213,6 @@ def _reader_of_clip(store: RowQueries, clip_id: str, field: str) -> tuple[str, C
 def clip_motion(store: RowQueries, clip_id: str, field: str = "") -> Motion:
     """Return the motion of a whole clip; UsageError as `clip_pose`, and for a field without rotations."""
     return _with_rotations(clip_pose(store, clip_id, field), store, field)
-
-
-def clip_stretches(store: RowQueries, clip_id: str, field: str = "") -> Iterator[tuple[int, Motion]]:
-    """Yield the motion of a clip as far as it is stored without a gap: first frame, at the field's rate, and motion.
-
-    In track scope that is the whole clip. In window scope windows are joined where they hold the same motion in the
-    frames that they share; windows that share none, or whose rows are relative to the window, are yielded one by one.
-
-    Raises UsageError: As `clip_motion`.
-    """
-    if store.scope == "track":
-        yield 0, clip_motion(store, clip_id, field)
-        return
-    field, reader = _reader_of_clip(store, clip_id, field)
-    first, end, parts, last = 0, 0, list[Motion](), None
-    for window in store.windows_of(clip_id):
-        motion = _with_rotations(reader.pose(store.read(window, field), where=clip_id), store, field)
-        start = store.grid.rows(window.start, of=reader.grid)
-        if last is not None and _agree(last, motion, end - start):
-            parts.append(motion.part(end - start, motion.n_frames))
-        else:
-            if parts:
-                yield first, _joined(parts)
-            first, parts = start, [motion]
-        last, end = motion, start + motion.n_frames
-    if parts:
-        yield first, _joined(parts)
-
-
-def _agree(one: Motion, other: Motion, shared: int) -> bool:
-    """Return whether the last `shared` frames of a motion are the first of another one."""
-    if not 0 < shared < min(one.n_frames, other.n_frames):
-        return False
-    apart = one.part(one.n_frames - shared, one.n_frames).joints() - other.part(0, shared).joints()
-    return bool(np.abs(apart).max() < _SAME_M)
-
-
-def _joined(parts: Sequence[Motion]) -> Motion:
-    rotations = np.concatenate([part.rotations for part in parts])
-    return replace(parts[0], translation=np.concatenate([part.translation for part in parts]), rotations=rotations)
 
 
 def _with_rotations(pose: Pose, store: RowQueries, field: str) -> Motion:

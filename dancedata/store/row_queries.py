@@ -11,7 +11,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import WindowGrid
 from dancedata.core.text import shown
-from dancedata.store.locate import RowSpan, locate_stored, locate_view, locate_windows, require_field
+from dancedata.store.locate import RowSpan, locate_view, locate_windows, require_field
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.store_tables import StoreTables
 from dancedata.store.window_list import Whole, WindowList
@@ -43,16 +43,15 @@ class RowQueries(StoreTables):
         """List the windows of a split, in the store's order: shard by shard.
 
         `split`: One of `splits`.
-        `length_s`, `length`, `stride_s`, `stride`: Length and stride of the windows, at most one of
-            each pair; default: as stored. Other values need a store of track scope.
+        `length_s`, `length`, `stride_s`, `stride`: Length and stride of the windows, at most one of each pair;
+            default: as stored.
         `fields`: Fields in which these windows have to begin and end at whole rows, and that their clips have.
             Default: all.
-        `trim`: Begin at each clip's trim_start: skip the frames that the source would cut (track scope only).
-        `whole`: One window per clip instead, as long as all of `fields` have whole rows (track scope only).
+        `trim`: Begin at each clip's trim_start: skip the frames that the source would cut.
+        `whole`: One window per clip instead, as long as all of `fields` have whole rows.
         Returns: A Sequence[Window].
         Raises UsageError: for an unknown split, two lengths or strides, or ones that are not a whole number of frames
             and rows.
-        Raises StoreError: for another length or stride in window scope.
         """
         self.rows_of_split(split)
         tables = self.tables
@@ -61,17 +60,9 @@ class RowQueries(StoreTables):
         window_fields = [self.field(name) for name in fields or self._fields]
         if requested == stored and not trim and not whole:
             return stored_windows(tables, split, window_fields)
-        if self.scope == "window":
-            request = "whole clips" if whole else f"length {requested.length}, stride {requested.stride} frames"
-            raise self._only_built_windows(request + (", trimmed" if trim else ""))
         if whole:
             return whole_clips(tables, split, self._description, window_fields, trim)
         return cut_windows(tables, split, self._description, requested, window_fields, trim)
-
-    def _only_built_windows(self, request: str | None = None) -> StoreError:
-        stored = f"length {self._description.length}, stride {self._description.stride} frames"
-        return StoreError("a store of window scope holds only the windows that were built", where=str(self.path),
-                          found=request, allowed=stored, fix="build with scope: track")  # fmt: skip
 
     def window_grid(
         self,
@@ -106,15 +97,12 @@ class RowQueries(StoreTables):
     def starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:
-        """Return every first frame that a window of `length` frames can have in a clip (track scope only).
+        """Return every first frame that a window of `length` frames can have in a clip.
 
         `fields` and `trim` are those of `windows`.
 
         Raises UsageError: for an unknown clip.
-        Raises StoreError: In window scope, which holds only the stored windows.
         """
-        if self.scope == "window":
-            raise self._only_built_windows()
         window_fields = [self.field(name) for name in fields or self._fields]
         tables, row = self.tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
@@ -123,7 +111,7 @@ class RowQueries(StoreTables):
     def rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
         """Read the rows of a field that lie within a clip, from its first frame or where its music begins.
 
-        Track scope only. Returns the row at which they begin, counted from frame 0, and the rows.
+        Returns the row at which they begin, counted from frame 0, and the rows.
         """
         tables, row = self.tables, self._row(clip_id)
         lead = tables.spans[field].lead(row) if field in tables.spans else 0
@@ -140,7 +128,7 @@ class RowQueries(StoreTables):
     def read(self, window: Window, field: str) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
 
-        `window`: One of `windows`; in track scope any window within its clip.
+        `window`: One of `windows`, or any one within its clip.
         Returns: (length * rate / fps, D) in the field's dtype: a new, writable array.
         """
         span = self.locate(window, field)
@@ -162,7 +150,6 @@ class RowQueries(StoreTables):
 
         Raises UsageError: for an unknown clip or field, a window that is not a whole number of rows or extends beyond
             its clip, and anything except a Window.
-        Raises StoreError: In window scope, for a window that is not stored.
         """
         if not isinstance(window, Window):
             raise UsageError(
@@ -173,8 +160,7 @@ class RowQueries(StoreTables):
             )
         f = self.field(field)
         tables, row = self.tables, self._row(window.clip)
-        find = locate_stored if self.scope == "window" else locate_view
-        first, length = find(tables, row, window, f, self.grid)
+        first, length = locate_view(tables, row, window, f, self.grid)
         return RowSpan(self.shard_readers[int(tables.shard_of(row))], first, length)
 
     def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
@@ -191,7 +177,7 @@ class RowQueries(StoreTables):
             raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
         tables, row = self.tables, self._rows_of(windows)
-        first, bad = locate_windows(tables, row, windows, f, self.grid, self.scope)
+        first, bad = locate_windows(tables, row, windows, f, self.grid)
         if bad.any():
             self.locate(windows[int(np.argmax(bad))], field)
         return WindowRows(field, *self.shards_of(windows), first, n_rows, mapped)
@@ -239,9 +225,6 @@ class RowQueries(StoreTables):
     def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
         tables, row = self.tables, self._row(clip_id)
-        if self.scope == "window":
-            raise StoreError("a store of window scope does not hold whole clips", where=f"clip {clip_id}",
-                             fix="read its windows, or build with scope: track")  # fmt: skip
         require_field(tables, row, f)
         spans = tables.spans[field]
         rows, lead = int(spans.available[row]), spans.lead(row)

@@ -38,8 +38,6 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
 _SHARD = re.compile(r"(.+-\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 
 Kind = Literal["motion", "keymotion", "audio", "scene"]
-Scope = Literal["track", "window"]
-Order = Literal["time", "name"]
 _KINDS = ("motion", "keymotion", "audio", "scene")
 _DTYPES = {"real": ("float32", "float16"), "code": ("int16", "int32", "uint8")}
 
@@ -63,7 +61,7 @@ class Field:
     codebook
         Of codes; None for real values.
     optional
-        Whether clips may have no rows of it, see `Tables.having`; of motion and key motions in track scope alone.
+        Whether clips may have no rows of it, see `Tables.having`; of motion and key motions alone.
     axes
         Handedness, up axis and unit of motion, in words.
     """
@@ -160,19 +158,15 @@ class StoreHeader:
         Frames per second of window starts and lengths, exact.
     length, stride
         Of the stored windows, in frames.
-    order
-        "time": clips by id, windows by start. "name": a plain string sort of ``<clip>_slice<k>``, as EDGE's.
     meta
         JSON that is copied into dataset.json (recipe, hashes, axes, licence, ...).
     """
 
-    scope: Scope
     fps: Fraction
     length: int
     stride: int
     fields: tuple[Field, ...]
     skeleton: Skeleton
-    order: Order = "time"
     meta: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
 
     @cached_property
@@ -183,14 +177,10 @@ class StoreHeader:
     def __repr__(self) -> str:
         windows = f"windows of {self.length} frames every {self.stride}"
         fields = ", ".join(f.name for f in self.fields)
-        return f"StoreHeader({self.scope} scope, {self.fps} FPS, {windows}, fields: {fields})"
+        return f"StoreHeader({self.fps} FPS, {windows}, fields: {fields})"
 
     def check(self) -> None:
         """Raise StoreError for values that the format cannot hold."""
-        allowed = {"scope": ("track", "window"), "order": ("time", "name")}
-        for name, values in allowed.items():
-            if getattr(self, name) not in values:
-                raise StoreError(f"unknown {name}", found=getattr(self, name), allowed=" or ".join(values))
         for name in ("length", "stride"):
             if getattr(self, name) < 1:
                 raise StoreError(f"window {name} is not a positive number of frames", found=getattr(self, name))
@@ -215,10 +205,8 @@ class StoreHeader:
                 f.codebook.check(f.columns.width, f.dtype)
             except UsageError as error:
                 raise StoreError(f"the codebook of field {f.name} cannot be stored", found=str(error)) from error
-        if f.optional and (not f.per_clip or self.scope == "window"):
-            raise StoreError(
-                f"field {f.name} cannot be optional", allowed="fields of motion and key motions in track scope"
-            )
+        if f.optional and not f.per_clip:
+            raise StoreError(f"field {f.name} cannot be optional", allowed="fields of motion and key motions")
         if not self.grid.is_whole(self.length, of=f.grid):
             raise StoreError(f"a window is not a whole number of rows of field {f.name}",
                              found=f"{self.length} frames at {self.fps} per second, rows at {f.rate} per second",
@@ -249,7 +237,7 @@ def is_shard_name(name: str) -> bool:
 
 
 def slice_name(clip: str, index: int) -> str:
-    """Return the name of a window in EDGE's files, the sort key of order "name"."""
+    """Return the name of a window in EDGE's files, and the id of a slice."""
     return f"{clip}_slice{index}"
 
 

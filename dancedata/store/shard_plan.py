@@ -10,9 +10,9 @@ import numpy as np
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
-from dancedata.store.schema import StoreHeader, check_name, shard_name, slice_name, sort_splits
+from dancedata.store.schema import Field, StoreHeader, check_name, shard_name, sort_splits
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
-from dancedata.store.window_list import IntArray, window_order
+from dancedata.store.window_list import IntArray
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ShardPlan:
 
     `rows`: Rows so far, per field.
     `motion`: Per motion field: the span of every clip.
-    `audio`: Per field that clips share: the span of every clip (track scope; empty in window scope).
+    `audio`: Per field that clips share: the span of every clip.
     `blocks`: Per field that clips share: block key -> (first row, array), each stored once.
     `first_bytes`: Per field: where its rows begin in the file; known when the shard is written.
     """
@@ -80,10 +80,8 @@ class ShardPlan:
             spans.append(Span(self.rows[name], n))
             self.rows[name] += n
         for name, spans in self.audio.items():
-            starts = [self._add_block(name, block, clip.id) for block in clip.audio[name]]
-            if self.header.scope == "track":
-                block = clip.audio[name][0]
-                spans.append(Span(starts[0], block.array.shape[0], block.offset))
+            (block,) = clip.audio[name]
+            spans.append(Span(self._add_block(name, block, clip.id), block.array.shape[0], block.offset))
         self.clips.append(clip)
 
     def _add_block(self, name: str, block: AudioBlock, clip: str) -> int:
@@ -100,37 +98,25 @@ class ShardPlan:
         return stored_block[0]
 
     def window_table(self) -> WindowTable:
-        """Return the windows of the shard, in the store's order."""
+        """Return the windows of the shard, by clip and start."""
         counts = [len(c.starts) for c in self.clips]
         clip = np.repeat(np.arange(len(self.clips), dtype=np.int64), counts)
         starts = [np.asarray(c.starts, dtype=np.int64) for c in self.clips]
         start = np.concatenate([*starts, np.empty(0, np.int64)])
-        index = np.concatenate([*(np.arange(n, dtype=np.int64) for n in counts), np.empty(0, np.int64)])
-        order = window_order([c.id for c in self.clips], clip, index, self.header.order)
-        rows = {f.name: self._window_rows(f.name, clip, start, index)[order] for f in self.header.fields}
-        return WindowTable(clip[order], start[order], index[order], rows)
+        return WindowTable(clip, start, {f.name: self._window_rows(f, clip, start) for f in self.header.fields})
 
-    def _window_rows(self, name: str, clip: IntArray, start: IntArray, index: IntArray) -> IntArray:
-        f = next(f for f in self.header.fields if f.name == name)
-        grid = self.header.grid
-        if self.header.scope == "window" and not f.per_clip:
-            blocks = self.blocks[name]
-            flat = [blocks[b.key][0] + b.offset for c in self.clips for b in c.audio[name]]
-            return np.asarray(flat, dtype=np.int64)
-        spans = self.motion[name] if f.per_clip else self.audio[name]
+    def _window_rows(self, f: Field, clip: IntArray, start: IntArray) -> IntArray:
+        spans = self.motion[f.name] if f.per_clip else self.audio[f.name]
         first = np.asarray([s.start + s.offset for s in spans], dtype=np.int64)
-        if self.header.scope == "window":
-            return first[clip] + index * grid.rows(self.header.length, of=f.grid)
-        return first[clip] + grid.rows_of_all(start, of=f.grid)[0]
+        return first[clip] + self.header.grid.rows_of_all(start, of=f.grid)[0]
 
 
 @dataclass(frozen=True)
 class WindowTable:
-    """The table /windows of a shard; every array (W,). `index` is the window's number in its clip."""
+    """The table /windows of a shard, and the first row of each window by field; every array (W,)."""
 
     clip: IntArray
     start: IntArray
-    index: IntArray
     rows: Mapping[str, IntArray]
 
 
@@ -173,13 +159,11 @@ def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: i
 
 
 def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit: int) -> list[ShardPlan]:
-    # In order "name", clips are sorted by the name of their first window: shards keep that order.
-    by_name = header.order == "name"
     units: dict[tuple[str, bool], list[StoredClip]] = {}
     for clip in clips:
         units.setdefault((clip.group or clip.id, not clip.group), []).append(clip)
     plans: list[ShardPlan] = []
-    for name in sorted(units, key=lambda unit: (slice_name(unit[0], 0) if by_name else unit[0], unit[1])):
+    for name in sorted(units):
         unit = sorted(units[name], key=lambda clip: clip.member)
         _check_group(unit)
         if not plans or plans[-1].bytes_with(unit) > limit:

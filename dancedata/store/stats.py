@@ -32,13 +32,12 @@ class Block(NamedTuple):
 KeyedRows = tuple[Hashable, int, int]
 
 
-def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length: int, *, once: bool) -> list[Block]:
-    """Count how many windows cover each row of a field.
+def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length: int) -> list[Block]:
+    """Find the rows of a field that windows cover; each counts once, however many do.
 
     `shards`: First rows of the windows of a shard, (W,), its number of rows, and its clips or timelines. Those of one
         key have equal rows in all shards, and are counted in the first.
     `length`: Rows of a window.
-    `once`: Whether a row counts once, however many windows cover it.
     Returns: One for each key, in order of appearance: the same for any sizes of shards.
     """
     found: dict[Hashable, Block] = {}
@@ -48,14 +47,13 @@ def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length:
         for key, first, n in keyed:
             block = found.setdefault(key, Block(number, first, np.zeros(n, dtype=np.int64)))
             np.add(block.counts, counts[first : first + n], out=block.counts)
-    return [block._replace(counts=np.minimum(block.counts, 1)) if once else block for block in found.values()]
+    return [block._replace(counts=np.minimum(block.counts, 1)) for block in found.values()]
 
 
 def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, Any]:
     """Compute statistics over every row that a train window covers, of shards that were written.
 
-    In track scope each row counts once, even if several windows cover it or several shards hold its timeline.
-    In window scope every window has its own rows, so n is windows x rows, as in EDGE.
+    Each row counts once, even if several windows cover it or several shards hold its timeline.
 
     Returns: stats.json: per field n and, per column, mean, std (ddof 0), min, max and EDGE's min-max scaler; of codes
         n, min, max and counts alone. Without train windows: no fields, and a note; an optional field that no train
@@ -68,7 +66,7 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
         length = header.grid.rows(header.length, of=f.grid)
-        blocks = covered((_windows_and_rows(plan, f) for plan in train), length, once=header.scope == "track")
+        blocks = covered((_windows_and_rows(plan, f) for plan in train), length)
         if not f.optional or any(block.counts.any() for block in blocks):
             rows = _rows(out, train, blocks, f)
             result["fields"][f.name] = (

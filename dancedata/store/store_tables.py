@@ -30,7 +30,6 @@ class StoreTables:
         self.fields: Mapping[str, Columns] = MappingProxyType({f.name: f.columns for f in description.fields})
         self.splits = sort_splits({s.split for s in description.shards})
         self.fps: int | Fraction = int(description.fps) if description.fps.denominator == 1 else description.fps
-        self.scope = description.scope
         self.skeleton = description.skeleton
         self.meta = description.meta
         self.grid = description.grid

@@ -60,11 +60,6 @@ def _check_names(clip: StoredClip, kind: str, fields: list[Field], present: Iter
 def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyArray) -> None:
     where = f"clip {clip.id}, field {f.name}"
     shape = tuple(array.shape)
-    if header.scope == "window":
-        needed = (len(clip.starts), header.grid.rows(header.length, of=f.grid), f.columns.width)
-        if shape != needed:
-            raise StoreError("wrong shape", where=where, found=shape, allowed=f"{needed} (windows, rows, columns)")
-        return
     _check_columns(where, shape, f)
     if f.optional and shape[0] == 0:
         return
@@ -81,27 +76,15 @@ def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyAr
 
 def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[AudioBlock, ...]) -> None:
     where = f"clip {clip.id}, field {f.name}"
-    needed = 1 if header.scope == "track" else len(clip.starts)
-    if len(blocks) != needed:
-        each = "one per clip in track scope" if header.scope == "track" else "one per window in window scope"
-        raise StoreError("wrong number of audio blocks", where=where, found=len(blocks), allowed=f"{needed}: {each}")
-    rows = header.grid.rows(header.length, of=f.grid)
-    for block in blocks:
-        shape = tuple(block.array.shape)
-        _check_columns(where, shape, f)
-        if header.scope == "window" and block.offset < 0:
-            raise StoreError("an audio offset of a window is negative", where=where, found=block.offset)
-        if header.scope == "window" and block.offset + rows > shape[0]:
-            raise StoreError(
-                "an audio block is shorter than a window", where=where, found=shape[0], allowed=block.offset + rows
-            )
-    if header.scope == "track":
-        offset = blocks[0].offset
-        _check_end(header, clip, f, blocks[0].array.shape[0] - offset, where)
-        if clip.starts and header.grid.rows_down(clip.starts[0], of=f.grid) + offset < 0:
-            raise StoreError("a window begins before its music", where=f"{where}, window 0",
-                             found=f"frame {clip.starts[0]}",
-                             allowed=f"from frame {f.grid.rows_up(-offset, of=header.grid)} on")  # fmt: skip
+    if len(blocks) != 1:
+        raise StoreError("wrong number of audio blocks", where=where, found=len(blocks), allowed="one of each clip")
+    shape, offset = tuple(blocks[0].array.shape), blocks[0].offset
+    _check_columns(where, shape, f)
+    _check_end(header, clip, f, shape[0] - offset, where)
+    if clip.starts and header.grid.rows_down(clip.starts[0], of=f.grid) + offset < 0:
+        raise StoreError("a window begins before its music", where=f"{where}, window 0",
+                         found=f"frame {clip.starts[0]}",
+                         allowed=f"from frame {f.grid.rows_up(-offset, of=header.grid)} on")  # fmt: skip
 
 
 def _check_columns(where: str, shape: tuple[int, ...], f: Field) -> None:
@@ -146,7 +129,7 @@ class AudioBlock:
     array
         (A, D) rows.
     offset
-        Row at frame 0 of the clip, negative where the rows begin later (window scope: of the window, from 0 on).
+        Row at frame 0 of the clip, negative where the rows begin later.
     """
 
     key: str
@@ -178,10 +161,9 @@ class StoredClip(ClipRecord):
     starts
         First frame of every window, at the store's fps, ascending.
     motion
-        Per motion and key motion field: (T, D) in track scope, (W, L, D) in window scope; (0, D) of an optional field
-        that the clip does not have.
+        Per motion and key motion field: (T, D); (0, D) of an optional field that the clip does not have.
     audio
-        Per audio and scene field: one block in track scope; one per window, (L, D), in window scope.
+        Per audio and scene field: one block.
     signal
         The decoded music, for the table of songs; None if it is not recorded. Clips with one `song` have one.
     segments

@@ -122,11 +122,10 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
         check_frames(columns, where)
         spans = {}
         for f in description.fields:
-            if f.per_clip or description.scope == "track":
-                paths = [f"clips/{f.path}/{name}" for name in f.span_columns]
-                values = [np.asarray(source.column(path, n_clips, "int"), dtype=np.int64) for path in paths]
-                n_rows = np.repeat([shard.fields[f.name][1] for shard in shards], np.diff(shard_begin))
-                spans[f.name] = check_spans(f, *values, n_rows=n_rows.astype(np.int64), where=where)
+            paths = [f"clips/{f.path}/{name}" for name in f.span_columns]
+            values = [np.asarray(source.column(path, n_clips, "int"), dtype=np.int64) for path in paths]
+            n_rows = np.repeat([shard.fields[f.name][1] for shard in shards], np.diff(shard_begin))
+            spans[f.name] = check_spans(f, *values, n_rows=n_rows.astype(np.int64), where=where)
         tables = Tables(
             splits=description.splits,
             columns=columns | free,
@@ -136,10 +135,6 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
             window_clip=source.column("windows/clip", n_windows, "int"),
             window_start=source.column("windows/start", n_windows, "int"),
             window_length=description.length,
-            window_rows={
-                f.name: source.column(f"windows/rows/{f.name}", n_windows, "int")
-                for f in description.fields if description.scope == "window"
-            },
             groups=source.table("groups", id="text", first="int", count="int", n_source="int"),
             songs=source.table(
                 "songs", id="text", sha256="text", sample_rate="int", n_samples="int", fingerprint="ints"

@@ -36,11 +36,6 @@ class Header(Protocol):
     """Attributes of the files of a dataset."""
 
     @property
-    def scope(self) -> str:
-        """Whether windows are views of clips."""
-        ...
-
-    @property
     def fps(self) -> Fraction | int:
         """Frames per second."""
         ...
@@ -105,8 +100,6 @@ def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> lis
         clip = np.concatenate([table.clip + first for table, first in zip(tables, before, strict=False)])
         hdf5.write_array(windows, "clip", clip.astype(np.int32))
         hdf5.write_array(windows, "start", np.concatenate([t.start for t in tables]).astype(np.int32))
-        for f in plan.header.fields if plan.header.scope == "window" else ():
-            hdf5.write_array(windows, f"rows/{f.name}", np.concatenate([table.rows[f.name] for table in tables]))
         hdf5.write_attributes(windows, length=plan.header.length)
         groups = [list(unit) for name, unit in groupby(clips, lambda clip: clip.group) if name]
         if groups:
@@ -145,7 +138,7 @@ def _write_clips(group: Any, plan: TablePlan, shards: Sequence[ShardPlan], clips
         write_column(group, name, "text", [getattr(shard, name) for shard in shards for _ in shard.clips])
     for f in plan.header.fields:
         spans = [s.from_frame_0 for shard in shards for s in (shard.motion if f.per_clip else shard.audio)[f.name]]
-        for k, name in enumerate(f.span_columns) if spans or plan.header.scope == "track" else ():
+        for k, name in enumerate(f.span_columns):
             dtype = np.int32 if name == "length" else np.int64
             hdf5.write_array(group, f"{f.path}/{name}", np.asarray([span[k] for span in spans], dtype=dtype))
 

@@ -52,12 +52,10 @@ class Tables:
     `splits`: Rows of each split.
     `columns`: Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
     `types`: Types of the free columns.
-    `spans`: Per field; not of audio in window scope.
+    `spans`: Per field.
     `shard_begin`: (S + 1,) first clip of every shard, and the number of clips.
     `window_clip`, `window_start`: (W,) clip and first frame of every stored window, in stored order.
     `window_length`: Frames of a stored window.
-    `window_rows`: In window scope, per field: (W,) first row of every window. In track scope they follow from the
-        spans.
     `groups`, `songs`: Columns of these tables.
     """
 
@@ -69,7 +67,6 @@ class Tables:
     window_clip: npt.NDArray[np.integer[Any]]
     window_start: npt.NDArray[np.integer[Any]]
     window_length: int
-    window_rows: Mapping[str, IntArray] = field(default_factory=dict)
     groups: Mapping[str, Any] = field(default_factory=dict)
     songs: Mapping[str, Any] = field(default_factory=dict)
     _records: dict[int, ClipRecord] = field(default_factory=dict)
@@ -168,15 +165,8 @@ class Tables:
         return values
 
     @cached_property
-    def by_start(self) -> npt.NDArray[np.integer[Any]] | None:
-        """Positions (W,) that sort the windows by clip and start; None where they are stored so."""
-        clip, start = self.window_clip, self.window_start
-        later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))
-        return None if later.all() else np.lexsort((start, clip)).astype(np.int32)
-
-    @cached_property
     def clip_begin(self) -> IntArray:
-        """(N + 1,) first window of every clip, in the order of `by_start`."""
+        """(N + 1,) first window of every clip."""
         counts = (
             np.bincount(self.window_clip, minlength=self.n_clips) if len(self.window_clip) else np.zeros(self.n_clips)
         )
@@ -184,19 +174,7 @@ class Tables:
 
     def positions_of(self, clip: int) -> npt.NDArray[np.integer[Any]]:
         """Return the positions in the table of a clip's windows, by their first frames."""
-        begin, end = self.clip_begin[clip : clip + 2].tolist()
-        return np.arange(begin, end) if self.by_start is None else self.by_start[begin:end]
-
-    @cached_property
-    def window_index(self) -> npt.NDArray[np.int32]:
-        """(W,) number of every window in its clip, by start."""
-        if self.by_start is None:
-            in_clip: npt.NDArray[np.int32] = np.arange(len(self.window_clip), dtype=np.int32)
-            return np.asarray(in_clip - self.clip_begin[self.window_clip], dtype=np.int32)
-        index = np.empty(len(self.window_clip), dtype=np.int32)
-        in_order = self.window_clip[self.by_start]
-        index[self.by_start] = np.arange(len(in_order)) - self.clip_begin[in_order]
-        return index
+        return np.arange(*self.clip_begin[clip : clip + 2].tolist())
 
     def having(self, f: Field) -> npt.NDArray[np.bool_]:
         """Return which clips (N,) have rows of a field: every clip, unless the field is optional.
@@ -207,8 +185,6 @@ class Tables:
 
     def rows_of(self, f: Field, grid: FrameGrid) -> IntArray:
         """Return the first row of every stored window in a field, (W,), in its clip's shard."""
-        if f.name in self.window_rows:
-            return self.window_rows[f.name]
         start = self.window_start.astype(np.int64)
         first: IntArray = self.spans[f.name].first[self.window_clip] + grid.rows_of_all(start, of=f.grid)[0]
         return first

@@ -10,23 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.store.schema import slice_name
 
 IntArray = npt.NDArray[np.int64]
 #: Columns of a table may have 32 bits.
 Whole = npt.NDArray[np.integer[Any]]
-
-
-def window_order(clip_ids: Sequence[str], clip: Whole, index: Whole, order: str) -> IntArray:
-    """Return the positions (W,) that sort windows into the store's order.
-
-    `clip` and `index` (W,) are each window's clip number and its number in its clip. "time" keeps their order; "name"
-    is EDGE's, a plain string sort of ``<clip>_slice<k>``, so slice10 before slice2.
-    """
-    if order == "time":
-        return np.arange(len(clip), dtype=np.int64)
-    names = [slice_name(clip_ids[c], k) for c, k in zip(clip.tolist(), index.tolist(), strict=True)]
-    return np.asarray(sorted(range(len(names)), key=names.__getitem__), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

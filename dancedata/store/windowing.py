@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from dancedata.core.grid import WindowGrid
 from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
 from dancedata.store.tables import Tables
-from dancedata.store.window_list import IntArray, WindowList, window_order
+from dancedata.store.window_list import IntArray, WindowList
 
 Seconds = float | str | Fraction
 
@@ -82,11 +81,6 @@ def cut_windows(
     index = np.arange(len(clip)) - np.repeat(np.cumsum(counts) - counts, counts)
     start = begin[clip] + index * windows.stride
     clip += rows.start
-    if description.order == "name":  # shard by shard
-        edges = np.searchsorted(clip, tables.shard_begin)
-        parts = [slice(a, b) for a, b in pairwise(edges.tolist())]
-        order = np.concatenate([p.start + window_order(tables.ids, clip[p], index[p], "name") for p in parts])
-        clip, start = clip[order], start[order]
     return WindowList.equally_long(split, tables.ids, clip, start, windows.length)
 
 

@@ -141,9 +141,8 @@ def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
 def _describe(header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan) -> dict[str, Any]:
     return {
         "format": FORMAT,
-        "scope": header.scope,
         "fps": str(header.fps),
-        "windows": {"length": header.length, "stride": header.stride, "order": header.order},
+        "windows": {"length": header.length, "stride": header.stride},
         "fields": [f.to_json() for f in header.fields],
         "skeleton": header.skeleton.to_json(),
         **({"licences": [licence.to_json() for licence in tables.licences]} if tables.licences else {}),

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import WindowGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.store.schema import Field, Order, Scope, StoreHeader, slice_name
+from dancedata.store.schema import Field, StoreHeader, slice_name
 from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 
@@ -57,11 +57,7 @@ class RandomStore:
         clip = self.clip(clip_id)
         f = next(f for f in self.header.fields if f.name == field)
         rows = slice(*(self.header.grid.rows_down(frame, of=f.grid) for frame in (start, start + length)))
-        if self.header.scope == "window":
-            k = clip.starts.index(start)
-            array = clip.motion[field] if f.per_clip else clip.audio[field][k].array
-            values = np.asarray(array)[k] if f.per_clip else np.asarray(array)
-        elif f.per_clip:
+        if f.per_clip:
             values = np.asarray(clip.motion[field])[rows]
         else:
             block = clip.audio[field][0]
@@ -98,12 +94,10 @@ def write_random_store(
     out: Path,
     *,
     clips: Mapping[str, int] | None = None,
-    scope: Scope = "track",
     fields: Sequence[Field] | None = None,
     fps: Fraction = Fraction(30),
     length: int = 30,
     stride: int = 15,
-    order: Order = "time",
     n_frames: tuple[int, int] = (40, 140),
     clips_per_song: int = 2,
     shard_bytes: int = 1 << 20,
@@ -127,7 +121,7 @@ def write_random_store(
     n_frames
         Least and largest length of a clip, drawn at random. Equal ones give a known number of windows.
     clips_per_song
-        Adjacent clips of a split share a song: in track scope one timeline, with an offset per clip.
+        Adjacent clips of a split share a song: one timeline, with an offset per clip.
     seed
         Equal arguments give equal stores.
     slices
@@ -152,7 +146,7 @@ def write_random_store(
     rng = np.random.default_rng(seed)
     chosen = tuple(fields) if fields is not None else random_fields({"edge151": 151}, {"librosa35": 35})
     header = StoreHeader(
-        scope=scope, fps=fps, length=length, stride=stride, order=order, fields=chosen, skeleton=SMPL24,
+        fps=fps, length=length, stride=stride, fields=chosen, skeleton=SMPL24,
         meta=dict(meta or {"recipe": {"name": "random"}, "licence": "CC0-1.0"}),
     )  # fmt: skip
     stored: list[StoredClip] = []
@@ -189,8 +183,11 @@ def _song(
                 split=split,
                 n_frames=n,
                 starts=starts,
-                motion=_motion(rng, header, n, len(starts)),
-                audio=_audio(header, song, timelines, offsets, starts),
+                motion={f.name: _random(rng, f, (_rows(f, header, n),)) for f in header.fields if f.per_clip},
+                audio={
+                    name: (AudioBlock(f"{song}/{name}", timeline, offsets[name]),)
+                    for name, timeline in timelines.items()
+                },
                 genre=("break", "house")[number % 2],
                 music=song,
                 dancer=f"d{number:02d}",
@@ -216,36 +213,6 @@ def slices_of(header: StoreHeader, clip: StoredClip) -> Iterator[StoredClip]:
             audio={name: (block,) for name, block in audio.items()}, audio_start=header.grid.seconds(start),
             slice_of=clip.id, slice_start=start,
         )  # fmt: skip
-
-
-def _motion(rng: np.random.Generator, header: StoreHeader, n: int, n_windows: int) -> dict[str, Array]:
-    arrays: dict[str, Array] = {}
-    for f in header.fields:
-        if f.per_clip:
-            windowed = (n_windows, _rows(f, header, header.length))
-            arrays[f.name] = _random(rng, f, windowed if header.scope == "window" else (_rows(f, header, n),))
-    return arrays
-
-
-def _audio(
-    header: StoreHeader,
-    song: str,
-    timelines: Mapping[str, Array],
-    offsets: Mapping[str, int],
-    starts: Sequence[int],
-) -> dict[str, tuple[AudioBlock, ...]]:
-    blocks: dict[str, tuple[AudioBlock, ...]] = {}
-    for f in header.fields:
-        if f.kind != "audio":
-            continue
-        timeline, offset = timelines[f.name], offsets[f.name]
-        if header.scope == "track":
-            blocks[f.name] = (AudioBlock(f"{song}/{f.name}", timeline, offset),)
-            continue
-        # Windows that begin at the same frame of the same song share rows.
-        spans = [(s, _rows(f, header, s) + offset, _rows(f, header, header.length)) for s in starts]
-        blocks[f.name] = tuple(AudioBlock(f"{song}/{f.name}/{s}", timeline[a : a + n]) for s, a, n in spans)
-    return blocks
 
 
 def _rows(f: Field, header: StoreHeader, frames: int) -> int:

@@ -177,9 +177,6 @@ def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) 
     assert starts.step == 2
     assert starts[-1] + 14 <= store.clip(clip).n_frames < starts[-1] + 16
     assert all(data[k]["start"] % 2 == 0 for k in range(len(data)))
-    write_random_store(tmp_path / "windows", scope="window")
-    with raises_message(UsageError, "stored", where="windows"):
-        WindowDataset(tmp_path / "windows", augment=["crop"])
 
 
 def test_dropped_fields_are_zero_and_say_so(store_path: Path) -> None:

@@ -93,9 +93,7 @@ def test_groups_have_a_value_of_each_dancer(tmp_path: Path) -> None:
     clips = [replace(c, columns={"height": 160 + c.member}) if c.member else c for c in stored({"train": (2, 3)})]
     clips = [replace(c, audio={}, motion={"joints": c.motion["joints"]}) for c in clips]
     field = Field("joints", "motion", REPRESENTATIONS.make("joints", {}).columns, Fraction(30))
-    header = StoreHeader(
-        scope="track", fps=Fraction(30), length=20, stride=10, order="time", fields=(field,), skeleton=SMPL24, meta={}
-    )
+    header = StoreHeader(fps=Fraction(30), length=20, stride=10, fields=(field,), skeleton=SMPL24, meta={})
     write_store(tmp_path, header, clips)
     dataset = GroupDataset(tmp_path, fields=("joints", "x/height"))
     found = {sample["group"]: sample["x/height"] for sample in (dataset[k] for k in range(len(dataset)))}

@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 import torch
 from torch.utils.data import DataLoader
 
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.readers import (
     BalancedSampler,
     BatchStream,
@@ -159,9 +159,6 @@ def test_wrong_arguments_are_named(store: Store, tmp_path: Path) -> None:
     for wrong in (*crops, *items, {"split": "tain"}):
         with raises_message(UsageError, "crops|length|Windows|frames per second|ClipDataset|tain"):
             ClipDataset(store, **{"fields": PAIR, **wrong})
-    windowed = write_random_store(tmp_path / "w", scope="window", clips={"train": 2})
-    with raises_message(StoreError, "scope", where="w"):
-        ClipDataset(windowed.path, fields=PAIR)
 
 
 def test_batches_that_cannot_be_made(store: Store) -> None:

@@ -3,7 +3,6 @@
 import json
 import logging
 import mmap
-import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -25,19 +24,14 @@ from dancedata.testing.stores import random_fields, write_random_store
 
 
 @pytest.fixture(scope="session")
-def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Store]:
-    """By scope, stores of several shards with a field of 60 rows per second and one of half precision."""
+def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """A store of several shards with a field of 60 rows per second and one of half precision."""
     pose, fast, music = random_fields({"pose": 21, "fast": 30}, {"tune": 35}, fast=60)
     fields = (pose, fast, replace(music, dtype="float16"))
-    found = {}
-    for scope in ("track", "window"):
-        folder = tmp_path_factory.mktemp(scope)
-        write_random_store(
-            folder, scope=scope, fields=fields, n_frames=(110, 140), shard_bytes=1 << 15, order="name",
-            clips={"train": 5, "test": 2},
-        )  # fmt: skip
-        found[scope] = open_store(folder)
-    return found
+    folder = tmp_path_factory.mktemp("store")
+    clips = {"train": 5, "test": 2}
+    write_random_store(folder, fields=fields, n_frames=(110, 140), shard_bytes=1 << 15, clips=clips)
+    return open_store(folder)
 
 
 def copy_of(store: Store, folder: Path) -> Store:
@@ -77,9 +71,7 @@ def assert_reads_as_the_store(store: Store, windows: WindowList, **options: Any)
 
 
 @pytest.mark.parametrize("mapped", [True, False])
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_windows_equal_those_of_the_store(stores: dict[str, Store], scope: str, mapped: bool) -> None:
-    store = stores[scope]
+def test_windows_equal_those_of_the_store(store: Store, mapped: bool) -> None:
     assert len(list(store.path.glob("train*.h5"))) > 2
     windows = WindowList.joined("both", [store.windows("train"), store.windows("test")])
     assert_reads_as_the_store(store, windows, mapped=mapped)
@@ -88,10 +80,8 @@ def test_windows_equal_those_of_the_store(stores: dict[str, Store], scope: str, 
     assert store.window_rows(windows, "tune", mapped=mapped).unmapped == ("" if mapped else "mapped=False")
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (10_000, 30), (7, 30), (0, 29), (0, 0), (130, 30)])
-def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: str, start: int, length: int) -> None:
-    store = stores[scope]
+def test_a_window_that_the_store_does_not_have(store: Store, start: int, length: int) -> None:
     known = store.windows("train")
     odd = replace(known, start=known.start.copy(), length=np.full(len(known), length))
     odd.start[3] = start
@@ -104,11 +94,10 @@ def test_a_window_that_the_store_does_not_have(stores: dict[str, Store], scope: 
         else:
             found.append("read")
     assert found[0] == found[1]
-    assert (found[0] == "read") == (scope == "track" and (start, length) in ((7, 30), (0, 29)))
+    assert (found[0] == "read") == ((start, length) in ((7, 30), (0, 29)))
 
 
-def test_windows_of_several_lengths_and_no_windows(stores: dict[str, Store]) -> None:
-    store = stores["track"]
+def test_windows_of_several_lengths_and_no_windows(store: Store) -> None:
     windows = store.windows("train")
     odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
     with pytest.raises(StoreError, match="differ in length"):
@@ -117,41 +106,22 @@ def test_windows_of_several_lengths_and_no_windows(stores: dict[str, Store]) -> 
         store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
 
 
-def test_windows_of_a_shard_without_windows(tmp_path: Path, stores: dict[str, Store]) -> None:
-    """A window list of another store, for a clip that this one stores no windows of."""
-    fields = tuple(stores["window"].field(name) for name in stores["window"].fields)
-    write_random_store(
-        tmp_path, scope="window", fields=fields, n_frames=(20, 40), shard_bytes=1, clips={"train": 5, "test": 2}
-    )
-    store, windows = open_store(tmp_path), stores["window"].windows("train")
-    empty = next(iter({c.id for c in store.clips if c.split == "train"} - {w.clip for w in store.windows("train")}))
-    mine = windows.take(np.array([window.clip == empty for window in windows]))
-    assert len(mine)
-    with pytest.raises(StoreError) as error:
-        store.locate(mine[0], "pose")
-    with pytest.raises(StoreError, match=re.escape(str(error.value))):
-        store.window_rows(mine, "pose")
-
-
 @pytest.mark.parametrize("mapped", [True, False])
 @pytest.mark.parametrize("wrong", [-3, 10**6, 2**63 - 1])
-def test_a_table_that_points_outside_its_shard(stores: dict[str, Store], wrong: int, mapped: bool) -> None:
-    store = open_store(stores["window"].path)
+def test_a_table_that_points_outside_its_shard(store: Store, wrong: int, mapped: bool) -> None:
+    store = open_store(store.path)
     windows = store.windows("train")
-    tables = store.tables
-    rows = tables.window_rows["fast"].copy()
-    rows[len(windows) - 1] = wrong
-    tables.window_rows = {**tables.window_rows, "fast": rows}
+    tables, spans = store.tables, store.tables.spans["fast"]
+    first = spans.first.copy()
+    first[windows.clip[0]] = wrong
+    tables.spans = {**tables.spans, "fast": replace(spans, first=first)}
     with pytest.raises(StoreError, match=rf"outside the shard.*rows {wrong} to"):
         store.window_rows(windows, "fast", mapped=mapped)
     assert store.window_rows(windows, "pose", mapped=mapped).shape == (30, 21)
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_compressed_fields_are_read_and_named(
-    tmp_path: Path, stores: dict[str, Store], caplog: pytest.LogCaptureFixture, scope: str
-) -> None:
-    plain = copy_of(stores[scope], tmp_path)
+def test_compressed_fields_are_read_and_named(tmp_path: Path, store: Store, caplog: pytest.LogCaptureFixture) -> None:
+    plain = copy_of(store, tmp_path)
     windows = plain.windows("train")
     wanted = {field: [plain.read(window, field) for window in windows] for field in plain.fields}
     store = repacked(plain, "motion/pose", "audio/tune")
@@ -173,8 +143,8 @@ def test_compressed_fields_are_read_and_named(
     assert not store.window_rows(windows, "fast").unmapped
 
 
-def test_a_compressed_field_that_is_broken(tmp_path: Path, stores: dict[str, Store]) -> None:
-    store = repacked(copy_of(stores["track"], tmp_path), "motion/pose")
+def test_a_compressed_field_that_is_broken(tmp_path: Path, store: Store) -> None:
+    store = repacked(copy_of(store, tmp_path), "motion/pose")
     path = next(store.path.glob("train-00000*.h5"))
     with h5py.File(path, "r") as file:
         chunk = file["motion/pose"].id.get_chunk_info(0)
@@ -188,12 +158,12 @@ def test_a_compressed_field_that_is_broken(tmp_path: Path, stores: dict[str, Sto
 
 
 def test_a_file_system_that_maps_nothing(
-    stores: dict[str, Store], caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    store: Store, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: Any, **__: Any) -> None:
         raise OSError(19, "No such device")
 
-    store = open_store(stores["track"].path)
+    store = open_store(store.path)
     monkeypatch.setattr(mmap, "mmap", refuse)
     assert_reads_as_the_store(store, store.windows("train"))
     with caplog.at_level(logging.WARNING):
@@ -206,8 +176,8 @@ def test_a_file_system_that_maps_nothing(
     assert "No such device" in caplog.text
 
 
-def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str, Store]) -> None:
-    store = copy_of(stores["track"], tmp_path)
+def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, store: Store) -> None:
+    store = copy_of(store, tmp_path)
     windows = store.windows("train")
     shard = store.locate(windows[0], "tune").shard
     layout = shard.layout("tune")
@@ -218,8 +188,8 @@ def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, stores: dict[str,
         store.window_rows(windows, "tune")
 
 
-def test_mapped_rows_stay_readable_after_closing(stores: dict[str, Store]) -> None:
-    store = open_store(stores["track"].path)
+def test_mapped_rows_stay_readable_after_closing(store: Store) -> None:
+    store = open_store(store.path)
     rows = store.window_rows(store.windows("train"), "pose")
     store.close()
     rows.read_ahead([0, 1])

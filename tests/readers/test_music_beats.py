@@ -17,10 +17,9 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.audio.beats import Beats
-from dancedata.audio.librosa35 import Librosa35
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.readers import BatchLoader, ClipDataset, Scale, WindowDataset, Windows, pack_clips, pad_clips
-from dancedata.store.dataset import Store, open_store
+from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
@@ -47,16 +46,7 @@ def downbeats_of(store: Store, clip: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("fields", [FIELDS, ("edge151", "librosa35"), ("edge151",)])
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_a_tempo_that_is_not_stated_is_that_of_the_beats(
-    store: Store, tmp_path: Path, fields: tuple[str, ...], scope: str
-) -> None:
-    if scope == "window":
-        made = write_random_store(tmp_path / "w", n_frames=(300, 300), length=100, stride=50, scope="window", fields=[
-            *random_fields({"edge151": 151}, {}), Field("librosa35", "audio", Librosa35().columns, Fraction(30)),
-            Field("beats", "audio", Beats().columns, Fraction(30)),
-        ])  # fmt: skip
-        store = open_store(made.path)
+def test_a_tempo_that_is_not_stated_is_that_of_the_beats(store: Store, fields: tuple[str, ...]) -> None:
     data = WindowDataset(store, "train", fields)
     field = next((name for name in fields if "beat" in store.fields[name].names), next(
         name for name in store.fields if "beat" in store.fields[name].names))  # fmt: skip
@@ -68,9 +58,7 @@ def test_a_tempo_that_is_not_stated_is_that_of_the_beats(
         if stated is not None:
             assert sample["tempo_bpm"] == stated
             continue
-        pieces = [store.read_clip(sample["clip"], field)] if scope == "track" else [
-            store.read(w, field) for w in data.windows if w.clip == sample["clip"]]  # fmt: skip
-        gaps = np.concatenate([np.diff(np.flatnonzero(rows[:, column])) for rows in pieces])
+        gaps = np.diff(np.flatnonzero(store.read_clip(sample["clip"], field)[:, column]))
         middle = np.median(gaps)
         mean = gaps[(gaps >= 0.75 * middle) & (gaps <= 1.25 * middle)].mean()
         assert sample["tempo_bpm"] == pytest.approx(60 * 30 / mean)
@@ -216,15 +204,6 @@ def test_invalid_arguments(store: Store, store_path: Path) -> None:
         WindowDataset(store, "train", FIELDS, windows=Windows(start_at="beat"), augment=["crop"])
     with raises_message(UsageError, "start_at"):
         ClipDataset(store, "train", FIELDS, windows=Windows(start_at="beat"))
-
-
-def test_a_dataset_of_window_scope_has_other_windows(tmp_path: Path) -> None:
-    columns = Beats().columns
-    fields = (*random_fields({"edge151": 151}, {}), Field("beats", "audio", columns, Fraction(30)))
-    made = write_random_store(tmp_path / "out", scope="window", fields=fields)
-    assert WindowDataset(made.path, fields=FIELDS)[0]["beat"].shape == (30,)
-    with raises_message(StoreError, "scope", where="out"):
-        WindowDataset(made.path, fields=FIELDS, windows=Windows(start_at="beat"))
 
 
 def test_music_without_downbeats_is_an_error(tmp_path: Path) -> None:

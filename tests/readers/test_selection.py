@@ -13,7 +13,7 @@ from tests.messages import raises_message
 pytest.importorskip("torch")
 
 from dancedata.core.columns import Columns, Group, Mirror
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
 from dancedata.readers import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store import Store, open_store
@@ -310,9 +310,3 @@ def test_requirements_of_primitives(store: Store, tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "none", length=30)
     with raises_message(UsageError, "variant", where="none"):
         WindowDataset(made.path, fields=("edge151", Primitives(n=15)))
-
-
-def test_window_scope_has_no_trim(tmp_path: Path) -> None:
-    made = write_random_store(tmp_path / "window", scope="window")
-    with raises_message(StoreError, "scope", where="window"):
-        open_store(made.path).windows("train", trim=True)

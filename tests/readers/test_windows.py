@@ -110,9 +110,9 @@ def test_preset_edge(store: Store) -> None:
     assert shorter[0][MOTION].shape == (60, 151)
 
 
-def test_window_scope_and_half_precision(tmp_path: Path) -> None:
+def test_slices_and_half_precision(tmp_path: Path) -> None:
     motion, audio = random_fields({MOTION: 151}, {AUDIO: 35})
-    written = write_random_store(tmp_path, scope="window", fields=(motion, replace(audio, dtype="float16")))
+    written = write_random_store(tmp_path, slices=True, fields=(motion, replace(audio, dtype="float16")))
     dataset = WindowDataset(tmp_path, scale=None)
     for place in (0, len(dataset) - 1):
         item = dataset[place]
@@ -121,8 +121,6 @@ def test_window_scope_and_half_precision(tmp_path: Path) -> None:
             rows = written.rows(item["clip"], field, item["start"], item["length"])
             np.testing.assert_array_equal(item[field].numpy(), rows)
     assert WindowDataset(tmp_path, scale=Scale(fields=(AUDIO,)))[0][AUDIO].dtype == torch.float32
-    with raises_message(DanceDataError, "scope"):
-        WindowDataset(tmp_path, windows=Windows(length=20))
 
 
 def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:

@@ -61,7 +61,7 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
             about = {**{key: store.meta[key] for key in kept if key in store.meta}, **(meta or {})}
             length, stride = store.meta["windows"]["length"], store.meta["windows"]["stride"]
             fields = tuple(store.field(name) for name in store.fields)
-            header = StoreHeader("track", store.grid.rate, length, stride, fields, store.skeleton, meta=about)
+            header = StoreHeader(store.grid.rate, length, stride, fields, store.skeleton, meta=about)
             write_store(out, header, clips, **writer)
         return out
 

@@ -48,7 +48,7 @@ def moved(duets: Path, tmp_path: Path) -> Callable[[Callable[[int], Any]], Path]
                 )
                 for clip in store.clips
             ]  # fmt: skip
-            header = StoreHeader("track", store.grid.rate, 60, 15, columns, store.skeleton, meta={"name": "moved"})
+            header = StoreHeader(store.grid.rate, 60, 15, columns, store.skeleton, meta={"name": "moved"})
             (tmp_path / "moved").mkdir()
             write_store(tmp_path / "moved", header, clips)
         return tmp_path / "moved"

@@ -43,9 +43,3 @@ def mixed_fields() -> tuple[Field, ...]:
         Field("music", "audio", random_columns(5, mirror=False), Fraction(30)),
         Field("layer", "audio", random_columns(3, mirror=False), Fraction(30), "float16"),
     )
-
-
-@pytest.fixture(params=["track", "window"])
-def scope(request: pytest.FixtureRequest) -> str:
-    """Both scopes."""
-    return str(request.param)

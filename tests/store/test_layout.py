@@ -31,8 +31,8 @@ def hashes(folder: Path) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(folder.iterdir())}
 
 
-def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope, shard_bytes=5000)
+def test_data_is_aligned_contiguous_and_little_endian(make_store: Any) -> None:
+    made = make_store(shard_bytes=5000)
     shards = list(made.path.glob("*.h5"))
     assert len(shards) > 5
     for shard in shards:
@@ -44,15 +44,12 @@ def test_data_is_aligned_contiguous_and_little_endian(make_store: Any, scope: st
                 assert dataset.size == 0 or dataset.id.get_offset() % 64 == 0, name
 
 
-def test_names_are_the_documented_ones(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope)
+def test_names_are_the_documented_ones(make_store: Any) -> None:
+    made = make_store()
     columns = ("id", "split", "file", "genre", "music", "dancer", "tempo_bpm", "n_frames", "n_flags")
     tables = {f"clips/{n}" for n in (*columns, "lists/offset", "lists/values")} | {"windows/clip", "windows/start"}
     tables |= {f"clips/motion/{n}/{c}" for n in ("pose", "fast") for c in ("start", "length")}
-    if scope == "track":
-        tables |= {f"clips/audio/{n}/{c}" for n in ("music", "layer") for c in ("start", "length", "offset")}
-    else:
-        tables |= {f"windows/rows/{n}" for n in ("pose", "fast", "music", "layer")}
+    tables |= {f"clips/audio/{n}/{c}" for n in ("music", "layer") for c in ("start", "length", "offset")}
     with h5py.File(made.path / "train-00000-of-00001.h5", "r", locking=False) as file:
         assert set(datasets(file)) == {"motion/pose", "motion/fast", "audio/music", "audio/layer"}
         assert file["motion/pose"].dtype == "<f4"
@@ -93,8 +90,7 @@ WRITE = """
 import sys
 from pathlib import Path
 from dancedata.testing.stores import write_random_store
-for scope in ("track", "window"):
-    write_random_store(Path(sys.argv[1], scope), scope=scope, shard_bytes=200000, card="# é")
+write_random_store(Path(sys.argv[1]), shard_bytes=200000, card="# é")
 """
 
 
@@ -103,10 +99,9 @@ def test_equal_input_gives_equal_bytes_in_another_process_and_second(tmp_path: P
         subprocess.run([sys.executable, "-c", WRITE, str(tmp_path / name)], check=True)
         # HDF5 stores times in seconds: a stored time would differ now.
         time.sleep(1.1 if name == "first" else 0)
-    for scope in ("track", "window"):
-        first = hashes(tmp_path / "first" / scope)
-        assert first == hashes(tmp_path / "second" / scope)
-        assert len([n for n in first if n.endswith(".h5")]) > 3
+    first = hashes(tmp_path / "first")
+    assert first == hashes(tmp_path / "second")
+    assert len([n for n in first if n.endswith(".h5")]) > 3
 
 
 def test_order_of_the_clips_given_does_not_matter(tmp_path: Path, make_store: Any) -> None:
@@ -134,8 +129,8 @@ def test_shards_keep_to_their_size(make_store: Any) -> None:
 def test_dataset_json(make_store: Any) -> None:
     made = make_store(meta={"recipe": {"name": "x"}, "licence": "CC0"})
     info = json.loads((made.path / "dataset.json").read_text())
-    assert (info["format"], info["scope"], info["fps"]) == (3, "track", "30")
-    assert info["windows"] == {"length": 30, "stride": 15, "order": "time"}
+    assert (info["format"], info["fps"]) == (3, "30")
+    assert info["windows"] == {"length": 30, "stride": 15}
     fields = [" ".join(f[key] for key in ("name", "kind", "rate", "dtype")) for f in info["fields"]]
     assert fields[:2] == ["pose motion 30 float32", "fast motion 60 float32"]
     assert fields[2:] == ["music audio 30 float32", "layer audio 30 float16"]

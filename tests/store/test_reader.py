@@ -26,13 +26,12 @@ def checksum(store: Store, position: int) -> float:
     return float(sum(np.abs(store.read(window, f).astype(np.float64)).sum() for f in store.fields))
 
 
-def test_repr_of_a_store(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope, clips={"zz": 1, "test": 1, "train": 2, "all": 1})
+def test_repr_of_a_store(make_store: Any) -> None:
+    made = make_store(clips={"zz": 1, "test": 1, "train": 2, "all": 1})
     store = open_store(str(made.path))
     assert store.splits == ("train", "test", "all", "zz")
     assert store.fps == 30
     assert isinstance(store.fps, int)
-    assert store.scope == scope
     assert store.path == made.path
     assert list(store.fields) == ["pose", "fast", "music", "layer"]
     assert store.fields["pose"] == made.header.fields[0].columns
@@ -70,8 +69,8 @@ def test_opening_reads_no_table(make_store: Any) -> None:
 
 
 @pytest.mark.parametrize("target", ["windows", "read"])
-def test_read_returns_a_new_array(make_store: Any, scope: str, target: str) -> None:
-    made = make_store(scope=scope)
+def test_read_returns_a_new_array(make_store: Any, target: str) -> None:
+    made = make_store()
     store = open_store(made.path)
     window = store.windows("train")[0]
     first = store.read(window, "pose") if target == "read" else store.read(Window(*vars(window).values()), "pose")
@@ -98,28 +97,14 @@ def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
         store.read_into(window, "layer", np.zeros((29, 3)))
 
 
-def test_order_by_time_is_clips_by_id_and_windows_by_start(make_store: Any) -> None:
+def test_windows_are_by_clip_and_start(make_store: Any) -> None:
     made = make_store(clips={"train": 12}, shard_bytes=20_000)
     windows = open_store(made.path).windows("train")
     assert list(windows) == [Window(c.id, s, 30) for c in made.clips for s in c.starts]
 
 
-def test_order_by_name_is_a_plain_string_sort(make_store: Any) -> None:
-    made = make_store(clips={"train": 3}, order="name", n_frames=(200, 220), stride=15)
-    windows = open_store(made.path).windows("train")
-    numbers = windows.start // 15
-    names = [f"{windows.clip_ids[c]}_slice{k}" for c, k in zip(windows.clip, numbers, strict=True)]
-    assert names == sorted(names)
-    assert names.index("train_c00_slice10") < names.index("train_c00_slice2")
-    for window in windows:
-        np.testing.assert_array_equal(
-            open_store(made.path).read(window, "pose"), made.rows(window.clip, "pose", window.start, 30)
-        )
-
-
-@pytest.mark.parametrize("order", ["time", "name"])
-def test_windows_of_a_clip(make_store: Any, scope: str, order: str) -> None:
-    store = open_store(make_store(scope=scope, order=order, n_frames=(200, 200)).path)
+def test_windows_of_a_clip(make_store: Any) -> None:
+    store = open_store(make_store(n_frames=(200, 200)).path)
     for split in store.splits:
         for clip in {window.clip for window in store.windows(split)}:
             of_clip = [window for window in store.windows(split) if window.clip == clip]
@@ -205,21 +190,6 @@ def test_fractional_rows_are_refused(make_store: Any) -> None:
     assert store.read(window, "pose").shape == (32, 7)
     with raises_message(UsageError, "slow", where="clip train_c00"):
         store.read(window, "slow")
-
-
-def test_window_scope_has_its_windows_only(make_store: Any) -> None:
-    store = open_store(make_store(scope="window").path)
-    window = store.windows("train", length_s=1, stride=15)[0]
-    for attempt in (
-        lambda: store.windows("train", length_s=2),
-        lambda: store.windows("train", stride_s=1),
-        lambda: store.clip(window.clip).read("pose"),
-        lambda: store.read(Window(window.clip, 1, 30), "pose"),
-        lambda: store.read(Window(window.clip, 0, 15), "pose"),
-        lambda: store.read(Window(window.clip, 10**6, 30), "music"),
-    ):
-        with raises_message(StoreError, "scope"):
-            attempt()
 
 
 def test_wrong_names_get_the_closest_one(make_store: Any) -> None:

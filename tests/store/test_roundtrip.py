@@ -36,8 +36,7 @@ def read_everything(made: RandomStore) -> int:
 
 @settings(max_examples=12, deadline=None)
 @given(
-    scope=st.sampled_from(["track", "window"]),
-    order=st.sampled_from(["time", "name"]),
+    slices=st.booleans(),
     fps=st.sampled_from([Fraction(30), Fraction(30000, 1001)]),
     length=st.sampled_from([4, 8, 20]),
     stride=st.sampled_from([4, 8]),
@@ -128,10 +127,10 @@ def test_shared_timeline_is_stored_once_a_shard(make_store: Any) -> None:
     assert all(s.layout("music").n_rows == timeline.shape[0] for s in shards)
 
 
-def test_window_scope_shares_equal_blocks(make_store: Any) -> None:
-    made = make_store(scope="window", clips={"train": 3}, clips_per_song=3, n_frames=(90, 90))
+def test_slices_share_equal_blocks(make_store: Any) -> None:
+    made = make_store(slices=True, clips={"train": 3}, clips_per_song=3, n_frames=(90, 90))
     [shard] = open_store(made.path).shards("train")
-    n_windows = len(made.clips[0].starts)
+    n_windows = len(made.clips) // 3
     assert shard.layout("music").n_rows == n_windows * 30
     assert shard.layout("pose").n_rows == 3 * n_windows * 30
     assert shard.layout("fast").n_rows == 3 * n_windows * 60
@@ -155,15 +154,14 @@ def test_song_of_two_splits_is_in_each(out: Path, make_store: Any) -> None:
         np.testing.assert_array_equal(store.read(store.windows(split)[0], "music"), timeline[4:34])
 
 
-def test_clips_without_windows_are_kept(make_store: Any, scope: str) -> None:
-    made = make_store(scope=scope, clips={"train": 4}, n_frames=(10, 60), length=30)
+def test_clips_without_windows_are_kept(make_store: Any) -> None:
+    made = make_store(clips={"train": 4}, n_frames=(10, 60), length=30)
     short = [c.id for c in made.clips if not c.starts]
     assert short, "the seed should give a short clip"
     store = open_store(made.path)
     assert {w.clip for w in store.windows("train")}.isdisjoint(short)
     assert store.clip(short[0]).n_frames == made.clip(short[0]).n_frames
-    if scope == "track":
-        assert len(store.clip(short[0]).read("pose")) == made.clip(short[0]).n_frames
+    assert len(store.clip(short[0]).read("pose")) == made.clip(short[0]).n_frames
     assert verify_store(made.path) == []
 
 

@@ -17,8 +17,6 @@ def covered(made: RandomStore, field: str) -> np.ndarray:
     f = next(f for f in made.header.fields if f.name == field)
     ratio = f.rate / made.header.fps
     train = [c for c in made.clips if c.split == "train"]
-    if made.header.scope == "window":
-        return np.concatenate([made.rows(c.id, field, s, 30) for c in train for s in c.starts]).astype(np.float64)
     timelines: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for c in train:
         key, array, offset = c.id, c.motion.get(field), 0
@@ -32,8 +30,8 @@ def covered(made: RandomStore, field: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("stride", [15, 45])
-def test_stats_are_those_of_the_covered_rows(make_store: Any, scope: str, stride: int) -> None:
-    made = make_store(scope=scope, stride=stride, shard_bytes=9000, clips_per_song=3)
+def test_stats_are_those_of_the_covered_rows(make_store: Any, stride: int) -> None:
+    made = make_store(stride=stride, shard_bytes=9000, clips_per_song=3)
     store = open_store(made.path)
     stats = store.stats
     assert stats["windows"] == sum(len(c.starts) for c in made.clips if c.split == "train")
@@ -51,8 +49,8 @@ def test_stats_are_those_of_the_covered_rows(make_store: Any, scope: str, stride
         np.testing.assert_array_equal(found["scaler"]["data_max"], rows.max(axis=0))
 
 
-def test_stats_do_not_depend_on_shards(make_store: Any, scope: str) -> None:
-    texts = {(make_store(scope=scope, shard_bytes=size).path / "stats.json").read_text() for size in (1, 9000, 10**9)}
+def test_stats_do_not_depend_on_shards(make_store: Any) -> None:
+    texts = {(make_store(shard_bytes=size).path / "stats.json").read_text() for size in (1, 9000, 10**9)}
     assert len(texts) == 1
 
 

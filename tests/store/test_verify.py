@@ -59,9 +59,9 @@ def only_error(folder: Path) -> str:
     return str(problem)
 
 
-def test_sound_dataset_has_no_problems(make_store: Any, scope: str) -> None:
-    assert verify_store(make_store(scope=scope, shard_bytes=9000).path) == []
-    assert verify_store(make_store(scope=scope, clips={"test": 1}).path) == []
+def test_sound_dataset_has_no_problems(make_store: Any) -> None:
+    assert verify_store(make_store(shard_bytes=9000).path) == []
+    assert verify_store(make_store(clips={"test": 1}).path) == []
 
 
 def test_flipped_bit_anywhere(make_store: Any) -> None:
@@ -123,7 +123,6 @@ JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("format", lambda d: d.update(format=7), "another format version"),
     ("no fields", lambda d: d.pop("fields"), "KeyError: 'fields'"),
     ("fps", lambda d: d.update(fps="0"), "dataset.json is incomplete"),
-    ("scope", lambda d: d.update(scope="song"), "'song' is not one of"),
     ("length", lambda d: d["windows"].update(length="30"), "not a whole number"),
     ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "not the name of a shard"),
     ("clips of split", lambda d: d["splits"]["train"].update(clips=5), "splits: train has 6 clips, not 5"),
@@ -138,7 +137,7 @@ JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
     ("split of shard", lambda d: d["shards"][1].update(split="dev"), "/clips/split: not that of the clip"),
     ("first byte", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64), "in dataset.json 64"),
     ("rows", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9), "not 9 rows"),
-    ("rate", lambda d: d["fields"][0].update(rate="60"), "/windows/rows/pose"),
+    ("rate", lambda d: d["fields"][0].update(rate="60"), "/windows: rows of pose"),
     ("dtype", lambda d: d["fields"][0].update(dtype="float16"), "is of type float32, not"),
 ]
 
@@ -180,7 +179,7 @@ TABLE_CASES: list[tuple[str, int, Any, str]] = [
     ("clips/motion/pose/start", 1, 0, "do not follow one another"),
     ("clips/motion/fast/length", 0, 10**7, "spans outside"),
     ("clips/audio/music/length", 0, 10**7, "spans outside"),
-    ("clips/audio/layer/offset", 0, -2, "/windows/rows/layer"),
+    ("clips/audio/layer/offset", 0, -2, "/windows: rows of layer"),
 ]
 
 
@@ -196,41 +195,21 @@ def errors_after(folder: Path, dataset: str, index: Any, value: Any) -> str:
     return " ".join(str(p) for p in verify_store(folder) if p.severity == "error")
 
 
-SCOPES = ("track", "window")
-#: Of one clip of 90 frames with windows of 30 frames at 0, 20, 40 and 60: scope, column, row, value and its error.
-WINDOW_CASES: list[tuple[str, str, int, int, str]] = [
-    *((scope, "windows/start", 3, 60, "") for scope in SCOPES),
-    *((scope, "windows/start", 3, 61, "/windows: outside their clip") for scope in SCOPES),
-    ("track", "windows/start", 3, 61, "/windows/rows/pose: wrong or outside the field"),
-    *((scope, "windows/start", 1, 0, "a clip has two windows that begin at one frame") for scope in SCOPES),
-    ("window", "windows/rows/pose", 1, 31, "/windows/rows/pose"),
-    ("window", "windows/rows/pose", 1, 29, "/windows/rows/pose"),
-    (
-        "window", "clips/motion/pose/length", 0, 30 * 4 - 1,
-        "/windows/rows/pose: wrong or outside the field, in windows",
-    ),
-    ("window", "windows/rows/pose", 1, -1, "/windows/rows/pose"),
-    ("window", "windows/rows/pose", 1, 10**7, "/windows/rows/pose"),
-    ("window", "windows/rows/music", 1, -1, "/windows/rows/music"),
-    ("window", "windows/rows/music", 1, 10**7, "/windows/rows/music"),
-    *((scope, "clips/motion/pose/length", 0, 89, "do not fill the") for scope in SCOPES),
+#: Of one clip of 90 frames with windows of 30 frames at 0, 20, 40 and 60: column, row, value and its error.
+WINDOW_CASES: list[tuple[str, int, int, str]] = [
+    ("windows/start", 3, 60, ""),
+    ("windows/start", 3, 61, "/windows: outside their clip"),
+    ("windows/start", 3, 61, "/windows: rows of pose are outside the field"),
+    ("windows/start", 1, 0, "/windows: not by clip and start"),
+    ("clips/motion/pose/length", 0, 89, "do not fill the"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("scope", "dataset", "index", "value", "message"), WINDOW_CASES)
-def test_windows_lie_in_their_clip(
-    make_store: Any, scope: str, dataset: str, index: int, value: int, message: str
-) -> None:
-    made = make_store(scope=scope, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
+@pytest.mark.parametrize(("dataset", "index", "value", "message"), WINDOW_CASES)
+def test_windows_lie_in_their_clip(make_store: Any, dataset: str, index: int, value: int, message: str) -> None:
+    made = make_store(clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
     found = errors_after(made.path, dataset, index, value)
     assert message in found if message else found == ""
-
-
-def test_the_last_row_of_a_field_is_the_last_of_a_window(make_store: Any) -> None:
-    made = make_store(scope="window", clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
-    rows = json.loads((made.path / "dataset.json").read_text())["shards"][0]["fields"]["music"][1]
-    assert errors_after(made.path, "windows/rows/music", 3, rows - 30) == ""
-    assert "/windows/rows/music" in errors_after(made.path, "windows/rows/music", 3, rows - 29)
 
 
 CODES = Field(
@@ -276,7 +255,7 @@ def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
     fields = random_fields({"pose": 3}, {"slow": 2}, slow=15)
     made = make_store(fields=fields, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
     assert errors_after(made.path, "windows/start", 1, 22) == ""
-    assert "/windows/rows/slow: wrong or outside the field, in windows 1" in errors_after(
+    assert "/windows: rows of slow are outside the field, in windows 1" in errors_after(
         made.path, "windows/start", 1, 23
     )
 

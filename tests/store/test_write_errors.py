@@ -85,8 +85,6 @@ def test_nothing_to_store(make_store: Any, out: Path) -> None:
 
 
 HEADER_CASES: list[tuple[str, dict[str, Any], str]] = [
-    ("scope", {"scope": "song"}, "unknown scope"),
-    ("order", {"order": "random"}, "unknown order"),
     ("length", {"length": 0}, "window length"),
     ("stride", {"stride": 0}, "window stride"),
     ("meta", {"meta": {"format": 3}}, "keys that the format uses"),

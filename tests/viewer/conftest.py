@@ -134,7 +134,5 @@ def lacking(crowd: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
             for clip in store.clips
             if clip.group == "plainid0123_04_829_1009" and clip.member not in (1, 4)
         ]
-        write_store(
-            out, StoreHeader("track", store.grid.rate, 60, 15, (store.field("edge151"),), store.skeleton), clips
-        )
+        write_store(out, StoreHeader(store.grid.rate, 60, 15, (store.field("edge151"),), store.skeleton), clips)
     return out
