@@ -3,15 +3,11 @@
 import librosa
 import numpy as np
 import pytest
-from librosa.core import constantq
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import one_blas_thread
 from dancedata.audio.librosa35.beats import window_beats, window_tempos
-from dancedata.audio.librosa35.chroma import cens
-from dancedata.audio.librosa35.fast import librosa_envelope, librosa_tuning
-from dancedata.audio.librosa35.filters import filter_bank, has_one_bank
-from dancedata.audio.librosa35.resample import halved
+from dancedata.audio.librosa35.fast import librosa_envelope
 from dancedata.audio.librosa35.spectra import mel_filters, onset_margins, onset_peaks
 from dancedata.audio.librosa35.windows import resampled_windows, shortest
 from dancedata.audio.signal import resample
@@ -23,14 +19,6 @@ RNG = np.random.default_rng(11)
 @pytest.mark.parametrize("rate", [8704, 15360, 22050, 30720])
 def test_mel_filters(rate: int) -> None:
     assert np.array_equal(mel_filters(rate), librosa.filters.mel(sr=rate, n_fft=2048).T)
-
-
-@pytest.mark.parametrize("rate", [48000, 44100, 8000, 15360])
-def test_resampling_is_librosas(rate: int) -> None:
-    samples = RNG.uniform(-1, 1, 12347).astype(np.float32)
-    expected = librosa.resample(samples, orig_sr=rate, target_sr=RATE)
-    assert np.array_equal(resample(samples, rate, RATE), expected)
-    assert np.array_equal(halved(samples), librosa.resample(samples, orig_sr=2, target_sr=1, scale=True))
 
 
 @pytest.mark.parametrize("rate", [48000, 44100, 24000, 22050, 16000, 96000, 8000, 30720])
@@ -50,41 +38,6 @@ def test_ends_of_windows(rate: int) -> None:
         middle = windows.track[windows.starts[k] : windows.starts[k] + windows.length]
         inner = slice(windows.end, -windows.end)
         np.testing.assert_allclose(middle[inner], alone[inner], rtol=0, atol=3e-6)
-
-
-def _librosa_banks(tuning: int, rate: int) -> list[NDArray[np.complex128]]:
-    """All seven octaves' filters as responses to samples, top octave first, in librosa's scale."""
-    lowest = librosa.note_to_hz("C1") * 2.0 ** (np.linspace(-0.5, 0.5, 101)[tuning] / 36)
-    hz = librosa.interval_frequencies(n_bins=252, fmin=lowest, intervals="equal", bins_per_octave=36, sort=True)
-    alpha = librosa.filters._relative_bandwidth(freqs=hz)
-    lengths, _ = librosa.filters.wavelet_lengths(freqs=hz, sr=rate, window="hann", gamma=0, alpha=alpha)
-    banks = []
-    for octave in range(7):
-        bins, sr = slice(216 - 36 * octave, 252 - 36 * octave), rate / 2**octave
-        # The name is private to librosa's module, not to its classes: no mangling here.
-        filters = getattr(constantq, "__vqt_filter_fft")  # noqa: B009
-        spectra, n_fft, _ = filters(sr, hz[bins], 1, 1, 0.01, window="hann", gamma=0, alpha=alpha[bins])
-        scaled = spectra.toarray().astype(np.complex128) * np.sqrt(rate / sr) / np.sqrt(lengths[bins])[:, None]
-        banks.append(np.fft.fft(scaled, n=n_fft, axis=1))
-    return banks
-
-
-@pytest.mark.parametrize(("tuning", "rate"), [(0, RATE), (50, RATE), (99, RATE), (37, 30720), (64, 8704)])
-def test_one_bank_is_all_seven(tuning: int, rate: int) -> None:
-    assert has_one_bank(rate)
-    bank = filter_bank(tuning, rate)
-    half = len(bank.even)
-    frames = RNG.standard_normal((20, 2 * half)).astype(np.float32)
-    after, before = np.roll(frames, -half - 1, axis=1)[:, :half], frames[:, half:0:-1]
-    found = np.hypot((after + before) @ bank.even, (after - before) @ bank.odd)
-    for responses in _librosa_banks(tuning, rate):
-        expected = np.abs(frames @ responses.T)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * expected.max())
-
-
-def test_rates_whose_banks_differ() -> None:
-    assert not has_one_bank(61440)  # librosa lowers the rate first
-    assert not has_one_bank(8192)  # librosa refuses
 
 
 def _envelopes(n_frames: int, count: int, seed: int) -> NDArray[np.float32]:
@@ -119,24 +72,6 @@ def test_tempo_beats_and_peaks(rate: int, n_frames: int, seed: int) -> None:
         assert np.array_equal(np.flatnonzero(beats[k]), frames), k
         expected = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate)
         assert np.array_equal(np.flatnonzero(peaks[k]), expected), k
-
-
-def test_cens() -> None:
-    chroma = RNG.exponential(1.0, (3, 151, 12)).astype(np.float32)
-    chroma[1, 20:90] = 0
-    for found, raw in zip(cens(chroma), chroma, strict=True):
-        # Given as a constant-Q spectrum of one octave of twelve bins, chroma pass through unchanged.
-        expected = librosa.feature.chroma_cens(C=raw.T, bins_per_octave=12, n_chroma=12).T
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-7)
-
-
-@pytest.mark.parametrize("hz", [440.0, 447.0, 1003.0])
-def test_tuning(hz: float) -> None:
-    time_s = np.arange(3 * RATE) / RATE
-    samples = sum(np.sin(2 * np.pi * hz * k * time_s) / k for k in (1, 2, 3)) + 0.01 * RNG.standard_normal(3 * RATE)
-    samples = samples.astype(np.float32)
-    expected = librosa.estimate_tuning(y=samples, sr=RATE, bins_per_octave=36)
-    assert np.linspace(-0.5, 0.5, 101)[librosa_tuning(samples, RATE)] == expected
 
 
 @pytest.mark.parametrize("rate", [12288, RATE, 30720])

@@ -181,13 +181,3 @@ def test_the_fallback_of_the_fast_version_is_logged_once(caplog, fps, seconds, l
         for feature in (FEATURE, FEATURE, PLAIN):
             feature.extract(_signal(samples), FrameGrid.of(fps), start_bpm=120.0)
     assert [reason in message for message in caplog.messages] == ([True] if reason else [])
-
-
-def test_windows_that_the_fast_version_cannot_do_are_logged(caplog: pytest.LogCaptureFixture) -> None:
-    _log_once.cache_clear()
-    signal = _signal(np.random.default_rng(5).uniform(-0.3, 0.3, 15360))
-    with caplog.at_level("WARNING"):
-        FEATURE.extract_windows(signal, np.array([0, 512]), 15 * 512, GRID, 16, start_bpm=120.0)
-    assert caplog.messages == [
-        "librosa35: method fast computes as method librosa does, slowly: it needs more than 16 rows"
-    ]

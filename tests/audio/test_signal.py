@@ -172,12 +172,6 @@ def test_pcm16_equals_libsndfiles_output() -> None:
     assert np.array_equal(quantised, soundfile.read(buffer, dtype="float32")[0])
 
 
-def test_pcm16_rounds_down() -> None:
-    samples = np.array([0.9, -0.9, 2.0, -2.0], dtype=np.float32) / np.float32(32768)
-    assert np.array_equal(pcm16(samples) * 32768, [0, -1, 2, -2])
-    assert np.array_equal(pcm16(pcm16(samples)), pcm16(samples))
-
-
 @pytest.mark.parametrize("to_rate", [15360, 22050, 48000])
 @pytest.mark.parametrize("from_rate", [8000, 44100, 48000, 96000])
 def test_resampled_length(from_rate, to_rate):

@@ -16,7 +16,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.formats.body_mesh import BodyMesh, obj_text, vertex_normals
+from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.testing.examples import random_motion
 from tests.blender import in_blender
@@ -126,14 +126,6 @@ def test_a_model_is_one_file(tmp_path: Path) -> None:
             BodyMesh.read(path)
     with raises_message(UsageError, "body_model", where="m.npz"):
         BodyMesh.read(body_model(tmp_path / "m.npz", SMPL24), np.ones(11))
-
-
-def test_normals_point_outside() -> None:
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [5, 5, 5]], dtype=np.float32)
-    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], dtype=np.int32)
-    normals = vertex_normals(corners, faces)
-    np.testing.assert_allclose(normals[0], -np.ones(3) / np.sqrt(3), atol=1e-6)
-    assert normals[4].tolist() == [0, 1, 0]
 
 
 class Read:

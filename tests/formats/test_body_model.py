@@ -84,40 +84,6 @@ def test_parts_and_betas(tmp_path: Path) -> None:
     assert tall.name != body_model_skeleton(path).name == body_model_skeleton(path, betas=np.zeros(300)).name
 
 
-def test_the_library_gives_the_same_joints(tmp_path: Path) -> None:
-    """smplx itself, on a model with everything that it requires."""
-    pytest.importorskip("smplx")
-    torch = pytest.importorskip("torch")
-    from smplx.body_models import SMPLX
-
-    # It picks vertices by their number in the real model, so there have to be as many.
-    n = 10_475
-    few = model(tmp_path / "few.npz", SMPLX55)
-    content = dict(np.load(few))
-    for name, axis in (("v_template", 0), ("shapedirs", 0), ("J_regressor", 1)):
-        array = content[name]
-        room = [(0, n - array.shape[k] if k == axis else 0) for k in range(array.ndim)]
-        content[name] = np.pad(array, room)
-    content |= {f"hands_components{side}": np.eye(45) for side in "lr"}
-    content |= {f"hands_mean{side}": np.zeros(45) for side in "lr"}
-    content |= {
-        "posedirs": np.zeros((n, 3, 54 * 9), np.int8),
-        "weights": np.eye(55)[np.arange(n) % 55],
-        "f": np.array([[0, 1, 2]]),
-        "lmk_faces_idx": np.zeros(51, np.int64),
-        "lmk_bary_coords": np.full((51, 3), 1 / 3),
-        "dynamic_lmk_faces_idx": np.zeros((79, 17), np.int64),
-        "dynamic_lmk_bary_coords": np.full((79, 17, 3), 1 / 3),
-    }
-    path = tmp_path / "SMPLX_NEUTRAL.npz"
-    np.savez(path, **content)
-    betas = np.linspace(-1, 1, 10)
-    peer = SMPLX(str(path), num_betas=10, use_pca=False, flat_hand_mean=True, ext="npz", dtype=torch.float64)
-    found = peer(betas=torch.tensor(betas[None], dtype=torch.float64)).joints[0, :55].detach().numpy()
-    ours = rest(body_model_skeleton(path, betas=betas))
-    assert np.abs(ours - found).max() < 1e-5
-
-
 @pytest.mark.parametrize(
     ("file", "skeleton", "width"),
     [

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder.facts import exact_rate, rate_of_period, rate_of_text
 from dancedata.formats.bvh import parse as _bvh
-from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh, read_bvh_header
 from tests.messages import raises_message
 
@@ -58,19 +57,6 @@ def test_facts_stated_by_a_file(write) -> None:
     assert np.array_equal(bvh.values, [[1, 2, 3, 0, 0, 0, 0], [4, 5, 6, 0, 90, 0, 90]])
     header = read_bvh_header(write(TEXT.partition("1 2 3")[0]))
     assert (header.names, header.n_frames, header.values.shape) == (bvh.names, 2, (0, 7))
-
-
-def test_rotations_turn_about_the_axes_of_the_joint_in_the_order_of_the_channels(write) -> None:
-    bvh = read_bvh(write(TEXT))
-    turns, places = world(bvh, [0, 1], slice(None))
-    # The root's position channels stand in place of its OFFSET.
-    assert np.allclose(places[0], [[1, 2, 3], [1, 12, 3]])
-    # 90 degrees about y, then 90 about the new x: y goes to the new z, which is x.
-    assert np.allclose(turns[1, 1] @ [0, 1, 0], [1, 0, 0])
-    assert np.allclose(places[1, 1], [4, 15, 6])
-    both = read_bvh(write(TEXT.replace("4 5 6 0 90 0 90", "4 5 6 90 90 0 0")))
-    # Z first, then the new Y, which leaves the bone along it where Z has laid it: along -x.
-    assert np.allclose(world(both, [1], slice(1, 2))[1][0, 0], [4 - 10, 5, 6])
 
 
 @pytest.mark.parametrize(
