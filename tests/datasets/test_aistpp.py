@@ -205,15 +205,6 @@ def test_real_folder(shared: Path) -> None:
     assert len(AistPP().scan(shared / "realdata" / "aistpp").clips) == 0
 
 
-def test_reference_corpus(peers: Any) -> None:
-    scan = AistPP().scan(peers / "inputs" / "edge_aistpp")
-    assert scan.layout == "edge"
-    assert Counter(clip.split for clip in scan.clips) == {"train": 4, "test": 2}
-    assert {clip.music: clip.tempo_bpm for clip in scan.clips} == {"mHO1": 115, "mHO3": 125, "mJS3": 110}
-    assert scan.rejects == ()
-    assert "splits/ignore_list.txt; 0 names" in notes(scan)
-
-
 def test_example(tmp_path: Path) -> None:
     reader = AistPP()
     reader.make_example(tmp_path / "example")

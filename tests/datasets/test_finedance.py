@@ -1,6 +1,5 @@
 """The dataset reader finedance: layout, lists, genres, what is left out and why."""
 
-import json
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -117,12 +116,6 @@ def test_keep_by_name(finedance: Any, keep: Any, there: dict[str, str]) -> None:
     assert lists["120"] == ("cross_genre.test", "ignored"), "a reader can still leave it out"
 
 
-def test_some_of_several_in_two_lists_are_kept(finedance: Any) -> None:
-    scan = FineDance(split="cross_dancer", keep=("117", "130")).scan(finedance.root)
-    assert "117 kept, as requested; for the others the ignore list takes precedence" in notes(scan)
-    assert rejects(scan, "missing_motion").count("117") == 1
-
-
 def test_ids_that_finedance_does_not_have(finedance: Any) -> None:
     for clip in ("000", "212"):
         finedance.sequence(clip)
@@ -209,12 +202,6 @@ def test_bad_label(fine: Any, content: Any, reason: str, words: str) -> None:
     assert "1 clip kept without a genre, as requested: 001" in notes(kept)
 
 
-def test_label_with_a_byte_order_mark(fine: Any) -> None:
-    fine.motion("001")
-    fine.label("001", b"\xef\xbb\xbf" + json.dumps({"style2": "Dai"}).encode())
-    assert FineDance().scan(fine.root).clips[0].genre == "Tai"
-
-
 def test_extra_files_by_name(finedance: Any) -> None:
     odd = [
         "motion/1.npy", "motion/0001.npy", "motion/M001.npy", "motion/٠٠١.npy", "motion/001.txt", "motion/001.NPY",
@@ -263,20 +250,6 @@ def test_an_empty_motion_folder(tmp_path: Path) -> None:
     (tmp_path / "motion").mkdir()
     with raises_message(SourceError, "check", where="motion"):
         FineDance().scan(tmp_path)
-
-
-def test_reference_corpus(peers: Any) -> None:
-    reader = FineDance()
-    scan = reader.scan(peers / "inputs" / "finedance")
-    assert splits(scan) == {"001": "train", "004": "train", "063": "test"}
-    assert [clip.genre for clip in scan.clips] == ["Popping", "Urban", "Hiphop"]
-    assert {r.reason for r in scan.rejects} == {"missing_motion"}
-    assert "Lengths" not in notes(scan)
-    assert [reader.load(clip).trim_start for clip in scan.clips] == [0, 240, 0]
-    lodge = peers.load("lodge_mofea319.npz")
-    for clip in scan.clips:
-        motion = reader.load(clip)
-        assert motion.n_frames - motion.trim_start == lodge.shape(clip.id)[0]
 
 
 def test_example(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import io
 import pickle
-import shutil
 import sys
 from fractions import Fraction
 from pathlib import Path
@@ -150,14 +149,6 @@ def test_broken_files(fine: Any, data: bytes) -> None:
     assert "001.npy" in str(error.value)
 
 
-def test_archive_in_place_of_an_array(fine: Any) -> None:
-    path = fine.write("motion/001.npy", b"")
-    with path.open("wb") as file:
-        np.savez(file, motion=fine.columns())
-    with raises_message(DataError, r"no \.npy header", reason="broken_file"):
-        load(path)
-
-
 def test_file_that_went_away(fine: Any) -> None:
     for path in (fine.root / "motion" / "gone.npy", fine.root):
         with raises_message(DataError, "numpy", reason="broken_file"):
@@ -171,23 +162,3 @@ def test_hostile_pickle_is_not_executed(fine: Any, unpickled_marker: Any, bare: 
     with raises_message(DataError, "", reason="broken_file" if bare else "unsafe_pickle"):
         load(path)
     assert not marker.exists()
-
-
-def test_reference_motions_are_reproduced(peers: Any) -> None:
-    reader = FineDance()
-    for clip in reader.scan(peers / "inputs" / "finedance").clips:
-        raw = np.load(clip.motion_path)
-        assert np.abs(columns_of(reader.load(clip)) - raw).max() < 1e-6
-
-
-def test_real_clip_in_this_layout(shared: Path, fine: Any) -> None:
-    fine.sequence("150")
-    (real,) = (shared / "realdata" / "finedance").glob("derived_315_*.npy")
-    shutil.copyfile(real, fine.root / "motion" / "150.npy")
-    reader = FineDance()
-    (clip,) = reader.scan(fine.root).clips
-    motion = reader.load(clip)
-    assert motion.n_frames == 960
-    assert np.abs(columns_of(motion) - np.load(real)).max() < 1e-6
-    heights = motion.joints()[..., 1]
-    assert 1.2 < np.median(heights.max(axis=1) - heights.min(axis=1)) < 2.2

@@ -15,26 +15,6 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
 
-def test_the_example_describes_itself(tmp_path: Path) -> None:
-    Folder().make_example(tmp_path / "x")
-    scan = Folder().scan(tmp_path / "x")
-    assert scan.layout == "manifest (csv)"
-    notes = "\n".join(scan.notes)
-    for words in (
-        "layout amass on smplh's 52 joints: 60 FPS (mocap_framerate); +Z up (AMASS's definition), rotated to +Y; m",
-        "BVH: 60 FPS (Frame Time: 0.016667); +Y up (BVH's convention, as nothing is declared); cm (declared",
-        "pelvis = Hips, left_hip = LeftUpLeg",
-        "layout smpl: 60 FPS (declared in the manifest)",
-    ):
-        assert words in notes
-    heights = {}
-    for clip in scan.clips:
-        assert any(note in f"{text}." or text in note for text in clip.notes for note in scan.notes)
-        joints = Folder().load(clip).joints()
-        heights[clip.id] = np.median(np.ptp(joints[..., 1], axis=1))
-    assert all(1.2 < height < 2.2 for height in heights.values())
-
-
 def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path, cache: Path) -> None:
     """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
     readers = pytest.importorskip("dancedata.readers.windows", exc_type=ImportError)

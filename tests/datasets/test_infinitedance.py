@@ -267,16 +267,6 @@ def test_bad_columns(source: Path) -> None:
             load_columns(path)
 
 
-def test_columns_are_the_dance_of_the_fit(source: Path) -> None:
-    """The published columns have no last frame; their dancer is on one body, at the origin and facing +Z."""
-    fit, columns = (load(source / folder) for load, folder in (
-        (load_fit, f"{FITS_FOLDER}/{OWN}.pkl"), (load_columns, f"{COLUMNS_FOLDER}/{OWN}.npy"),
-    ))  # fmt: skip
-    assert columns.n_frames == fit.n_frames - 1
-    heights = [m.joints()[: -1 if m is fit else None, :, 1] for m in (fit, columns)]
-    assert np.corrcoef(*(h.reshape(-1) for h in heights))[0, 1] > 0.99
-
-
 def test_columns_against_infinitedances_code(shared: Path) -> None:
     """Its joints of the columns that its own script wrote, and the joints that these were made from."""
     crowd = shared / "golden" / "crowd"

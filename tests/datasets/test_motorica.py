@@ -195,14 +195,6 @@ def test_a_dataset_in_ldas_columns(tmp_path: Path) -> None:
         )
 
 
-def test_other_folders(tmp_path: Path) -> None:
-    with raises_message(SourceError, r"NAME\.bvh", where="nothing"):
-        Motorica().scan(tmp_path / "nothing")
-    (tmp_path / "motorica_dance").mkdir()
-    with raises_message(SourceError, "Dance"):
-        Motorica().scan(tmp_path)
-
-
 def test_motion(example: Path) -> None:
     reader, kept = Motorica(), Motorica(fingers="keep")
     clip = reader.scan(example).clips[0]

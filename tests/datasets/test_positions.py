@@ -1,6 +1,5 @@
 """Joint positions where rotations belong: refused with words, and nothing that is a rotation is refused."""
 
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -98,15 +97,6 @@ def test_a_measured_root_in_disguise(dance: Motion) -> None:
 
 def test_degrees(read: Any, dance: Motion) -> None:
     refused(lambda: read(poses=np.degrees(dance.rotations), trans=dance.translation), "not_rotations")
-
-
-def test_aist_pickles(tmp_path: Path, dance: Motion) -> None:
-    content = {"smpl_trans": dance.joints()[:, 0] * 94, "smpl_scaling": np.array([94.0])}
-    path = tmp_path / "gBR_sBM_cAll_d04_mBR0_ch01.pkl"
-    path.write_bytes(pickle.dumps({**content, "smpl_poses": dance.joints().reshape(-1, 72)}))
-    refused(lambda: _aistpp_load.load_motion(path, 60), "not_rotations")
-    path.write_bytes(pickle.dumps({**content, "smpl_poses": dance.rotations.reshape(-1, 72)}))
-    np.testing.assert_allclose(_aistpp_load.load_motion(path, 60).rotations, dance.rotations)
 
 
 @settings(max_examples=60)

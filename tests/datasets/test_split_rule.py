@@ -1,7 +1,6 @@
 """Splits by a rule: a function of the group's name and the seed alone."""
 
 import hashlib
-import json
 import random
 import shutil
 import unicodedata
@@ -15,9 +14,7 @@ import pytest
 import soundfile
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from dancedata.cli.app import app
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, SourceError, UsageError
 from dancedata.datasets._split_rule import SplitRule, same_songs
@@ -224,23 +221,6 @@ def write_manifest(source: Path, lines: list[str]) -> None:
         (source / f"music/s{k}.wav").write_bytes(song[: -2 * k - 2] + (k + 1).to_bytes(2, "little") * (k + 1))
     rows = [f"take{k},motions/own.bvh,music/s{k // 2}.wav,song{k // 2},{line}" for k, line in enumerate(lines)]
     (source / "manifest.csv").write_text("\n".join(["id,motion,audio,music,split", *rows]))
-
-
-def test_plan_shows_the_resulting_split(source: Path, tmp_path: Path) -> None:
-    write_manifest(source, [""] * 12)
-    rule = {"val": 0.2, "test": 0.2, "by": "music", "seed": 1}
-    (tmp_path / "r.json").write_text(json.dumps(document(rule)))
-    (tmp_path / "r.json").rename(tmp_path / "r.yaml")
-    words = ["plan", str(tmp_path / "r.yaml"), "--source", str(source), "-q"]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 0, result.output
-    assert "Splits by music, seed 1: train 66.7% (requested 60.0%; 8 clips of 4 songs), val 16.7%" in result.output
-    planned = json.loads(CliRunner().invoke(app, [*words, "--json"]).output)["splits"]
-    assert {name: (n["clips"], n["songs"]) for name, n in planned.items()} == {
-        "train": (8, 4),
-        "val": (2, 1),
-        "test": (2, 1),
-    }
 
 
 def test_the_manifest_goes_first(source: Path) -> None:

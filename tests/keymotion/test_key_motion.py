@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import argrelextrema
 
 from dancedata.core.errors import DataError, UsageError
-from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve, local_minima, prominences, smoothed
+from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve, smoothed
 from tests.messages import raises_message
 
 
@@ -17,13 +17,6 @@ def swinging(n: int, period: int = 40, joints: int = 3) -> np.ndarray:
     way = np.cumsum(0.02 - 0.015 * np.cos(2 * np.pi * t / period)) - 0.005
     circle = np.stack([np.cos(way), 0 * way, np.sin(way)], axis=-1)
     return circle[:, None] * np.arange(1, joints + 1)[None, :, None]
-
-
-def test_curve_is_the_mean_way_to_the_next_frame() -> None:
-    joints = np.zeros((4, 2, 3))
-    joints[1:, 0] = (3, 4, 0)  # one joint jumps 5 m after frame 0
-    joints[3, 1] = (0, 0, 1)  # the other 1 m after frame 2
-    np.testing.assert_allclose(kinetic_curve(joints), [2.5, 0, 0.5])
 
 
 @pytest.mark.parametrize(
@@ -54,28 +47,12 @@ def test_smoothing_keeps_the_sum_and_reflects_at_the_ends() -> None:
     assert wide[71] == 0
 
 
-def test_minima_are_strict_and_never_at_the_ends() -> None:
-    curve = np.array([0, 1, 0.5, 1, 2, 1, 1, 2, 0.2, 3, 0.0])
-    assert local_minima(curve).tolist() == [2, 8]  # not the plateau, not the ends
-    np.testing.assert_allclose(prominences(curve, np.array([2, 8])), [0.5, 1.8])
-    assert local_minima(np.zeros(20)).size == 0
-    assert local_minima(np.arange(5.0)).size == 0
-    assert local_minima(np.zeros(0)).size == 0
-
-
 def test_minima_are_scipys() -> None:
     rng = np.random.default_rng(3)
     joints = np.cumsum(rng.normal(size=(400, 4, 3)), axis=0)
     found = key_motion(joints, 2)
     assert found.minima.tolist() == argrelextrema(found.curve, np.less)[0].tolist()
     np.testing.assert_array_equal(found.curve, smoothed(kinetic_curve(joints), 2))
-
-
-def test_steady_motion_has_no_minima() -> None:
-    # 0.1 a frame is not exact in binary: the curve ripples by rounding.
-    steps = np.arange(500)[:, None, None] * np.array([0.1, 0.03, 0.7]) * np.ones((1, 22, 1))
-    assert local_minima(smoothed(kinetic_curve(steps))).size > 0
-    assert key_motion(steps).minima.size == 0
 
 
 def test_rows_of_a_clip() -> None:

@@ -146,16 +146,6 @@ def test_overlapping_pieces_see_earlier_writes() -> None:
     assert window[:, 4].tolist() == list(range(64))
 
 
-def test_later_pieces_do_not_change_the_first() -> None:
-    window = np.zeros((512, 7))
-    window[:, 4] = np.arange(512.0)
-    keys = [Key(frame, False) for frame in range(60, 460, 25)]
-    taken = pieces(window, keys, 64, 0)
-    # The first "border" is at 64 * 2 / 16 = 8, on frames 4 .. 11.
-    assert (taken.source[3], taken.start[3]) == ("border", 4)
-    assert taken.frames[0][:, 4].tolist() == list(range(8))
-
-
 def test_keys_near_the_ends_are_moved_inside() -> None:
     window = np.zeros((64, 7))
     assert pieces(window, [Key(3, False), Key(62, False)], 64, 0).start.tolist() == [0, 4, 52, 56]
