@@ -34,7 +34,8 @@ REBUILD = "build the dataset again"
 MAX_BYTES = 1 << 26
 #: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
-#: Larger numbers are refused.
+#: Larger whole numbers, and larger others, are refused.
+_LARGEST = 1 << 53
 _LARGE = 1e300
 #: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
 _MAX_PERIOD = 1 << 31
@@ -339,8 +340,8 @@ def _check_shards(description: Description) -> None:
 
 
 def _whole(value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise ValueError(f"{quoted(value)} is not a whole number")
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _LARGEST:
+        raise ValueError(f"{quoted(value)} is not a whole number, or too large")
     return value
 
 

@@ -17,6 +17,8 @@ from dancedata.store.dataset_json import SplitRows
 from dancedata.store.schema import Field
 from dancedata.store.window_list import IntArray
 
+#: Rows that a timeline may begin after its clip: frames of them fit into 64 bits at any rate.
+_FARTHEST = 1 << 32
 #: Found rows of clips that are remembered.
 _REMEMBERED = 1 << 17
 _COLUMNS = {column.name: column for column in CLIP_COLUMNS}
@@ -192,8 +194,8 @@ class Tables:
 
 def check_references(tables: Tables, where: str) -> Tables:
     """Raise StoreError for windows and groups of clips that do not exist; reads their columns once."""
-    n = tables.n_clips
-    clip, (first, count) = tables.window_clip, (tables.groups.get(name, np.zeros(0)) for name in ("first", "count"))
+    n, clip = tables.n_clips, tables.window_clip
+    first, count = (np.asarray(tables.groups.get(name, ()), dtype=np.float64) for name in ("first", "count"))
     for name, least, most in (
         ("windows/clip", clip.min(initial=0), clip.max(initial=0)),
         ("groups/first", min(first.min(initial=0), count.min(initial=0)), (first + count).max(initial=1) - 1),
@@ -220,7 +222,7 @@ def check_spans(
     `n_rows` (N,) are the rows of the field in each clip's shard.
     """
     begin = first if offset is None else first - offset
-    bad = (begin < 0) | (available < 0) | (first > n_rows)
+    bad = (begin < 0) | (begin > _FARTHEST) | (available < 0) | (first > n_rows)
     bad |= available > n_rows - np.where(bad, 0, first)
     if bad.any():
         k = int(np.argmax(bad))
