@@ -40,9 +40,8 @@ from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units, start_workers
 from dancedata.pipeline.build import build
-from dancedata.pipeline.clips import compute_clips
+from dancedata.pipeline.clips import compute_clips, sources_of
 from dancedata.pipeline.plan import make_plan
-from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
 
@@ -181,7 +180,7 @@ def corpus(n: int) -> None:
         scan = staged("scan", lambda: recipe.dataset.scan(source))
         staged("plan: lengths of all", lambda: make_plan(recipe, source))
         for turn in ("cold", "warm"):
-            sources = staged(f"identify, {turn}", lambda: identify(cache, recipe, scan, jobs=1, progress=quiet))
+            sources = staged(f"identify, {turn}", lambda: sources_of(cache, recipe, scan, jobs=1, progress=quiet))
             staged(f"units, {turn}", lambda s=sources: compute_clips(cache, recipe, s, jobs=1, progress=quiet))
         options: dict[str, Any] = {"cache": folder / "cache"}
         staged("whole build from the cache", lambda: build(recipe, source, folder / "out", **options))

@@ -29,7 +29,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from features import print_machine
@@ -111,20 +111,23 @@ def _removes(*folders: Path) -> Callable[[], None]:
 
 def worker_cases(folder: Path) -> list[Case]:
     """Return what workers do: load a unit, and run it."""
+    from dancedata.building.compute import make, units_of
+    from dancedata.building.recipe import parts_of
+    from dancedata.building.source import takes_of
     from dancedata.execution.cache import Cache
-    from dancedata.pipeline.audio import extract_track, identify_audio
-    from dancedata.pipeline.motion import encode_motion
-    from dancedata.pipeline.motion_keys import MotionKeys
+    from dancedata.execution.progress import Progress
+    from dancedata.pipeline.clips import sources_of
     from dancedata.recipes.parse import load_recipe
 
     recipe, cache = load_recipe(folder / "tiny.yaml"), Cache(folder / "worker")
-    (ref, *_) = recipe.dataset.scan(folder / "source").clips
-    sha = cache.file_sha256(ref.motion_path)
-    motion = (cache, recipe.without_audio, ref, sha, MotionKeys(recipe, {}).of(ref, sha))
-    music = (cache, recipe.audio[0], identify_audio(cache, ref.audio_path), 120.0, "0" * 64)
+    quiet, scan = Progress(quiet=True), recipe.dataset.scan(folder / "source")
+    sources = sources_of(cache, recipe, replace(scan, clips=scan.clips[:1]), jobs=1, progress=quiet)
+    (take,), _ = takes_of(cache, recipe.dataset, sources, jobs=1, progress=quiet)
+    motion, music = (f for f in parts_of(recipe).fields if f.kind in ("motion", "audio"))
     found = []
-    for name, unit in (("motion", (encode_motion, motion)), ("librosa35", (extract_track, music))):
-        (folder / name).write_bytes(pickle.dumps(unit))
+    for name, maker in (("motion", motion), ("librosa35", music)):
+        (unit,) = units_of([maker], [((maker.place, ""), maker.asks(take))])
+        (folder / name).write_bytes(pickle.dumps((make, (cache, unit))))
         arguments = ["-c", UNIT, str(folder / name)]
         found.append(Case(f"a worker loads a unit: {name}", arguments))
         found.append(Case(f"a worker runs a unit: {name}", [*arguments, "run"], _removes(folder / "worker")))

@@ -16,6 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.compute import Unit, in_cache, make, units_of
+from dancedata.building.fields.music import MusicRows
+from dancedata.building.inputs import Music
+from dancedata.building.plugins import Ask
+from dancedata.building.signals import SignalId, identify_audio
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number
@@ -25,15 +30,6 @@ from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import as_in_builds
-from dancedata.pipeline.audio import (
-    FeatureKeys,
-    SignalId,
-    extract_track,
-    extract_windows,
-    identify_audio,
-    known_windows,
-    window_units,
-)
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 
@@ -97,16 +93,10 @@ class FeatureCache:
             For an unknown feature or parameter, or a file that does not exist.
         """
         job = FeatureJob(feature, FrameGrid.of(fps), self._feature(feature, parameters))
-        signal = self._identify(song)
-        keys = [FeatureKeys(job, known).track(start_bpm, signal.sha256) for known in _arithmetics()]
-
-        def read(cache: Cache) -> npt.NDArray[Any]:
-            array = next(filter(None, (cache.array("features", key) for key in keys)), None)
-            if array is None:
-                array = _computed(job, extract_track, cache, signal, start_bpm, keys[-1])
-            return self._mapped(array)
-
-        return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
+        music = Music(self._identify(song), bpm=start_bpm)
+        fields = [MusicRows(job, known) for known in _arithmetics()]
+        (rows,) = self._rows(fields, lambda field: [field.ask(music)], self._mapped)
+        return rows
 
     def get_windows(
         self,
@@ -138,27 +128,29 @@ class FeatureCache:
         grid = FrameGrid.of(fps)
         windows = WindowSpec(length_frames, stride_frames, grid)
         job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
-        rows: list[npt.NDArray[Any]] = []
-        signal = self._identify(song)
-        every = [window_units(FeatureKeys(job, known).windows(start_bpm, signal)) for known in _arithmetics()]
-        for units in zip(*every, strict=True):
-            rows += self._unit(job, signal, start_bpm, units)
+        music = Music(self._identify(song), bpm=start_bpm)
+        fields = [MusicRows(job, known) for known in _arithmetics()]
+        rows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)
         if not rows:
             return np.empty((0, length_frames, job.columns.width), job.dtype)
         return np.stack(rows)
 
-    def _unit(
-        self, job: FeatureJob, signal: SignalId, start_bpm: float | None, units: Sequence[dict[int, str]]
+    def _rows(
+        self,
+        fields: Sequence[MusicRows],
+        asks: Callable[[MusicRows], Sequence[Ask]],
+        read: Callable[[CachedArray], npt.NDArray[Any]],
     ) -> list[npt.NDArray[Any]]:
-        """Return the rows of windows, keys by number for each arithmetic; damaged entries are computed again."""
+        """Return what is asked of a song, of the first field that has it; damaged entries are made again."""
+        by_field = [list(units_of([field], [((field.place, ""), asks(field))])) for field in fields]
+        rows: list[npt.NDArray[Any]] = []
+        for units in zip(*by_field, strict=True):
 
-        def read(cache: Cache) -> list[npt.NDArray[Any]]:
-            arrays = next(filter(None, (known_windows(cache, unit) for unit in units)), None)
-            if arrays is None:
-                arrays = _computed(job, extract_windows, cache, signal, start_bpm, units[-1])
-            return [np.asarray(arrays[number]) for number in units[-1]]
+            def read_all(cache: Cache, units: Sequence[Unit] = units) -> list[npt.NDArray[Any]]:
+                return [read(_unwrapped(array)) for array in _made(cache, units).values()]
 
-        return with_lost_entries(Cache(self.root), read, Progress(quiet=True))
+            rows += with_lost_entries(Cache(self.root), read_all, Progress(quiet=True))
+        return rows
 
     def _identify(self, song: str | Path) -> SignalId:
         path = Path(song).expanduser().absolute()
@@ -191,10 +183,14 @@ def _arithmetics() -> tuple[str, ...]:
     return tuple(dict.fromkeys((REFERENCE, expected()))) if has_reference() else (expected(),)
 
 
-def _computed(job: FeatureJob, function: Callable[..., Any], cache: Cache, *args: Any) -> Any:
-    """Run a unit of work as a build does."""
-    compute = as_in_builds(job.feature.exact)
-    return _unwrapped(compute(function, cache, job, *args))
+def _made(cache: Cache, units: Sequence[Unit]) -> dict[str, Any]:
+    """Return the results of the first unit that is in the cache, or those of the last, run as a build does."""
+    for unit in units:
+        found = in_cache(cache, unit)
+        if found is not None:
+            return found
+    compute: Callable[..., dict[str, Any]] = as_in_builds(not units[-1].wanted[0][0].lane)
+    return compute(make, cache, units[-1])
 
 
 def _unwrapped(result: Any) -> Any:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from dancedata.building.plugins import Ask, Loadable, Maker
+from dancedata.building.rejects import reject_of
 from dancedata.building.result import Nothing, Result, Rows
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
@@ -17,7 +18,6 @@ from dancedata.execution.cache import DURABLE_FROM_S, Cache, CachedArray
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.rejects import reject_of
 
 #: Parts of one source and maker in a unit of work: enough for what neighbours share to pay, few enough to share out
 #: a long song among workers.
@@ -45,7 +45,8 @@ def compute(
     made: dict[str, Any] = {}
     for lane in dict.fromkeys(maker.lane for maker in makers):
         of_lane = [maker for maker in makers if maker.lane == lane]
-        made |= _run(cache, list(units_of(of_lane, asks)), of_lane[0], jobs, progress)
+        label = of_lane[0].lane or "computing"
+        made |= run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
     return [_with(result, makers, asks, made) for result in results]
 
 
@@ -72,12 +73,15 @@ def make(cache: Cache, unit: Unit) -> dict[str, Any]:
     return made
 
 
-def units_of(makers: Sequence[Maker], asks: Mapping[tuple[str, tuple[str, str]], Sequence[Ask]]) -> Iterator[Unit]:
-    """Yield each source with what is made of it; many parts of one are shared out. `asks` are by maker and take."""
+def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequence[Ask]]]) -> Iterator[Unit]:
+    """Yield each source with what is made of it; many parts of one are shared out.
+
+    `asks`: By the place of the maker and anything else; those of other makers are left out.
+    """
     by_place = {maker.place: maker for maker in makers}
     by_source: dict[str, tuple[Loadable, dict[str, dict[str, Ask]]]] = {}
-    for (place, _), of_take in asks.items():
-        for ask in of_take if place in by_place else ():
+    for (place, _), of_maker in asks:
+        for ask in of_maker if place in by_place else ():
             _, of_source = by_source.setdefault(ask.source.key, (ask.source, {}))
             of_source.setdefault(place, {})[ask.key] = ask
     for source, of_source in by_source.values():
@@ -87,9 +91,11 @@ def units_of(makers: Sequence[Maker], asks: Mapping[tuple[str, tuple[str, str]],
             yield Unit(source, [(maker, of) for maker, of in cut if of], number)
 
 
-def _run(cache: Cache, units: Sequence[Unit], maker: Maker, jobs: Jobs, progress: Progress) -> dict[str, Any]:
-    """Return the results of the units of a lane by key; `maker` is one of the lane."""
-    cached = [_cached(cache, unit) for unit in units]
+def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, progress: Progress) -> dict[str, Any]:
+    """Return the results of units of one lane by key; a Reject of each that cannot be made."""
+    if not units:
+        return {}
+    cached, maker = [in_cache(cache, unit) for unit in units], units[0].wanted[0][0]
     missing = [unit.source for unit, found in zip(units, cached, strict=True) if found is None]
     following = iter([*missing[1:], None] if maker.looks_ahead else [None] * len(missing))
     calls = [
@@ -98,16 +104,19 @@ def _run(cache: Cache, units: Sequence[Unit], maker: Maker, jobs: Jobs, progress
     ]
     if missing:  # devices are looked up only if there is something to compute
         jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
-    of_units = run_units(
-        make,
-        calls,
-        cached=cached,
-        jobs=jobs,
-        label=maker.lane or "computing",
-        progress=progress,
-        exact=not maker.lane,
-    )
+    of_units = run_units(make, calls, cached=cached, jobs=jobs, label=label, progress=progress, exact=not maker.lane)
     return {key: result for of_unit in of_units for key, result in of_unit.items()}
+
+
+def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
+    """Return all that is made of a source by key; None if a part is missing."""
+    found = {}
+    for maker, asks in unit.wanted:
+        for ask in asks:
+            found[ask.key] = _look_up(cache, maker, ask.key)
+            if found[ask.key] is None:
+                return None
+    return found
 
 
 def _with(
@@ -159,14 +168,3 @@ def _look_up(cache: Cache, maker: Maker, key: str) -> Any:
         return array
     reason = cache.json(maker.stage, key)
     return None if reason is None else Nothing(*reason)
-
-
-def _cached(cache: Cache, unit: Unit) -> dict[str, Any] | None:
-    """Return all that is made of a source by key; None if a part is missing."""
-    found = {}
-    for maker, asks in unit.wanted:
-        for ask in asks:
-            found[ask.key] = _look_up(cache, maker, ask.key)
-            if found[ask.key] is None:
-                return None
-    return found

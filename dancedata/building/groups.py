@@ -3,17 +3,44 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from dancedata.building.result import Result
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.text import listed
 
 
-def whole(results: Sequence[Result], members: Mapping[str, Sequence[str]], keep: bool) -> list[Result]:
-    """Set groups aside that lack a dancer of the source, with their copies; or `keep` the others.
+class Groups(NamedTuple):
+    """The groups of a source.
 
-    `members`: Ids of each group's dancers in the source, and a text for those that it does not list.
+    `members`: Ids of each group's dancers, and a text for those that the source does not list.
+    `sizes`: Their numbers.
+    `keep`: Whether a group is stored without the dancers that were left out.
     """
+
+    members: Mapping[str, Sequence[str]]
+    sizes: Mapping[str, int]
+    keep: bool
+
+
+def groups_of(clips: Sequence[ClipRef], keep: bool) -> Groups:
+    """Return the groups of the clips of a source."""
+    members: dict[str, list[ClipRef]] = {}
+    for ref in sorted(clips, key=lambda ref: ref.member):
+        if ref.group:
+            members.setdefault(ref.group, []).append(ref)
+    sizes = {group: max(len(of), *(ref.group_size for ref in of)) for group, of in members.items()}
+    named = {group: [*(ref.id for ref in of), *_unlisted(sizes[group] - len(of))] for group, of in members.items()}
+    return Groups(named, sizes, keep)
+
+
+def _unlisted(n: int) -> list[str]:
+    return [f"{n} that the source lacks"] if n else []
+
+
+def whole(results: Sequence[Result], groups: Groups) -> list[Result]:
+    """Set groups aside that lack a dancer of the source, with their copies; or keep the others."""
+    members, keep = groups.members, groups.keep
     roots = {result.take.place: result for result in results}
     return [result if keep else _whole(result, roots[result.take.root.place], members) for result in results]
 

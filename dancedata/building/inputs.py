@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.silence import without_sound
+from dancedata.building.rejects import BUILD_AGAIN, CHANGED
+from dancedata.building.signals import SignalId, decode_again, decode_ahead
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.quality import music_flags
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.audio import SignalId, decode_again, decode_ahead
-from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,9 +12,10 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Result
 from dancedata.building.take import Scene, Take, Transform
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
@@ -197,6 +198,34 @@ class Field(Maker):
     def from_files(self) -> bool:
         """Whether rows are read from files, and may begin before frame 0."""
         return False
+
+    @property
+    def needs_music(self) -> bool:
+        """Whether it is made of decoded music, which every clip then has."""
+        return False
+
+    def with_path(self, ref: ClipRef, source: Path) -> ClipRef:
+        """Return a clip with its file of this field, if the field has any."""
+        return ref
+
+    def file_of(
+        self, cache: Cache, ref: ClipRef, hash_file: Callable[[Cache, Path], str]
+    ) -> RowsFile | Reject | None:
+        """Return the file of a clip beside motion and music, or why it cannot be used; None where there is none."""
+        return None
+
+    def not_for_groups(self, fields: Sequence[Field]) -> str:
+        """Return why takes of several dancers cannot have it, beside these fields; "" if they can."""
+        return ""
+
+    @property
+    def unit(self) -> str:
+        """What a result is of: "clips", "songs", "files"."""
+        return "clips"
+
+    @abstractmethod
+    def n_rows(self, take: Take, dancer: int) -> int:
+        """Return the number of rows of a result, by lengths alone."""
 
     @abstractmethod
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.segments import Segment
-from dancedata.store.stored_clip import LazyArray
+
+if TYPE_CHECKING:  # workers need no store
+    from dancedata.store.stored_clip import LazyArray
 
 
 class Nothing(NamedTuple):

@@ -7,7 +7,10 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
-from dancedata.building.inputs import Music, RowsFile
+from dancedata.building.identity import clip_identity
+from dancedata.building.inputs import Music
+from dancedata.building.rejects import attempt
+from dancedata.building.sources import SourceClip, Sources
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.motion import Motion
@@ -15,10 +18,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.groups import TOLERANCE_S
-from dancedata.pipeline.motion_keys import clip_identity
-from dancedata.pipeline.rejects import attempt
-from dancedata.pipeline.sources import SourceClip, Sources
+
+#: Dancers of a group are cut to the shortest, if none is longer by more than this.
+TOLERANCE_S = Fraction(1, 4)
 
 
 class _Measured(NamedTuple):
@@ -87,8 +89,7 @@ def _time_key(reader: Reader, ref: ClipRef, sha256: str) -> str:
 def _dancer(clip: SourceClip) -> Dancer:
     ref = clip.ref
     music = Music(clip.signal, ref.audio_start, ref.tempo_bpm, ref.music)
-    files = {name: RowsFile(file.path, file.sha256, file.n_rows) for name, file in clip.files.items()}
-    return Dancer(ref.id, ref, clip.motion_sha256, music, files, clip.made_of)
+    return Dancer(ref.id, ref, clip.motion_sha256, music, clip.files, clip.made_of)
 
 
 def _take(reader: Reader, members: Sequence[_Measured]) -> Take | Reject:

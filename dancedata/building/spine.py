@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from dancedata.building.compute import compute
-from dancedata.building.groups import whole
+from dancedata.building.groups import Groups, whole
 from dancedata.building.judging import judged
 from dancedata.building.plugins import Annotator, Field, WindowRule
 from dancedata.building.segments import annotated
@@ -30,30 +30,24 @@ class Parts(NamedTuple):
     windows: WindowSpec
 
 
-class Groups(NamedTuple):
-    """The groups of a source.
-
-    `members`: Ids of each group's dancers, and a text for those that the source does not list.
-    `sizes`: Their numbers.
-    `keep`: Whether a group is stored without the dancers that were left out.
-    """
-
-    members: Mapping[str, Sequence[str]]
-    sizes: Mapping[str, int]
-    keep: bool
-
-
 def build_clips(
-    cache: Cache, takes: Sequence[Take], parts: Parts, groups: Groups, *, jobs: Jobs, progress: Progress
+    cache: Cache,
+    takes: Sequence[Take],
+    parts: Parts,
+    groups: Groups,
+    made: Sequence[Field],
+    *,
+    jobs: Jobs,
+    progress: Progress,
 ) -> Clips:
-    """Return the clips of a source's takes."""
+    """Return the clips of a source's takes, with the rows of the fields that are `made`: of a build all."""
     transforms, fields, annotators, rules, windows = parts
     results = cut(expand(takes, transforms), fields, windows)
-    results = compute(cache, results, [*fields, *annotators], jobs=jobs, progress=progress)
+    results = compute(cache, results, [*made, *annotators], jobs=jobs, progress=progress)
     results = judged(results, rules, fields, annotators, windows)
-    results = whole(results, groups.members, groups.keep)
+    results = whole(results, groups)
     results = annotated(results, annotators, windows.grid)
-    return stored(results, fields, annotators, groups.sizes, windows.grid)
+    return stored(results, made, annotators, groups.sizes, windows.grid)
 
 
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:

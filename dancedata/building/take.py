@@ -9,7 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.inputs import Music, RowsFile
+from dancedata.building.rejects import BUILD_AGAIN, CHANGED
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -19,8 +21,6 @@ from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.quality import Flag
 from dancedata.core.segments import Segment
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.motion_keys import clip_identity, content_hashes
-from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED
 from dancedata.recipes.documents import document_of
 
 if TYPE_CHECKING:

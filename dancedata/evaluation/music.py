@@ -1,6 +1,6 @@
 """Beats of the music of clips: of the caller, of music files, or of a dataset."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -9,6 +9,11 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.compute import run_all, units_of
+from dancedata.building.fields.music import MusicRows
+from dancedata.building.inputs import Music
+from dancedata.building.plugins import Ask
+from dancedata.building.signals import SignalId, identify_audio, timeline_of
 from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
@@ -22,16 +27,6 @@ from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.pipeline.audio import (
-    FeatureKeys,
-    SignalId,
-    extract_track,
-    extract_windows,
-    identify_audio,
-    known_windows,
-    timeline_of,
-    window_units,
-)
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 from dancedata.store import ClipView, Store
@@ -206,6 +201,11 @@ class _Song:
     signal: SignalId
     bpm: float | None
 
+    @property
+    def music(self) -> Music:
+        """As fields are asked for it."""
+        return Music(self.signal, bpm=self.bpm)
+
 
 def _job(protocol: Protocol, rule: MusicRule, role: Role) -> FeatureJob:
     feature, grid = _feature(protocol, rule), rule.grid or _DEFAULT
@@ -232,42 +232,32 @@ _Beats = tuple[dict[_Song, ClipMusic], list[Reject]]
 
 
 def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
-    feature_keys = FeatureKeys(job)
-    keys = [feature_keys.track(song.bpm, song.signal.sha256) for song in songs]
-    calls = [(resources.cache, job, song.signal, song.bpm, key) for song, key in zip(songs, keys, strict=True)]
-    results = _run(resources, job, extract_track, calls, [resources.cache.array("features", key) for key in keys])
-    beats = {
-        song: ClipMusic.of_rows(rows, job)
-        for song, rows in zip(songs, results, strict=True)
-        if not isinstance(rows, Reject)
-    }
-    return beats, [result for result in results if isinstance(result, Reject)]
+    field = MusicRows(job)
+    asks = {song: field.ask(song.music) for song in songs}
+    made = _made(resources, field, list(asks.values()))
+    results = {song: made[ask.key] for song, ask in asks.items()}
+    beats = {song: ClipMusic.of_rows(rows, job) for song, rows in results.items() if not isinstance(rows, Reject)}
+    return beats, [result for result in results.values() if isinstance(result, Reject)]
 
 
 def _windows(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
-    feature_keys = FeatureKeys(job)
-    units = [(song, unit) for song in songs for unit in window_units(feature_keys.windows(song.bpm, song.signal))]
-    calls = [(resources.cache, job, song.signal, song.bpm, unit) for song, unit in units]
-    cached = [known_windows(resources.cache, unit) for _, unit in units]
-    results = _run(resources, job, extract_windows, calls, cached)
-    pieces: dict[_Song, dict[int, MusicBeats]] = {}
-    for (song, _), windows in zip(units, results, strict=True):
-        if not isinstance(windows, Reject):
-            by_piece = pieces.setdefault(song, {})
-            for number, rows in windows.items():
-                by_piece[job.window_spec.start(number)] = field_beats(np.asarray(rows), job)
-    nothing = MusicBeats.of([], job.grid)
-    beats = {song: ClipMusic(nothing, by_piece=by_piece) for song, by_piece in pieces.items()}
-    return beats, [result for result in results if isinstance(result, Reject)]
+    field, nothing = MusicRows(job), MusicBeats.of([], job.grid)
+    asks = {song: field.slice_asks(song.music) for song in songs}
+    made = _made(resources, field, [ask for of_song in asks.values() for ask in of_song])
+    beats: dict[_Song, ClipMusic] = {}
+    for song, of_song in asks.items():
+        rows = {job.window_spec.start(number): made[ask.key] for number, ask in enumerate(of_song)}
+        if rows and not any(isinstance(result, Reject) for result in rows.values()):
+            by_piece = {start: field_beats(np.asarray(array), job) for start, array in rows.items()}
+            beats[song] = ClipMusic(nothing, by_piece=by_piece)
+    rejects = {result.detail: result for result in made.values() if isinstance(result, Reject)}
+    return beats, list(rejects.values())
 
 
-def _run(
-    resources: Resources, job: FeatureJob, unit: Callable[..., Any], calls: Sequence[Any], cached: Sequence[Any]
-) -> list[Any]:
-    return run_units(
-        unit, calls, cached=cached, jobs=resources.jobs, label=f"beats, {job.name}", progress=resources.progress,
-        exact=job.feature.exact,
-    )  # fmt: skip
+def _made(resources: Resources, field: MusicRows, asks: Sequence[Ask]) -> dict[str, Any]:
+    units = list(units_of([field], [((field.place, ""), asks)]))
+    label = f"beats, {field.name}"
+    return run_all(resources.cache, units, jobs=resources.jobs, label=label, progress=resources.progress)
 
 
 def stored_beats(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.rejects import missing_music
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, csv_cell, listed, table
@@ -21,7 +22,7 @@ from dancedata.metrics.offsets import REASONS, Offset
 from dancedata.pipeline.check import scan_folder
 from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
 from dancedata.pipeline.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
-from dancedata.pipeline.rejects import left_out_lines, missing_music, relative_to
+from dancedata.pipeline.rejects import left_out_lines, relative_to
 from dancedata.pipeline.rhythm import Search, Together, find_offsets, found_start, recordings
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import resolve

@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.building.signals import libsndfile_version
+from dancedata.building.sources import Sources
+from dancedata.building.stored import Clips
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import recipe_hash
@@ -21,15 +24,13 @@ from dancedata.execution.cache_files import running, sweep
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend, start_workers
-from dancedata.pipeline.audio import libsndfile_version
-from dancedata.pipeline.clips import ComputedClips, compute_clips
+from dancedata.pipeline.clips import compute_clips, scan_of, sources_of
 from dancedata.pipeline.describe import dataset_card, describe_built, describe_unchanged, reasons
 from dancedata.pipeline.diff import document_differences, shaping
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.pipeline.rebuild import Published
 from dancedata.pipeline.rejects import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.pipeline.source_record import SourceRecord, source_differences
-from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -106,7 +107,7 @@ def build(
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out, overwrite=overwrite)
-        scan = scan_source(recipe, source)
+        scan = scan_of(recipe, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             build_run = _Build(
                 recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
@@ -151,7 +152,7 @@ class _Build:
         return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
-        sources = identify(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
+        sources = sources_of(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
         record = SourceRecord.of_source(sources, self.source)
         if self.published is not None:
             self.published.warn(sources.sha256, record, self.progress)
@@ -165,7 +166,7 @@ class _Build:
         computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
         stop_if_strict(self.strict, computed.rejects, self.scan)
         stop_if_implausible(self.strict, computed.quality)
-        computed = replace(computed, rejects=tuple(relative_to(r, self.source) for r in computed.rejects))
+        computed = computed._replace(rejects=[relative_to(r, self.source) for r in computed.rejects])
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
         stored = {clip.original for clip in computed.clips}
@@ -201,7 +202,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
 
 
 def _write(
-    out: Path, recipe: Recipe, scan: Scan, computed: ComputedClips, meta: Mapping[str, Any], progress: Progress
+    out: Path, recipe: Recipe, scan: Scan, computed: Clips, meta: Mapping[str, Any], progress: Progress
 ) -> None:
     with progress.stage("writing", len(computed.clips)) as advance:
         write_store(

@@ -11,8 +11,11 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.silence import noted
+from dancedata.building.recipe import parts_of
+from dancedata.building.rejects import attempt
+from dancedata.building.signals import SignalId
+from dancedata.building.stored import Clips
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError
 from dancedata.core.plugins import Dataset
@@ -24,20 +27,9 @@ from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
-from dancedata.pipeline.audio import SignalId
 from dancedata.pipeline.build import workers_for
-from dancedata.pipeline.clips import compute_clips
-from dancedata.pipeline.curation import curate
-from dancedata.pipeline.encode import encode_clips
-from dancedata.pipeline.rejects import (
-    NOTED,
-    attempt,
-    implausible_problems,
-    relative_to,
-    without_fields,
-)
-from dancedata.pipeline.sources import identify, scan_source
-from dancedata.pipeline.windows import cut_windows
+from dancedata.pipeline.clips import compute_clips, scan_of, sources_of
+from dancedata.pipeline.rejects import NOTED, implausible_problems, relative_to
 from dancedata.pipeline.word_check import word_notes
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
@@ -112,39 +104,18 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     _require_files(recipe.dataset, source)
     store_cache = Cache(default_cache().absolute())
     recipe = resolve(recipe, store_cache.file_sha256)
-    scan = scan_source(recipe, source)
-    listed_ids = {ref.id for ref in scan.clips}  # without copies
-    networks = [job.name for job in recipe.audio if isinstance(job.feature, NetworkFeature)]
+    scan = scan_of(recipe, source)
 
-    def examined(cache: Cache) -> tuple[Sequence[Reject], Sequence[dict[str, Any]], list[_Length], set[str]]:
-        sources = identify(cache, recipe, scan, jobs=workers, progress=progress)
-        if not networks:
-            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
-            originals = [clip for clip in computed.clips if clip.id in listed_ids and clip.signal is not None]
-            lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
-            return computed.rejects, computed.quality, lengths, {clip.id for clip in computed.clips}
-        encoded, unreadable = encode_clips(cache, recipe, sources, jobs=workers, progress=progress)
-        curated = curate(cache, recipe, encoded, sources.content, jobs=workers, progress=progress)
-        _, without_windows = cut_windows(recipe, curated.clips, curated.faults)
-        quality = [
-            {"clip": c.source.ref.id, **flag}
-            for c in encoded
-            for flag in (*c.motion.flags, *c.source.music_flags(c.motion.seconds))
-        ]
-        lengths = [
-            (c.source.ref.id, float(c.motion.seconds), _seconds(c.source.signal))
-            for c in encoded
-            if c.source.signal is not None
-        ]
-        lacking = [r for c in encoded for r in without_fields(c.source.ref, c.motion.without)]
-        left_out = [*sources.rejects, *unreadable, *curated.rejects, *without_windows, *lacking]
-        usable = {clip.source.ref.id for clip in curated.clips} - {
-            reject.clip for reject in without_windows if reject.window is None
-        }
-        return left_out, quality, lengths, usable
+    def examined(cache: Cache) -> Clips:
+        sources = sources_of(cache, recipe, scan, jobs=workers, progress=progress)
+        return compute_clips(cache, recipe, sources, jobs=workers, progress=progress, networks=False)
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
-        rejects, quality, lengths, usable = with_lost_entries(store_cache, examined, progress)
+        clips, rejects, quality = with_lost_entries(store_cache, examined, progress)
+    usable = {clip.id for clip in clips}
+    originals = [clip for clip in clips if not clip.source and clip.signal is not None]
+    lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
+    networks = [field.name for field in parts_of(recipe).fields if field.lane]
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
     problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}

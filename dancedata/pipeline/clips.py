@@ -1,119 +1,56 @@
-"""The stages in their order."""
+"""The clips of a recipe and a source: what builds, plans and checks ask of `building`."""
 
-import os
-from dataclasses import dataclass, replace
-from fractions import Fraction
+from __future__ import annotations
+
+from pathlib import Path
 from typing import Any
 
+from dancedata.building.groups import Groups, groups_of
 from dancedata.building.recipe import parts_of
 from dancedata.building.source import takes_of
-from dancedata.building.spine import Groups, build_clips
-from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.segments import CLIP_END, Segment
-from dancedata.core.sided_words import with_mirrored_words
+from dancedata.building.sources import Sources, identify, scan_source
+from dancedata.building.spine import build_clips
+from dancedata.building.stored import Clips
+from dancedata.core.clip import Scan
+from dancedata.core.errors import UsageError
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
-from dancedata.pipeline.copies import CopySource, make_copies
-from dancedata.pipeline.curation import curate
-from dancedata.pipeline.encode import encode_clips
-from dancedata.pipeline.facts import compute_facts
-from dancedata.pipeline.features import extract_features, stored_clip
-from dancedata.pipeline.groups import members_of, require_places, sizes_of, whole_groups
-from dancedata.pipeline.rejects import without_fields
-from dancedata.pipeline.sources import Sources
-from dancedata.pipeline.windows import cut_windows
-from dancedata.recipes.copies import check_ids
+from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.recipes.recipe import Recipe
-from dancedata.recipes.segments import GENRE
-from dancedata.store import StoredClip
-
-#: Set, builds of scope track go through `building`: both exist until one does all.
-BUILDING = "DANCEDATA_BUILDING"
 
 
-@dataclass(frozen=True)
-class ComputedClips:
-    """The content of a dataset.
-
-    `clips`: Sorted by id; copies, such as mirrored ones, after all others.
-    `rejects`: Everything that was left out.
-    `quality`: Rows of quality.jsonl.
-    """
-
-    clips: tuple[StoredClip, ...]
-    rejects: tuple[Reject, ...]
-    quality: tuple[dict[str, Any], ...]
+def scan_of(recipe: Recipe, source: Path) -> Scan:
+    """List the clips of a source, see `scan_source`."""
+    return scan_source(recipe.dataset, parts_of(recipe).fields, source)
 
 
-def compute_clips(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
-    """Encode all motion, cut windows, extract all features."""
-    if recipe.scope == "window" or os.environ.get(BUILDING):
-        return _built(cache, recipe, sources, jobs=jobs, progress=progress)
-    check_ids([(clip.ref.id, clip.ref.split) for clip in sources.clips], recipe.augment)
-    encoded, unreadable = encode_clips(cache, recipe, sources, jobs=jobs, progress=progress)
-    curated = curate(cache, recipe, encoded, sources.content, jobs=jobs, progress=progress)
-    windowed, without_windows = cut_windows(recipe, curated.clips, curated.faults)
-    extracted, without_features = extract_features(cache, recipe, windowed, jobs=jobs, progress=progress)
-    extracted, incomplete = whole_groups(recipe, extracted, sources.scan.clips, lambda clip: clip.source.ref)
-    sizes = sizes_of(sources.scan.clips)
-    extracted = sorted(extracted, key=lambda clip: clip.source.ref.id)
-    facts = compute_facts(
-        cache, recipe, [clip.source for clip in extracted], sources.content, jobs=jobs, progress=progress
-    )
-    segments_of = [
-        [
-            *(s.within(recipe.grid.seconds(clip.motion.n_frames)) for s in _stated(recipe, clip.source.ref)),
-            *facts.get(clip.source.ref.id, ()),
-        ]
-        for clip in extracted
-    ]
-    clips = [
-        replace(
-            stored_clip(recipe, clip),
-            segments=segments,
-            group_size=sizes.get(clip.source.ref.group, 0),
-        )
-        for clip, segments in zip(extracted, with_mirrored_words(segments_of, recipe.segments.lexicons), strict=True)
-    ]
-    originals = [CopySource(c, e.source) for c, e in zip(clips, extracted, strict=True)]
-    copies, not_copied = make_copies(
-        cache, recipe, originals, sources.content, curated.faults, jobs=jobs, progress=progress
-    )
-    return ComputedClips(
-        clips=(*clips, *copies),
-        rejects=(
-            *sources.rejects,
-            *unreadable,
-            *curated.rejects,
-            *without_windows,
-            *without_features,
-            *incomplete,
-            *(r for c in extracted for r in without_fields(c.source.ref, c.motion.without)),
-            *not_copied,
-        ),
-        quality=tuple({"clip": c.source.ref.id, **flag} for c in extracted for flag in c.flags),
-    )
+def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress, **inputs: Any) -> Sources:
+    """Identify the files of a source, see `identify`; find the offsets of music that it leaves to the build."""
+    scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
+    fields = parts_of(recipe).fields
+    return identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
 
 
-def _built(cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress) -> ComputedClips:
-    """Compute the clips with `building`."""
-    scanned = sources.scan.clips
-    members, sizes = members_of(scanned), sizes_of(scanned)
-    if sizes:
-        require_places(recipe)
-    unlisted = {group: sizes[group] - len(ids) for group, ids in members.items()}
-    named = {
-        group: [*ids, *([f"{unlisted[group]} that the source lacks"] if unlisted[group] else [])]
-        for group, ids in members.items()
-    }
-    groups = Groups(named, sizes, recipe.incomplete_groups == "keep")
+def compute_clips(
+    cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress, networks: bool = True
+) -> Clips:
+    """Compute all fields and segments, or all but those of networks; the rejects are those of the sources, too."""
+    groups, parts = source_groups(recipe, sources.scan), parts_of(recipe)
     takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
-    clips, rejects, quality = build_clips(cache, takes, parts_of(recipe), groups, jobs=jobs, progress=progress)
-    return ComputedClips(tuple(clips), (*sources.rejects, *unusable, *rejects), tuple(quality))
+    made = [field for field in parts.fields if networks or not field.lane]
+    clips, rejects, quality = build_clips(cache, takes, parts, groups, made, jobs=jobs, progress=progress)
+    return Clips(clips, [*sources.rejects, *unusable, *rejects], quality)
 
 
-def _stated(recipe: Recipe, ref: ClipRef) -> list[Segment]:
-    """Return the segments that a source states, and its genre if the recipe asks for it."""
-    genre = [Segment(GENRE, Fraction(0), CLIP_END, ref.genre)] if recipe.segments.genre and ref.genre else []
-    return [*recipe.dataset.segments(ref), *genre]
+def source_groups(recipe: Recipe, scan: Scan) -> Groups:
+    """Return the groups of a source; UsageError if a part of the recipe cannot be of groups."""
+    groups, parts = groups_of(scan.clips, recipe.incomplete_groups == "keep"), parts_of(recipe)
+    reasons = {f"the transform {step.name}": step.not_for_groups for step in parts.transforms}
+    reasons |= {f"the field {field.name}": field.not_for_groups(parts.fields) for field in parts.fields}
+    for part, reason in reasons.items():
+        if groups.sizes and reason:
+            raise UsageError(f"groups cannot have {part}: {reason}",
+                             found=f"groups in the source of {recipe.dataset.name}",
+                             fix=f"leave out {part}, or choose another one")  # fmt: skip
+    return groups

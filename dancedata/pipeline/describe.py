@@ -22,8 +22,8 @@ from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.schema import sort_splits
 
 if TYPE_CHECKING:  # `info` needs neither stages nor recipes
+    from dancedata.building.stored import Clips
     from dancedata.core.clip import Scan
-    from dancedata.pipeline.clips import ComputedClips
     from dancedata.recipes.recipe import Recipe
 
 #: Notes of one kind that `check` prints.
@@ -144,7 +144,7 @@ def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapp
 
 
 def dataset_card(
-    recipe: Recipe, scan: Scan, computed: ComputedClips, songs: Mapping[str, str], networks: Mapping[str, Any]
+    recipe: Recipe, scan: Scan, computed: Clips, songs: Mapping[str, str], networks: Mapping[str, Any]
 ) -> str:
     """Return the card's Markdown: content, source, terms, and what was left out.
 
@@ -170,7 +170,7 @@ def dataset_card(
     return "\n".join(parts)
 
 
-def _terms_list(computed: ComputedClips) -> str:
+def _terms_list(computed: Clips) -> str:
     counts = Counter(c.terms for c in computed.clips if not c.source)
     if set(counts) <= {None}:
         return ""
@@ -178,7 +178,7 @@ def _terms_list(computed: ComputedClips) -> str:
     return "\nClips have terms of their own:\n\n" + "".join(f"- {line}\n" for line in terms_text(terms))
 
 
-def _splits_table(recipe: Recipe, computed: ComputedClips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
+def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
     rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
     for split in splits:
         clips = [c for c in computed.clips if c.split == split]

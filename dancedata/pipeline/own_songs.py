@@ -15,6 +15,7 @@ import numpy.typing as npt
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.signal import load_audio
 from dancedata.audio.silence import noted
+from dancedata.building.signals import window_samples
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
@@ -30,7 +31,6 @@ from dancedata.files.atomic import atomic_file, write_json
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
-from dancedata.pipeline.audio import window_samples
 from dancedata.pipeline.rejects import implausible_problems
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names

@@ -10,15 +10,16 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.sources import Sources
+from dancedata.building.stored import Clips
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.build import workers_for
-from dancedata.pipeline.clips import ComputedClips, compute_clips
+from dancedata.pipeline.clips import compute_clips, scan_of, sources_of
 from dancedata.pipeline.rejects import stop_if_implausible, stop_if_strict
 from dancedata.pipeline.rhythm import with_found_starts
-from dancedata.pipeline.sources import Sources, identify, scan_source
 from dancedata.recipes.recipe import Recipe, resolve
 
 
@@ -105,16 +106,16 @@ def build_part(
     store_cache = Cache((cache or default_cache()).absolute())
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(recipe, store_cache.file_sha256)
-    scanned = scan_source(recipe, source)
+    scanned = scan_of(recipe, source)
     clips = part.of(scanned.clips)
     with workers_for(recipe, source, store_cache, jobs) as workers:
 
-        def run(cache: Cache) -> tuple[Sources, ComputedClips]:
+        def run(cache: Cache) -> tuple[Sources, Clips]:
             # Of all clips: offsets are compared with those of other songs.
             scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=progress)
             ids = {clip.id for clip in clips}
             share = replace(scan, clips=tuple(clip for clip in scan.clips if clip.id in ids), rejects=())
-            sources = identify(cache, recipe, share, jobs=workers, progress=progress)
+            sources = sources_of(cache, recipe, share, jobs=workers, progress=progress)
             stop_if_strict(strict, sources.rejects, scan)
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
             stop_if_strict(strict, computed.rejects, scan)

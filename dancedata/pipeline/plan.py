@@ -1,127 +1,99 @@
 """dancedata plan: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
 
+from __future__ import annotations
+
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion
-from dancedata.core.quality import implausible_flags
-from dancedata.core.text import counted, shown, size_text, table
+from dancedata.building.annotators.vitals import VITALS, Vitals
+from dancedata.building.compute import compute
+from dancedata.building.groups import whole
+from dancedata.building.plugins import Field
+from dancedata.building.recipe import parts_of
+from dancedata.building.rejects import attempt
+from dancedata.building.result import Result
+from dancedata.building.signals import SignalId, known_signal
+from dancedata.building.source import takes_of
+from dancedata.building.spine import expand
+from dancedata.building.windows import cut
+from dancedata.core.clip import Reject, Scan
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import run_units
-from dancedata.pipeline.audio import row_at
 from dancedata.pipeline.build import header_of
+from dancedata.pipeline.clips import scan_of, source_groups, sources_of
 from dancedata.pipeline.describe import rate_text, windows_text
-from dancedata.pipeline.feature_files import FeatureFile, length_of, place, starts_within
-from dancedata.pipeline.groups import group_motions, groups_of, require_places, unusable_dancers, whole_groups
-from dancedata.pipeline.plan_cached import Cached, cached_units, not_ready
-from dancedata.pipeline.rejects import (
-    attempt,
-    describe_implausible,
-    left_out_lines,
-    missing_music,
-    nothing_left,
-    relative_to,
-)
-from dancedata.pipeline.rhythm import with_found_starts
-from dancedata.pipeline.sources import scan_source
-from dancedata.pipeline.windows import window_starts
-from dancedata.recipes.copies import copies_per_clip, is_copied
+from dancedata.pipeline.rejects import describe_implausible, left_out_lines, nothing_left, relative_to
+from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
 
 @dataclass(frozen=True)
-class Retimed:
-    """A copy at another speed: frames at the recipe's rate, windows as of a `ClipPlan`, rows of audio, its music."""
+class Cached:
+    """The number of a field's units of work, and of those in the cache; equal units count once.
 
-    speed: Fraction
-    n_frames: int
-    n_windows: int
-    n_without_music: int
-    audio_rows: tuple[int, ...]
-    music: str
-
-
-@dataclass(frozen=True)
-class ClipPlan:
-    """The outcome of a clip: frames at the recipe's rate, windows, rows of audio; or its problems.
-
-    `n_without_music`: Windows that would be left out because the music ends before they do.
-    `retimed`: Frames, windows and rows of audio of each copy at another speed.
-    `implausible`: Flags for an implausible unit of length.
+    `unit`: "clips" for motion, with copies that are encoded; "songs", "slices" or "files".
     """
 
-    ref: ClipRef
-    n_frames: int = 0
-    n_windows: int = 0
-    n_without_music: int = 0
-    audio_rows: tuple[int, ...] = ()
-    retimed: tuple[Retimed, ...] = ()
-    problems: tuple[Reject, ...] = ()
-    implausible: tuple[dict[str, Any], ...] = ()
+    unit: str
+    cached: int
+    of: int
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {"unit": self.unit, "cached": self.cached, "of": self.of}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The outcome of a build."""
+    """The outcome of a build.
+
+    `results`: The takes that it would store, with their windows.
+    `implausible`: Flags of clips whose unit of length, sides or up axis is implausible.
+    """
 
     recipe: Recipe
     source: Path
     scan: Scan
-    clips: tuple[ClipPlan, ...]
+    results: tuple[Result, ...]
+    left_out: tuple[Reject, ...]
     cached: Mapping[str, Cached]
+    implausible: tuple[Mapping[str, Any], ...]
 
     def __repr__(self) -> str:
-        windows = sum(c.n_windows for c in self.clips)
-        return f"Plan({self.recipe.name!r}, {sum(c.n_windows > 0 for c in self.clips)} clips, {windows} windows)"
+        clips, windows = (sum(n[key] for n in self._splits().values()) for key in ("clips", "windows"))
+        return f"Plan({self.recipe.name!r}, {clips} clips, {windows} windows)"
 
     @property
     def rejects(self) -> list[Reject]:
-        """Files and clips that would be left out, paths below the source; windows are only counted."""
-        rejects = [*self.scan.rejects, *(problem for c in self.clips for problem in c.problems)]
-        return [relative_to(reject, self.source) for reject in rejects]
+        """What would be left out, paths below the source."""
+        return [relative_to(reject, self.source) for reject in self.left_out]
 
     def require_clips(self) -> None:
         """Raise StoreError, as a build would, if nothing is left to store."""
-        if not any(c.n_windows for c in self.clips):
+        if not self.results:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
-        kept = [c for c in self.clips if c.n_windows]
-        left_out = Counter(r.reason for r in self.rejects)
-        left_out.update({"no_audio": self._n_without_music})
-        splits = {}
-        for split in sort_splits({c.ref.split for c in kept}):
-            of_split = [c for c in kept if c.ref.split == split]
-            copies = self._copies(split)
-            retimed = [copy for c in of_split for copy in c.retimed]
-            splits[split] = {
-                "clips": len(of_split) * copies + len(retimed),
-                "windows": sum(c.n_windows for c in of_split) * copies + sum(c.n_windows for c in retimed),
-                "frames": sum(c.n_frames for c in of_split) * copies + sum(c.n_frames for c in retimed),
-                "songs": len({c.ref.music for c in of_split if c.ref.music}),
-            }
-        fields = {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in header_of(self.recipe, {}).fields}
-        cached = {name: units.to_json() for name, units in self.cached.items()}
+        fields = header_of(self.recipe, {}).fields
         return {
             "recipe": self.recipe.document,
             "recipe_sha256": self.recipe.sha256,
             "layout": self.scan.layout,
             "notes": [*self.scan.notes, *self._notes()],
-            "splits": splits,
-            "fields": fields,
-            "cached": cached,
-            "bytes": self._bytes(kept),
-            "left_out": {reason: n for reason, n in sorted(left_out.items()) if n},
+            "splits": self._splits(),
+            "fields": {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in fields},
+            "cached": {name: units.to_json() for name, units in self.cached.items()},
+            "bytes": self._bytes(),
+            "left_out": dict(sorted(Counter(r.reason for r in self.rejects).items())),
         }
 
     @property
@@ -149,61 +121,47 @@ class Plan:
         lines += [line if line.startswith(" ") else f"  would leave out: {line}" for line in self._left_out()]
         return "\n".join([*lines, *(f"  note: {note}" for note in document["notes"])])
 
-    @property
-    def _n_without_music(self) -> int:
-        return sum(c.n_without_music + sum(copy.n_without_music for copy in c.retimed) for c in self.clips)
+    def _splits(self) -> dict[str, dict[str, int]]:
+        """Return the numbers of clips, windows, frames and songs by split."""
+        splits = {}
+        for split in sort_splits({result.take.split for result in self.results}):
+            of_split = [result for result in self.results if result.take.split == split]
+            sizes = [(len(r.stay), len(r.starts), r.take.time.frames_on(self.recipe.grid)) for r in of_split]
+            songs = {r.take.dancers[k].ref.music for r in of_split for k in r.stay}
+            splits[split] = {
+                "clips": sum(n for n, _, _ in sizes),
+                "windows": sum(n * windows for n, windows, _ in sizes),
+                "frames": sum(n * frames for n, _, frames in sizes),
+                "songs": len(songs - {""}),
+            }
+        return splits
 
     def _left_out(self) -> list[str]:
-        windows = self._n_without_music
-        lines = left_out_lines(self.rejects)
+        of_clips = [reject for reject in self.rejects if reject.window is None]
+        windows = Counter(reject.reason for reject in self.rejects if reject.window is not None)
+        lines = left_out_lines(of_clips)
         lines = [line.replace("  ", "    ", 1) if line.startswith(" ") else line for line in lines]
-        return [*lines, f"no_audio: {counted(windows, 'window')}"] if windows else lines
-
-    def _copies(self, split: str) -> int:
-        return copies_per_clip(self.recipe.augment, split)
+        return [*lines, *(f"{reason}: {counted(n, 'window')}" for reason, n in sorted(windows.items()))]
 
     def _notes(self) -> list[str]:
-        notes = [line.strip() for line in describe_implausible(row for c in self.clips for row in c.implausible)]
-        chosen = self.recipe.filter
-        if chosen is not None:
-            where = ", ".join(chosen.splits)
-            notes.append(
-                f"windows of {where} are counted before the {chosen.name} filter, which reads encoded motion"
-            )
-        curation = self.recipe.curation
-        if curation.rules:
-            scores = ", ".join(rule.score for rule in curation.rules)
-            notes.append(f"clips and windows are counted before curate ({scores}), which reads motion")
+        notes = [line.strip() for line in describe_implausible(self.implausible)]
+        rules = parts_of(self.recipe).rules
+        if rules:
+            what = listed([rule.name for rule in rules])
+            notes.append(f"clips and windows are counted before {what}: rules read what a build computes")
         # A note: where a cluster builds, the weights need not be on the node that plans.
-        return notes + [f"a build here ends with: {why}" for why in map(not_ready, self.recipe.audio) if why]
+        return notes + [f"a build here ends with: {why}" for why in map(_not_ready, self.recipe.audio) if why]
 
-    def _bytes(self, kept: list[ClipPlan]) -> int:
-        """Estimate the size of the shards, tables aside; equal windows of several files are counted each."""
-        length = self.recipe.windows.length
-        by_window = self.recipe.scope == "window"
+    def _bytes(self) -> int:
+        """Estimate the size of the shards, tables aside; equal songs of several files are counted each."""
         total = 0
-        retimed = [(c, copy) for c in kept for copy in c.retimed]
-        for field in header_of(self.recipe, {}).fields:
-            if field.per_clip:
-                frames = sum(
-                    (c.n_windows * length if by_window else c.n_frames) * self._copies(c.ref.split) for c in kept
-                )
-                frames += sum(c.n_windows * length if by_window else c.n_frames for _, c in retimed)
-                rows = self.recipe.grid.rows_up(frames, of=field.grid)
-            else:
-                index = [f.name for f in self.recipe.audio].index(field.name)
-                clips: list[tuple[str, Path | None, str, ClipPlan | Retimed]] = []
-                path_of = {c.ref.id: dict(c.ref.feature_paths).get(field.name, c.ref.audio_path) for c in kept}
-                clips += [(c.ref.split, path_of[c.ref.id], "", c) for c in kept]
-                clips += [(c.ref.split, c.ref.audio_path, copy.music, copy) for c, copy in retimed]
-                songs = {(split, path, music): c.audio_rows[index] for split, path, music, c in clips}
-                windows = dict.fromkeys(songs, 0)
-                for split, path, music, c in clips:
-                    windows[split, path, music] = max(windows[split, path, music], c.n_windows * length)
-                rows = sum(songs.values())
-                if by_window:
-                    rows = sum(self.recipe.grid.rows_up(n, of=field.grid) for n in windows.values())
-            total += rows * field.row_bytes
+        for field, in_store in zip(parts_of(self.recipe).fields, header_of(self.recipe, {}).fields, strict=True):
+            rows: dict[tuple[str, str], int] = {}
+            for result in self.results:
+                for k in result.stay:
+                    of = f"clip {result.take.dancers[k].id}" if in_store.per_clip else field.asks(result.take)[k].key
+                    rows[result.take.split, of] = field.n_rows(result.take, k)
+            total += sum(rows.values()) * in_store.row_bytes
         return total
 
 
@@ -214,135 +172,88 @@ def make_plan(
     source = source.absolute()  # as in a build, so that messages are the same
     progress = progress or Progress(quiet=True)
     store_cache = Cache((cache or default_cache()).absolute())
-    scanned = scan_source(recipe, source)
-    scan = with_lost_entries(
-        store_cache,
-        lambda cache: with_found_starts(cache, recipe.dataset, scanned, jobs=jobs, progress=progress),
-        progress,
-    )
-    songs: dict[Path | None, Any] = {}
-    if recipe.signal_jobs:
-        paths = sorted({ref.audio_path for ref in scan.clips if ref.audio_path is not None})
-        lengths = run_units(
-            _length, [(path,) for path in paths], jobs=jobs, label="lengths of music", progress=progress
-        )
-        songs.update(zip(paths, lengths, strict=True))
-    groups = groups_of(scan.clips, lambda ref: ref)
-    if groups:
-        require_places(recipe)
-    decodes = bool(recipe.signal_jobs)
-    units = [[ref] for ref in scan.clips if not ref.group] + list(groups.values())
-    calls = [
-        (recipe, [(ref, songs.get(ref.audio_path, missing_music(ref)) if decodes else None) for ref in unit])
-        for unit in units
-    ]
-    planned = run_units(_unit_plans, calls, jobs=jobs, label="lengths of motion", progress=progress)
-    clips = _with_whole_groups(recipe, scan, {clip.ref.id: clip for of_unit in planned for clip in of_unit})
-    kept = [(clip.ref, clip.n_windows) for clip in clips if clip.n_windows]
-    retimed = [(clip.ref, copy.n_windows, copy.speed) for clip in clips for copy in clip.retimed]
-    cached = cached_units(store_cache, recipe, scan.clips, kept, retimed)
-    return Plan(recipe, source, scan, tuple(clips), cached)
+    scan = scan_of(recipe, source)
+
+    def run(cache: Cache) -> Plan:
+        ready = replace(recipe, audio=tuple(_resolved(cache, job) for job in recipe.audio))
+        parts, groups = parts_of(ready), source_groups(ready, scan)
+        sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
+        takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
+        results = cut(expand(takes, parts.transforms), parts.fields, parts.windows)
+        results = whole(results, groups)
+        rejects = (*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects))
+        kept = [result for result in results if result.starts]
+        cached = {field.name: _in_cache(cache, field, kept) for field in parts.fields}
+        roots = [result for result in kept if result.take.parent is None]
+        examined = compute(cache, roots, [Vitals()], jobs=jobs, progress=progress)
+        flags = [
+            {"clip": result.take.dancers[k].id, **flag}
+            for result in examined
+            for k in result.stay
+            for flag in result.made[VITALS][k][1:]
+            if flag["kind"] in IMPLAUSIBLE
+        ]
+        return Plan(recipe, source, sources.scan, tuple(kept), rejects, cached, tuple(flags))
+
+    return with_lost_entries(store_cache, run, progress)
 
 
-#: A clip's music: samples and sample rate, a reject, or None without features.
-_Music = tuple[int, int] | Reject | None
+def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:
+    """Return how many results of a field are in the cache, and how many a build needs."""
+    keys = {ask.key for result in results for ask in field.asks(result.take)}
+    held = sum(cache.contains(field.stage, key, field.suffix) for key in keys)
+    return Cached(field.unit, held, len(keys))
 
 
-def _with_whole_groups(recipe: Recipe, scan: Scan, plans: Mapping[str, ClipPlan]) -> list[ClipPlan]:
-    """Return the plans in the scan's order, without the dancers of groups that a build sets aside."""
-    with_windows = [plan for plan in plans.values() if plan.n_windows]
-    _, incomplete = whole_groups(recipe, with_windows, scan.clips, lambda plan: plan.ref)
-    aside = {reject.clip: (reject,) for reject in incomplete}
-    clips = [plans[ref.id] for ref in scan.clips]
-    return [ClipPlan(c.ref, problems=aside[c.ref.id]) if c.ref.id in aside else c for c in clips]
-
-
-def _unit_plans(recipe: Recipe, unit: Sequence[tuple[ClipRef, _Music]]) -> list[ClipPlan]:
-    """Plan a single dancer, or those of a group."""
-    # Motion and music are both examined, as in a build, so that all problems are named.
-    motions = _motions(recipe, [ref for ref, _ in unit])
-    return [_clip_plan(recipe, *of_clip, motion) for of_clip, motion in zip(unit, motions, strict=True)]
-
-
-def _motions(recipe: Recipe, refs: Sequence[ClipRef]) -> Sequence[Motion | Reject]:
-    """Load a single dancer, or those of a group, which are cut to one length; as in a build."""
-    if not refs[0].group:
-        return [attempt(lambda: recipe.dataset.load(refs[0]), refs[0].motion_path)]
-    motions = attempt(lambda: group_motions(recipe, refs), refs[0].motion_path)
-    if not isinstance(motions, Reject):
-        return motions
-    unusable = unusable_dancers(recipe, refs)
-    if not unusable or len(unusable) == len(refs):
-        return [motions] * len(refs)
-    others = iter(_motions(recipe, [ref for k, ref in enumerate(refs) if k not in unusable]))
-    return [unusable[k] if k in unusable else next(others) for k in range(len(refs))]
-
-
-def _clip_plan(recipe: Recipe, ref: ClipRef, samples: _Music, motion: Motion | Reject) -> ClipPlan:
-    """Plan a clip."""
-    lengths = {job.name: length_of(job, ref) for job in recipe.file_jobs}
-    files = {name: file for name, file in lengths.items() if isinstance(file, FeatureFile)}
-    results = (motion, samples, *lengths.values())
-    problems = tuple(replace(reject, clip=ref.id) for reject in results if isinstance(reject, Reject))
-    if isinstance(motion, Reject) or isinstance(samples, Reject) or problems:
-        return ClipPlan(ref, problems=problems)
-    implausible = tuple({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
-    n_frames = motion.grid.resampled_length(motion.n_frames, recipe.grid)
-    starts, left_out = window_starts(recipe, ref, motion.n_frames, motion.grid.rate, samples)
-    starts, beyond = starts_within(recipe, ref, files, starts, (motion.n_frames, motion.grid.rate))
-    left_out = [*left_out, *beyond]
-    if not starts:
-        return ClipPlan(ref, n_frames, problems=tuple(reject for reject in left_out if reject.window is None))
-    without_music = sum(reject.reason == "no_audio" for reject in left_out)
-    retimed = _retimed(recipe, ref, motion, samples) if is_copied(ref.split) else ()
-    rows = _audio_rows(recipe, ref, ref.audio_start, samples, files)
-    return ClipPlan(ref, n_frames, len(starts), without_music, rows, retimed, implausible=implausible)
-
-
-def _audio_rows(
-    recipe: Recipe,
-    ref: ClipRef,
-    start: Fraction,
-    samples: tuple[int, int] | None,
-    files: Mapping[str, FeatureFile] = MappingProxyType({}),
-) -> tuple[int, ...]:
-    """Return the rows of each audio field, of a file or of a song where a clip begins at second `start` of it."""
-    rows = []
-    for job in recipe.audio:
-        if job.feature.from_files or samples is None:
-            rows.append(place(job, ref, files[job.name].n_rows).n_rows if job.name in files else 0)
-        else:
-            skipped = row_at(start, samples[1], job.grid)[1]
-            rows.append(job.feature.n_rows(max(samples[0] - skipped, 0), samples[1], job.grid))
-    return tuple(rows)
-
-
-def _retimed(recipe: Recipe, ref: ClipRef, motion: Motion, samples: tuple[int, int] | None) -> tuple[Retimed, ...]:
-    """Plan the copies of a clip at other speeds; those without a window are left out."""
-    copies = []
-    for spec in recipe.augment:
-        if spec.augmentation.changes != "time":
-            continue
-        unit = ref.group or ref.id
-        speed = spec.speed_of(unit)
-        grid = FrameGrid(motion.grid.rate * speed)
-        stretched, start = None, ref.audio_start / speed
-        if samples is not None:
-            from dancedata.audio.stretch import stretched_length
-
-            stretched = stretched_length(samples[0], speed), samples[1]
-        copied = replace(ref, audio_start=start)
-        starts, left_out = window_starts(recipe, copied, motion.n_frames, grid.rate, stretched)
-        if starts:
-            n_frames = grid.resampled_length(motion.n_frames, recipe.grid)
-            rows = _audio_rows(recipe, ref, start, stretched)
-            without_music = sum(reject.reason == "no_audio" for reject in left_out)
-            copies.append(Retimed(speed, n_frames, len(starts), without_music, rows, spec.music_of(ref.music, unit)))
-    return tuple(copies)
-
-
-def _length(path: Path) -> tuple[int, int] | Reject:
-    """Return samples and sample rate of a file, or its reject."""
+def _length(cache: Cache, path: Path) -> SignalId | Reject:
+    """Return the signal of a song; one that no build has decoded by its header, its path in place of a hash."""
     from dancedata.audio.signal import audio_length
 
-    return attempt(lambda: audio_length(path), path)
+    known = known_signal(cache, path)
+    if known is not None:
+        return known
+    length = attempt(lambda: audio_length(path), path)
+    return length if isinstance(length, Reject) else SignalId(path, "", str(path), length[1], length[0])
+
+
+def _known_hash(cache: Cache, path: Path) -> str:
+    """Return the hash of a file of rows; of one that no build has read its path."""
+    return cache.known_sha256(path) or str(path)
+
+
+def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob:
+    """Return a field as a build computes it; as it is, if that depends on weights that were not read before."""
+    # ImportError: a login node that plans, without the packages that compute.
+    with suppress(_UnknownError, UsageError, SourceError, ImportError):
+        return replace(job, feature=job.feature.resolved(_known(cache)))
+    return job
+
+
+def _not_ready(job: FeatureJob) -> str:
+    """Return the error of a build with this field on this machine, such as missing weights; "" without one."""
+
+    def unread(path: Path) -> str:
+        path.stat()
+        raise _UnknownError  # there are weights: a build reads them, a plan does not
+
+    try:
+        job.feature.resolved(unread)
+    except (UsageError, SourceError, OSError) as error:
+        return str(error)
+    except (_UnknownError, ImportError):
+        pass
+    return ""
+
+
+class _UnknownError(Exception):
+    pass
+
+
+def _known(cache: Cache) -> Callable[[Path], str]:
+    def sha256(path: Path) -> str:
+        sha256 = cache.known_sha256(path)
+        if sha256 is None:
+            raise _UnknownError
+        return sha256
+
+    return sha256

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.rejects import attempt
+from dancedata.building.take import Scene, Scenes, Transform
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -22,8 +24,7 @@ from dancedata.execution.units import run_units
 from dancedata.pipeline.check import scan_folder
 from dancedata.pipeline.commands import RecipeLike, folder_of, jobs_of
 from dancedata.pipeline.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
-from dancedata.pipeline.motion import prepared
-from dancedata.pipeline.rejects import attempt, left_out_lines, relative_to
+from dancedata.pipeline.rejects import left_out_lines, relative_to
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.remote import local_folder
@@ -265,7 +266,8 @@ def _of_source(path: Path, dataset: str | None, recipe: Recipe | None, jobs: int
     reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
     if recipe is None and any(reject.reason == "missing_music" for reject in scan.rejects):
         reader, scan = scan_folder(path, _without_music(reader))
-    calls = [(reader, None if recipe is None else recipe.without_audio, ref) for ref in scan.clips]
+    steps = () if recipe is None else tuple(step for step in recipe.transforms if step.moves)
+    calls = [(reader, steps, ref) for ref in scan.clips]
     scored = run_units(score_clip, calls, jobs=jobs, label="scoring motion", progress=progress)
     rows = tuple(row for row in scored if not isinstance(row, Reject))
     rejects = [*scan.rejects, *(row for row in scored if isinstance(row, Reject))]
@@ -277,11 +279,11 @@ def _without_music(reader: Dataset) -> Dataset:
     return replace(reader, music="optional") if getattr(reader, "music", None) == "required" else reader
 
 
-def score_clip(reader: Dataset, recipe: Recipe | None, ref: ClipRef) -> ClipQuality | Reject:
-    """Load a clip, as a recipe would encode it, and score it."""
-    motion = attempt(
-        lambda: reader.load(ref) if recipe is None else prepared(recipe, ref, reader.load(ref))[0],
-        ref.motion_path,
-        ref.id,
-    )
+def score_clip(reader: Dataset, steps: Sequence[Transform], ref: ClipRef) -> ClipQuality | Reject:
+    """Load a clip, go through the transforms of a recipe, and score it."""
+
+    def load() -> Motion:
+        return Scenes(Scene((reader.load(ref),), (ref,), ((),))).after(steps).motions[0]
+
+    motion = attempt(load, ref.motion_path, ref.id)
     return motion if isinstance(motion, Reject) else ClipQuality(ref.id, motion.grid.rate, score_motion(motion))

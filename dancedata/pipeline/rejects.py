@@ -3,24 +3,17 @@
 import os
 import shlex
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from dancedata.audio.silence import SILENT_DBFS
-from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
-from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
 from dancedata.core.text import counted, listed, printable, shown
-from dancedata.recipes.recipe import Recipe
-
-_T = TypeVar("_T")
-CHANGED = "the file changed while the build was running"
-BUILD_AGAIN = "run the build again once the source no longer changes"
 
 #: Reasons for which a clip is left out by choice; they do not stop a strict build.
 BY_CHOICE = {
@@ -43,55 +36,10 @@ BY_CHOICE = {
 NOTED = {*BY_CHOICE, *OF_CLIPS}
 
 
-def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
-    """Return the reject with the text of an error."""
-    return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
-
-
-def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
-    """Return a call's result, or the reject of its DataError."""
-    try:
-        return call()
-    except DataError as error:
-        return reject_of(error, clip, file)
-
-
 def relative_to(reject: Reject, source: Path) -> Reject:
     """Name files relative to the source: its place affects no byte of a dataset."""
     prefix = printable(f"{source}{os.sep}")
     return replace(reject, file=reject.file.removeprefix(prefix), detail=reject.detail.replace(prefix, ""))
-
-
-def missing_music(ref: ClipRef) -> Reject:
-    """Return the reject of a clip without music."""
-    detail = f"no music for clip {ref.id}; a recipe without audio features (audio: {{}}) needs none"
-    return Reject("missing_music", clip=ref.id, detail=detail, music=ref.music)
-
-
-def without_fields(ref: ClipRef, without: Mapping[str, str]) -> list[Reject]:
-    """Return a reject for each optional field that a clip is kept without, by name and reason."""
-    return [
-        Reject("no_field", ref.id, str(ref.motion_path), detail=f"kept without {name}: {reason}")
-        for name, reason in without.items()
-    ]
-
-
-def too_short(recipe: Recipe, ref: ClipRef, n_frames: int, rate: Fraction) -> Reject:
-    """Return the reject of a clip whose motion, `n_frames` frames at `rate`, is shorter than a window."""
-    motion_s = float(FrameGrid(rate).seconds(n_frames))
-    detail = (
-        f"clip {ref.id} is shorter than a window: {n_frames} frames at {rate} per second "
-        f"({motion_s:.2f} s); a window is {recipe.windows.length_s:g} s"
-    )
-    numbers: dict[str, float | int] = {"motion_s": round(motion_s, 3)}
-    return Reject("too_short", ref.id, str(ref.motion_path), detail=detail, numbers=numbers)
-
-
-def short_audio(recipe: Recipe, ref: ClipRef, path: Path, audio_s: float) -> Reject:
-    """Return the reject of a clip whose music is shorter than a window."""
-    detail = f"{path}: the music is shorter than a window: {audio_s} s; a window is {recipe.windows.length_s:g} s"
-    numbers: dict[str, float | int] = {"audio_s": audio_s}
-    return Reject("short_audio", ref.id, str(path), detail=detail, numbers=numbers)
 
 
 #: Names that a line shows; reasons that a list shows.

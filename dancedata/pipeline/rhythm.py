@@ -10,6 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.identity import clip_identity, content_hashes
+from dancedata.building.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.building.signals import SignalId, decode_again, identify_audio, known_signal
 from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import json_sha256
@@ -21,9 +24,6 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
-from dancedata.pipeline.audio import SignalId, decode_again, identify_audio, known_signal
-from dancedata.pipeline.motion_keys import clip_identity, content_hashes
-from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.recipes.documents import document_of
 
 #: Raised by hand when onsets, curves or offsets of the same input change.

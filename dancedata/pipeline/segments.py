@@ -16,9 +16,8 @@ from dancedata.core.text import counted, listed, table
 from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.formats.segment_files import write_segment_file
-from dancedata.pipeline.copies import segments_of_copy
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.recipes.copies import CopySpec
+from dancedata.recipes.copies import CopySpec, copied_segment
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
 from dancedata.store import ClipView, Store, open_store
@@ -171,8 +170,9 @@ def _of_clip(
     if spec is None:
         raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
                          where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
-    group = store.clip(clip.source).group
-    return segments_of_copy(clip.source, group, stated[clip.source], spec, store.skeleton.other_side)
+    unit, sides = store.clip(clip.source).group or clip.source, store.skeleton.other_side
+    segments = (copied_segment(segment, spec, unit, sides) for segment in stated[clip.source])
+    return [segment for segment in segments if segment is not None]
 
 
 def _recipe(store: Store) -> tuple[Mapping[str, CopySpec], Sequence[Lexicon]]:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dancedata.building.sources import Sources
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.text import counted, listed, shown
-from dancedata.pipeline.sources import Sources
 from dancedata.store import Store
 
 #: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.

@@ -1,6 +1,6 @@
 """Copies of train clips in a recipe: their augmentation and name."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, Literal
@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.columns import Columns
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.rotations import Float64Array
+from dancedata.core.segments import Segment
+from dancedata.core.sided_words import mirrored_segment
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FieldSpec
 
@@ -103,6 +105,25 @@ class CopySpec:
         return changed
 
 
+def copied_segment(segment: Segment, spec: CopySpec, unit: str, other_side: Mapping[int, int]) -> Segment | None:
+    """Return a segment of a clip in its copy: at its speed, and in the words of a mirrored dancer.
+
+    None for words that may name a side, and have no mirrored ones, in mirrored copies.
+
+    `unit`: Name of the group, or the clip's id.
+    `other_side`: The left and right joints.
+    """
+    speed, data = spec.speed_of(unit), segment.data
+    if "period" in data:
+        data = {**data, "period": data["period"] / speed}
+    segment = replace(segment, start=segment.start / speed, end=segment.end / speed, data=data)
+    if spec.augmentation.mirrors:
+        if not segment.can_be_mirrored:
+            return None
+        segment = mirrored_segment(segment, other_side)
+    return replace(segment, other=spec.clip_id(segment.other) if segment.other else "")
+
+
 def is_copied(split: str) -> bool:
     """Return whether clips of a split are copied: those of train are."""
     return split == _SPLIT
@@ -111,22 +132,3 @@ def is_copied(split: str) -> bool:
 def copies_per_clip(specs: tuple[CopySpec, ...], split: str) -> int:
     """Return how many clips with the time of a clip are stored for each clip of a split, itself included."""
     return 1 + sum(spec.augmentation.changes != "time" for spec in specs) if is_copied(split) else 1
-
-
-def check_ids(clips: Iterable[tuple[str, str]], specs: tuple[CopySpec, ...]) -> None:
-    """Raise SourceError if a copy would get the id of a clip or of another copy.
-
-    `clips`: Id and split of every clip.
-    """
-    clips = list(clips)
-    taken = {clip for clip, _ in clips}
-    for clip in (clip for clip, split in clips if is_copied(split)):
-        for spec in specs:
-            copy = spec.clip_id(clip)
-            if copy in taken:
-                raise SourceError(
-                    f"the copy of clip {clip} that augment.{spec.name} makes would get the id of another clip",
-                    where=f"clip {copy}",
-                    fix=f"rename the clip, or build without augment.{spec.name}",
-                )
-            taken.add(copy)

@@ -139,7 +139,7 @@ def _optional_problems(
     if optional and len(optional) == len(fields):
         problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
     for field in optional:
-        if field.representation.name == "root_place":
+        if field.representation.holds_places:
             problems.append(f"motion.{field.name}.optional: the places of dancers cannot be left out")
     return problems
 

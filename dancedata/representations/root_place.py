@@ -38,6 +38,7 @@ class RootPlace(Representation):
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
+    holds_places: ClassVar[bool] = True
     spatial: ClassVar[Spatial | None] = Spatial("y", {"place": "place", "facing": "direction"})
 
     @property

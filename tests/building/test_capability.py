@@ -32,9 +32,7 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, Store]:
         recipe = folder / f"{name}.yaml"
         recipe.write_text(yaml.safe_dump({**RECIPE, **keys}), encoding="utf-8")
         places = {"source": folder / "source", "out": folder / name, "cache": folder / "cache"}
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setenv("DANCEDATA_BUILDING", "1")
-            stores.append(dancedata.build(recipe, jobs=2, progress=False, **places).open())
+        stores.append(dancedata.build(recipe, jobs=2, progress=False, **places).open())
     return stores[0], stores[1]
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.building.compute import in_cache
+from dancedata.building.signals import SignalId, identify_audio
 from dancedata.cli import options
 from dancedata.cli.app import app
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.audio import SignalId, extract_track, identify_audio
-from dancedata.pipeline.motion import encode_motion
-from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe
+from tests.takes import makers_of, take_of, unit_of
 
 #: Each of these takes a good part of a second, or needs an extra.
 HEAVY = {"torch", "librosa", "scipy", "numba", "sklearn", "pandas", "matplotlib", "soundfile", "soxr"}
@@ -79,38 +79,43 @@ def test_every_command_chooses_how_results_are_computed():
         assert command.callback.__code__.co_filename == options.__file__, command.name  # type: ignore[union-attr]
 
 
+RUN = """
+import pickle, sys
+cache, units = pickle.load(open(sys.argv[1], "rb"))
+from dancedata.building.compute import make
+for unit in units:
+    make(cache, unit)
+"""
+
+
 def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: Path):
     recipe, cache = load_recipe("aist++"), Cache(tmp_path / "cache")
     (ref, *_) = recipe.dataset.scan(corpus).clips
-    sha = cache.file_sha256(ref.motion_path)
-    unit = (encode_motion, (cache, recipe.without_audio, ref, sha, MotionKeys(recipe, {}).of(ref, sha)))
-    (tmp_path / "unit").write_bytes(pickle.dumps(unit))
-    code = "import pickle, sys\nfunction, call = pickle.load(open(sys.argv[1], 'rb'))\nfunction(*call)"
-    names = modules("-c", code, str(tmp_path / "unit"))
+    unit = unit_of(makers_of(recipe)["edge151"], take_of(recipe, [(ref, cache.file_sha256(ref.motion_path))]))
+    (tmp_path / "unit").write_bytes(pickle.dumps((cache, [unit])))
+    names = modules("-c", RUN, str(tmp_path / "unit"))
     assert "dancedata.representations.edge151" in names
     heavy = HEAVY | {"pydantic", "h5py", "typer", "joblib", "importlib.metadata"}
     assert names & heavy == set()
-    levels = {"dancedata.audio", "dancedata.audio.silence"}  # needs numpy alone
-    assert {name for name in names if name.startswith("dancedata.audio")} <= levels
-    (made,) = recipe.motion
-    assert cache.array("motion", unit[1][4].fields[made.name]) is not None
+    # What knows a song needs numpy alone.
+    features = ("librosa35", "bailando", "stft", "beats", "jukebox", "hf", "networks", "file", "signal", "stretch")
+    places = tuple(f"dancedata.audio.{feature}" for feature in features)
+    assert [name for name in names if name.startswith(places)] == []
+    assert in_cache(cache, unit) is not None
 
 
 def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):
     recipe, cache = load_recipe("aist++"), Cache(tmp_path / "cache")
     (ref, *_) = recipe.dataset.scan(corpus).clips
-    sha = cache.file_sha256(ref.motion_path)
-    keys = MotionKeys(recipe, {}).of(ref, sha)
     signal = identify_audio(cache, ref.audio_path)
-    (job,) = recipe.audio
-    units = [(encode_motion, (cache, recipe, ref, sha, keys)), (extract_track, (cache, job, signal, 120.0, "0" * 64))]
-    (tmp_path / "units").write_bytes(pickle.dumps(units))
-    code = "import pickle, sys\nfor function, call in pickle.load(open(sys.argv[1], 'rb')): function(*call)"
-    names = imported("-c", code, str(tmp_path / "units"))
+    assert isinstance(signal, SignalId)
+    take = take_of(recipe, [(ref, cache.file_sha256(ref.motion_path))], signal=signal)
+    units = [unit_of(makers_of(recipe)[name], take) for name in ("edge151", "librosa35")]
+    (tmp_path / "units").write_bytes(pickle.dumps((cache, units)))
+    names = imported("-c", RUN, str(tmp_path / "units"))
     assert "soxr" in names
     assert names & {"pydantic", "librosa", "numba", "h5py", "typer", "torch"} == set()
-    assert isinstance(signal, SignalId)
-    assert cache.array("features", "0" * 64) is not None
+    assert [in_cache(cache, unit) is None for unit in units] == [False, False]
 
 
 def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path: Path):

@@ -50,7 +50,7 @@ def test_every_function_on_the_page_exists() -> None:
 
 
 def test_data_pass_the_functions_in_this_order(tmp_path: Path) -> None:
-    names = first_column(section("From build to write_store").split("Three stages hand")[0])
+    names = first_column(section("From build to write_store").split("One function runs in workers")[0])
     assert len({name.rpartition(".")[0] for name in names}) == len(names) >= 8, "each file once"
     codes: dict[CodeType, str] = {function_of(name).__code__: name for name in names}
     passed: list[str] = []

@@ -12,23 +12,25 @@ import numpy as np
 import pytest
 
 from dancedata.audio.signal import load_audio
+from dancedata.building import signals as audio_units
+from dancedata.building.compute import Unit, in_cache, make
+from dancedata.building.fields.music import MusicRows
+from dancedata.building.identity import content_hashes
+from dancedata.building.inputs import Music
+from dancedata.building.signals import FeatureKeys, SignalId
+from dancedata.building.sources import identify
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution import cache as cache_module
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache, CachedArray, EntryLostError
 from dancedata.execution.progress import Progress
-from dancedata.pipeline import audio as audio_units
-from dancedata.pipeline import motion as motion_units
-from dancedata.pipeline.audio import FeatureKeys, SignalId
-from dancedata.pipeline.motion_keys import MotionKeys, content_hashes
-from dancedata.pipeline.plan_cached import Cached, cached_units
-from dancedata.pipeline.sources import identify
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from tests.commands import killed_afterwards
 from tests.messages import raises_message
+from tests.takes import keys_of, made, makers_of, take_of, unit_of
 
 FORK = multiprocessing.get_context("fork") if hasattr(os, "fork") else None
 KEY = "ab" + "0" * 62
@@ -48,8 +50,8 @@ def own(tmp_path: Path) -> Cache:
     return Cache(tmp_path / "cache")
 
 
-def motion_keys(cache: Cache, recipe: Recipe) -> MotionKeys:
-    return MotionKeys(recipe, content_hashes(recipe.dataset, cache.file_sha256))
+def motion_keys(cache: Cache, recipe: Recipe, ref: ClipRef, sha: str) -> dict[str, str]:
+    return keys_of(recipe, take_of(recipe, [(ref, sha)], content_hashes(recipe.dataset, cache.file_sha256)))
 
 
 def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
@@ -100,28 +102,25 @@ def test_a_window_is_identified_by_its_song_and_position(monkeypatch: pytest.Mon
 
 def test_settings_of_motion_are_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     def key(*overrides: str, sha: str = "m") -> str:
-        recipe = load_recipe("aist++", overrides)
+        recipe = load_recipe("aist++", ("audio={}", *overrides))
         (ref, *_) = recipe.dataset.scan(corpus).clips
-        return motion_keys(own, recipe).of(ref, sha).fields["edge151"]
+        return motion_keys(own, recipe, ref, sha)["edge151"]
 
     keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
-    keys.append(key("scope=window"))
-    monkeypatch.setattr("dancedata.pipeline.motion_keys.package_version", lambda name: "9.9")
+    monkeypatch.setattr("dancedata.building.plugins.package_version", lambda name: "9.9")
     keys.append(key())
     assert len(set(keys)) == len(keys)
 
 
-def test_another_body_model_is_another_key_and_a_plan_reads_none(own: Cache, tmp_path: Path):
+def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
     model = tmp_path / "model.npz"
-    recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}"])
-    ref = motion_units.ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
+    recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}", "audio={}"])
+    ref = ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
     model.write_bytes(b"one")
-    for slot in recipe.motion:
-        assert cached_units(own, replace(recipe, audio=()), [ref], [(ref, 1)], [])[slot.name] == Cached("clips", 0, 1)
-    assert not own.root.exists()
-    one = motion_keys(own, recipe).of(ref, "m")
+    one = motion_keys(own, recipe, ref, "m")
     model.write_bytes(b"two")
-    assert motion_keys(own, recipe).of(ref, "m") != one
+    two = motion_keys(own, recipe, ref, "m")
+    assert [name for name in one if one[name] == two[name]] == []
 
 
 def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_path: Path):
@@ -333,13 +332,14 @@ def test_a_song_that_changes_during_a_build_is_set_aside(corpus, own, tmp_path, 
         os.utime(song, (0, 0))
     else:
         song.write_bytes(songs[-1].read_bytes())
-    key = FeatureKeys(job).track(None, identified.sha256)
-    found = audio_units.extract_track(own, job, identified, None, key)
+    field = MusicRows(job)
+    ask = field.ask(Music(identified))
+    (found,) = make(own, Unit(ask.source, [(field, [ask])])).values()
     if how == "replaced":
         assert isinstance(found, Reject)
         assert found.reason == "changed"
         assert str(song) in found.detail
-        assert own.array("features", key) is None
+        assert own.array("features", ask.key) is None
     else:
         assert isinstance(found, CachedArray)
 
@@ -369,14 +369,13 @@ def test_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cach
     (ref, *_) = recipe.dataset.scan(corpus).clips
     sha = own.file_sha256(ref.motion_path) if what == "body model" else "another"
     # As if a model had been there when the keys were made.
-    keys = MotionKeys(recipe, {"body_model/model.npz": "0"}).of(ref, sha)
-    if what == "motion":
-        keys = motion_keys(own, recipe).of(ref, sha)
-    found = motion_units.encode_motion(own, recipe, ref, sha, keys)
+    take = take_of(recipe, [(ref, sha)], {"body_model/model.npz": "0"} if what == "body model" else {})
+    edge151 = makers_of(recipe)["edge151"]
+    found = made(own, edge151, take)
     assert isinstance(found, Reject)
     assert found.reason == "changed"
     assert what == "motion" or "body_model/model.npz" in found.detail
-    assert motion_units.cached_motion(own, recipe, keys) is None
+    assert in_cache(own, unit_of(edge151, take)) is None
 
 
 def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own, tmp_path, monkeypatch):
@@ -409,7 +408,7 @@ def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache,
         return plain(cache, path)
 
     monkeypatch.setattr(Cache, "hashed_sha256", hashed)
-    sources = identify(own, recipe, scan, jobs=1, progress=Progress(quiet=True))
+    sources = identify(own, recipe.dataset, [], scan, jobs=1, progress=Progress(quiet=True))
     assert read == [scan.clips[0].motion_path]
     assert len(sources.clips) == 3
 

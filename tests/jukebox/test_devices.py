@@ -22,14 +22,13 @@ import torch
 from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.networks import devices as _devices
+from dancedata.building import signals as audio_units
+from dancedata.building.fields.music import MusicRows
+from dancedata.building.signals import FeatureKeys, SignalId
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.execution.executors import Executor
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline import audio as audio_units
-from dancedata.pipeline.audio import FeatureKeys, SignalId
-from dancedata.pipeline.features import _jobs_for, _next_songs
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 FPS = FrameGrid.of(30)
@@ -60,8 +59,7 @@ def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) ->
     feature = Jukebox(weights=tiny.folder, layer=6).resolved(sha256_file)
     assert feature.precision == "fp16"
     assert feature.windows_per_call == 32
-    assert _jobs_for(feature, 16) == 2
-    assert _jobs_for(feature, Executor(16)).n == 2  # type: ignore[union-attr]
+    assert MusicRows(_job(feature)).workers(16) == 2
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
     one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
     assert one.workers(16) == 1
@@ -155,7 +153,5 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
     assert threads[0].startswith("decode-ahead")
     audio_units.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
-    songs = [Path(name) for name in "aabc"]
-    paths = [None, Path("b"), Path("c"), None]
-    assert _next_songs(Jukebox(weights=tiny.folder), songs) == paths
-    assert _next_songs(Librosa35(), songs) == [None] * 4
+    assert MusicRows(_job(Jukebox(weights=tiny.folder))).looks_ahead
+    assert not MusicRows(FeatureJob("librosa35", FPS, Librosa35())).looks_ahead

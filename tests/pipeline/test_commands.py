@@ -95,9 +95,9 @@ def test_overrides_are_values_or_texts() -> None:
         load_recipe("demo", {"windows..stride_s": 1})
 
 
-def test_progress_is_printed_or_not(demo: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    dancedata.plan("demo", out=demo.path, overrides=CHANGED)
-    assert "lengths of motion: 4/4" in capsys.readouterr().err
+def test_progress_is_printed_or_not(demo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dancedata.plan("demo", out=demo.path, overrides=CHANGED, cache=tmp_path)
+    assert "measuring motion: 4/4" in capsys.readouterr().err
     dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     assert capsys.readouterr() == ("", "")
 

@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.recipe import parts_of
+from dancedata.building.spine import expand
+from dancedata.core.clip import ClipRef
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
 from dancedata.core.motion import Motion
@@ -16,10 +19,10 @@ from dancedata.core.registry import AUGMENTATIONS
 from dancedata.execution.progress import Progress
 from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
-from dancedata.recipes.copies import CopySpec, check_ids
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 from tests.messages import raises_message
+from tests.takes import take_of
 
 SMALL = ("motion={edge151: {}, joints: {}}", "keymotion=lodge", "windows.length_s=3", "audio={}")
 
@@ -178,11 +181,9 @@ def test_augment_in_recipes() -> None:
         load_recipe("aist++", ("augment=[mirror]",))
 
 
-def test_ids_of_copies() -> None:
-    specs = (CopySpec("b", Shift()), CopySpec("x__b", Shift()))
-    check_ids([("a", "train"), ("c", "train")], specs)
-    check_ids([("a", "test"), ("a__b", "test")], specs)
-    with raises_message(SourceError, "copy", where="clip a__b"):
-        check_ids([("a", "train"), ("a__b", "val")], specs)
-    with raises_message(SourceError, "a__x", where="clip a__x__b"):
-        check_ids([("a", "train"), ("a__x", "train")], specs)
+@pytest.mark.parametrize("name", ["a__shift", "a"])
+def test_a_copy_with_the_id_of_a_clip_is_an_error(name: str) -> None:
+    recipe = load_recipe("aist++", ("audio={}", "augment=shift"))
+    takes = [take_of(recipe, [(ClipRef(clip, Path(f"{clip}.pkl"), None, "train"), "0")]) for clip in ("a", name)]
+    with raises_message(SourceError, name, where=f"clip {name}"):
+        expand(takes, parts_of(recipe).transforms)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.annotators import facts
 from dancedata.core.clip import ClipRef, Scan, member_id
 from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid
@@ -18,7 +19,6 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
-from dancedata.pipeline import facts
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message

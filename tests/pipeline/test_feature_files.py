@@ -326,5 +326,10 @@ def test_a_file_that_changes_during_the_build(source: Path, monkeypatch: pytest.
     monkeypatch.setattr(FileRows, "rows", replaced)
     with pytest.raises((StoreError, DataError), match="changed while the build was running"):
         dancedata.build(
-            document({"fps": 25}), source, source.parent / "out", cache=source.parent / "cache", progress=False
+            document({"fps": 25}),
+            source,
+            source.parent / "out",
+            cache=source.parent / "cache",
+            progress=False,
+            jobs=1,
         )

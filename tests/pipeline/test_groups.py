@@ -23,6 +23,7 @@ from dancedata.pipeline.describe import describe_store
 from dancedata.readers import GroupDataset
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
+from tests.takes import keys_of, take_of
 
 MOVES = Layer("moves", language="en", sided="mirrored", mirror=(("left turn", "right turn"),))
 WORDS = Layer("words", language="fr")
@@ -156,31 +157,6 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
     np.testing.assert_array_equal(roots(kept, "a"), roots(without, "a"))
 
 
-def test_a_dancer_who_is_left_out_sets_the_group_aside(tmp_path: Path, cache: Path, monkeypatch: Any) -> None:
-    from dancedata.core.clip import Reject
-    from dancedata.pipeline import encode
-
-    source = tmp_path / "source"
-    write(source, "a", 3)
-    write(source, "b", 2)
-    plain = encode.encode_sources
-
-    def lossy(cache: Any, recipe: Any, clips: Any, *rest: Any, **options: Any) -> Any:
-        results = plain(cache, recipe, clips, *rest, **options)
-        return [Reject("nan", c.ref.id) if c.ref.id == "a_p1" else r for c, r in zip(clips, results, strict=True)]
-
-    monkeypatch.setattr(encode, "encode_sources", lossy)
-    store = build(source, tmp_path / "out", cache)
-    assert {clip.group for clip in store.clips} == {"b"}
-    rows = {row["clip"]: row for row in store.rejects}
-    assert (rows["a_p1"]["reason"], rows["a_p0"]["reason"]) == ("nan", "incomplete_group")
-    assert "without a_p1" in rows["a_p2"]["detail"]
-    kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
-    assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
-    assert int(kept.tables.groups["n_source"][0]) == 3
-    assert verify_store(tmp_path / "kept") == []
-
-
 @pytest.mark.parametrize(("shorter", "frames"), [(4, 178), (20, None)])
 def test_dancers_are_cut_to_the_shortest_within_a_tolerance(
     tmp_path: Path, cache: Path, shorter: int, frames: int | None
@@ -235,17 +211,14 @@ def test_one_floor_keeps_a_lifted_partner_in_the_air(tmp_path: Path, cache: Path
 
 def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None:
     """A partner's file shapes the length, floor and place of a dancer."""
-    from dancedata.pipeline.motion_keys import MotionKeys
     from dancedata.recipes.parse import load_recipe
 
-    recipe = replace(load_recipe("aist++"), dataset=Ensemble())
+    recipe = replace(load_recipe("aist++", ("audio={}",)), dataset=Ensemble())
     refs = [ClipRef(f"a_p{k}", Path(f"a{k}.npz"), None, "train", group="a", member=k) for k in range(2)]
-    keys = MotionKeys(recipe, {})
-    one = keys.of(refs[0], "1" * 64, [(refs[0], "1" * 64), (refs[1], "2" * 64)])
-    two = keys.of(refs[0], "1" * 64, [(refs[0], "1" * 64), (refs[1], "3" * 64)])
-    assert one.info != two.info
-    assert one.fields["edge151"] != two.fields["edge151"]
-    assert keys.of(refs[0], "1" * 64).info == MotionKeys(recipe, {}).of(replace(refs[0], group=""), "1" * 64).info
+    one, two = (
+        keys_of(recipe, take_of(recipe, [(refs[0], "1" * 64), (refs[1], other * 64)])) for other in ("2", "3")
+    )
+    assert [name for name in one if one[name] == two[name]] == []
 
 
 @pytest.mark.parametrize(

@@ -159,7 +159,7 @@ def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_p
     short = [r for r in store.rejects if r["reason"] == "short_field"]
     assert {r["clip"] for r in short} == {c.id for c in store.clips}
     assert {r["window"] for r in short} == {200}
-    assert all("do not all reach" in r["detail"] for r in short)
+    assert all("60 per second" in r["detail"] for r in short)
     assert {w.start for w in store.windows("train")} == {0, 100}
 
 

@@ -9,8 +9,8 @@ import soundfile
 
 import dancedata
 from dancedata.audio.ffmpeg import ffmpeg_version
+from dancedata.building.signals import SignalId, identify_audio, known_signal
 from dancedata.execution.cache import Cache
-from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 RECIPE: dict[str, Any] = {
@@ -60,6 +60,6 @@ def test_a_song_is_decoded_again_by_another_ffmpeg(
         assert isinstance(signal, SignalId)
         assert signal.ffmpeg == ffmpeg
         assert known_signal(cache, tmp_path / name) == signal
-    monkeypatch.setattr("dancedata.pipeline.audio.ffmpeg_version", lambda: "another")
+    monkeypatch.setattr("dancedata.building.signals.ffmpeg_version", lambda: "another")
     assert known_signal(cache, tmp_path / "a.wav") is None
     assert known_signal(cache, tmp_path / "b.wav") is not None

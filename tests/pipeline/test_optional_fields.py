@@ -1,10 +1,10 @@
 """Clips that an optional field cannot take: kept for the other fields, and never read as data of that one."""
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -15,15 +15,14 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
+from dancedata.core.registry import AUGMENTATIONS
 from dancedata.keymotion.lodge import Lodge
 from dancedata.keymotion.minima import KeyMotion, key_motion
 from dancedata.pipeline.check import check
-from dancedata.pipeline.copies import _CopiedArray
 from dancedata.pipeline.diff import diff
 from dancedata.readers import ClipDataset, Dancers, GroupDataset, Primitives, Scale, WindowDataset, Windows
 from dancedata.readers.scalers import scaler_of
 from dancedata.readers.selection import Choice
-from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.report.measure import measure
 from dancedata.store import open_store, verify_store, write_store
@@ -227,15 +226,23 @@ def test_copies_lack_what_their_clip_lacks(captures: Path, cache: Path, tmp_path
     assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
 
 
-def test_augmentations_do_not_see_rows_that_are_not_there() -> None:
+def test_augmentations_do_not_see_rows_that_are_not_there(captures: Path, cache: Path, tmp_path: Path) -> None:
     class Fragile(CopyAugmentation):
+        changes: ClassVar = "rows"
+        version: ClassVar[int] = 1
+
         def change_rows(self, rows: Any, *_: Any, **__: Any) -> Any:
             return rows - rows[:1].max()  # an error for no rows
 
-    recipe = parse_recipe(RECIPE)
-    empty = np.empty((0, recipe.motion[1].columns.width), np.float32)
-    copied = _CopiedArray(empty, recipe.motion[1], CopySpec("fragile", Fragile()), "bvh_1")
-    assert np.asarray(copied).shape == copied.shape == empty.shape
+        def check(self, columns: Any) -> None:
+            pass
+
+    AUGMENTATIONS.register("fragile")(dataclass(frozen=True)(Fragile))
+    try:
+        built = dancedata.build({**RECIPE, "augment": {"fragile": True}}, captures, tmp_path / "out", cache=cache)
+    finally:
+        del AUGMENTATIONS._classes["fragile"]
+    assert not built.open().clip("bvh_1__fragile").has_field(FIELD)
 
 
 def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -17,14 +18,15 @@ from unittest import mock
 
 import pytest
 
+from dancedata.building import plugins
+from dancedata.building import signals as audio_units
+from dancedata.building.signals import FeatureKeys, SignalId
 from dancedata.core.clip import ClipRef
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline import audio as audio_units
-from dancedata.pipeline import motion_keys
-from dancedata.pipeline.audio import FeatureKeys, SignalId
-from dancedata.pipeline.motion_keys import MotionKeys
 from dancedata.recipes.parse import load_recipe, recipe_names
+from tests import takes
+from tests.takes import take_of
 
 PINS = Path(__file__).with_name("pins.json")
 DEMO = "demo"
@@ -41,16 +43,17 @@ def keys_of(name: str) -> dict[str, Any]:
     """Return the hash of a recipe and the keys of its units, for one clip and song, with versions left out."""
     recipe = load_recipe(name)
     patches = [mock.patch.object(module, what, return_value="1") for module, what in (
-        (audio_units, "package_version"), (motion_keys, "package_version"), (audio_units, "expected"),
-        (motion_keys, "expected"),
+        (audio_units, "package_version"), (plugins, "package_version"), (audio_units, "expected"),
+        (plugins, "expected"),
     )]  # fmt: skip
     for patch in patches:
         patch.start()
     try:
-        motion = MotionKeys(recipe, {"body_model/SMPL.npz": "b" * 64}).of(CLIP, "c" * 64)
+        of_motion = replace(recipe, audio=())
+        take = take_of(of_motion, [(CLIP, "c" * 64)], {"body_model/SMPL.npz": "b" * 64})
         audio = {job.name: FeatureKeys(job) for job in recipe.audio}
         return {
-            "recipe": recipe.sha256, "clip": motion.info, "motion": motion.fields,
+            "recipe": recipe.sha256, "motion": takes.keys_of(of_motion, take),
             "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
             "windows": {name: keys.window(80.0, SONG, 3) for name, keys in audio.items() if recipe.scope == "window"},
         }  # fmt: skip

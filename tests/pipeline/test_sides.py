@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.building.annotators import vitals
+from dancedata.building.fields.motion import MotionRows
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline import motion as motion_units
 from dancedata.pipeline.build import build
 from dancedata.pipeline.check import check
 from dancedata.pipeline.plan import make_plan
@@ -74,10 +75,10 @@ def test_a_cache_entry_that_was_not_inspected(
 ) -> None:
     made, cache = recipe(tmp_path), tmp_path / "cache"
     with monkeypatch.context() as before:
-        before.setattr(motion_units, "_EXAMINED", 1)
-        before.setattr(motion_units, "quality_flags", lambda motion: [])
+        before.setattr(vitals.Vitals, "version", 0)
+        before.setattr(vitals, "quality_flags", lambda motion: [])
         build(made, mirrored, tmp_path / "before", cache=cache, strict=True)
-    monkeypatch.setattr(motion_units, "_encode", None)  # what was encoded stays
+    monkeypatch.setattr(MotionRows, "make", None)  # what was encoded stays
     build(made, mirrored, tmp_path / "after", cache=cache)
     with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
@@ -95,7 +96,7 @@ def test_check_finds_it_in_a_dataset_without_flags(
 ) -> None:
     if kind == "implausible_up":
         (mirrored / "manifest.csv").write_text("motion,up\ntake.npz,-y\n")
-    monkeypatch.setattr(motion_units, "quality_flags", lambda motion: [])
+    monkeypatch.setattr(vitals, "quality_flags", lambda motion: [])
     build(recipe(tmp_path, scope, field), mirrored, tmp_path / "out", cache=tmp_path / "cache")
     with open_store(tmp_path / "out") as store:
         assert store.quality == []

@@ -7,8 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dancedata.building.signals import window_samples
 from dancedata.core.grid import FrameGrid, WindowGrid
-from dancedata.pipeline.audio import window_samples
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.signals import FeatureKeys
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.audio import FeatureKeys
 from dancedata.pipeline.build import build
 from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import apply_override, parse_recipe

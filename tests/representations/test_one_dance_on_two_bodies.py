@@ -18,8 +18,6 @@ from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import conformed, measure_pose
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
-from dancedata.pipeline.motion_keys import MotionKeys
-from dancedata.recipes.parse import parse_recipe
 from dancedata.store.motion_fields import Pose
 from dancedata.synthetic import synthesise_motion
 
@@ -89,38 +87,7 @@ def test_a_protocol_measures_the_same_positions(dances: list[dict[str, Motion]],
             np.testing.assert_allclose(smplx[:, 0], dance["smpl"].joints()[:, 0] - rest, atol=1e-9)
 
 
-def keys_of(dataset: str, body: str, *fields: Any) -> dict[str, str]:
-    """Return the cache keys of a clip's fields, of a file with a body as its scan has seen it."""
-    motion = {name: kw for name, kw in fields}
-    recipe = parse_recipe({**RECIPE, "dataset": {dataset: {}}, "motion": motion}, where="test")
-    return MotionKeys(recipe, {}).of(ClipRef("clip", Path("clip.npz"), None, "train", body=body), "0" * 64).fields
-
-
 RECIPE = {"recipe": 1, "name": "test", "fps": 30, "windows": {"length_s": 2, "stride_s": 1}}
-EVERY = [("edge151", {}), ("lodge139", {}), ("lodge319", {}), ("finedance319", {}), ("joints", {})]
-
-
-def test_keys_change_with_the_numbers() -> None:
-    """Of columns that had other numbers; the rest keeps what caches hold."""
-    plain = keys_of("aist++", "", *EVERY)
-    for dataset, body, moved in (
-        ("aist++", "", {"finedance319"}),
-        ("synthetic", "", {"finedance319"}),
-        ("folder", "smpl24", {"finedance319"}),
-        ("folder", "smplh52", {"lodge139", "lodge319", "finedance319"}),
-        ("folder", "smplx55", {"edge151", "joints"}),
-        ("finedance", "", {"edge151", "joints"}),
-        ("folder", "", {name for name, _ in EVERY}),  # a body model, whose bones are not known
-    ):
-        changed = {name for name, key in keys_of(dataset, body, *EVERY).items() if key != unmarked(dataset, name)}
-        assert changed == moved, (dataset, body)
-    assert plain["edge151"] == unmarked("aist++", "edge151")
-
-
-def unmarked(dataset: str, name: str) -> str:
-    """Return the key without the body, as before bodies were part of it."""
-    with mock.patch("dancedata.pipeline.motion_keys.crosses", return_value=False):
-        return keys_of(dataset, "", *EVERY)[name]
 
 
 @pytest.mark.skipif(

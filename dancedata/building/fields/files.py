@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy.typing as npt
 
 from dancedata.audio.file import FileRows, Placed
+from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.rejects import attempt, reject_of
 from dancedata.building.take import Take, Time
-from dancedata.core.clip import Reject
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.feature_files import feature_of, file_key
-from dancedata.pipeline.rejects import reject_of
+from dancedata.execution.cache import Cache
 from dancedata.recipes.fields import FeatureJob
+
+#: Raised by hand when the stage gives other numbers for the same input.
+_STAGE = 1
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class FileField(Field):
     @property
     def sha256(self) -> str:
         """Hash of all that shapes rows, beside the file and its place."""
-        return file_key(self.job, "", Placed(0, 0, Fraction(0), Fraction(1)))
+        return self._key("", Placed(0, 0, Fraction(0), Fraction(1)))
 
     @property
     def from_files(self) -> bool:
@@ -73,7 +78,9 @@ class FileField(Field):
 
     @cached_property
     def _feature(self) -> FileRows:
-        return feature_of(self.job)
+        if not isinstance(self.job.feature, FileRows):
+            raise UsageError("a feature without files was taken for one with files", where=self.name)
+        return self.job.feature
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: the rows of his file."""
@@ -81,8 +88,37 @@ class FileField(Field):
         for k, dancer in enumerate(take.dancers):
             file, placed = dancer.files[self.name], self._placed(take, k)
             first = placed.first - self._first(take)
-            asks.append(Ask(file, file_key(self.job, file.sha256, placed), placed, -first))
+            asks.append(Ask(file, self._key(file.sha256, placed), placed, -first))
         return asks
+
+    def with_path(self, ref: ClipRef, source: Path) -> ClipRef:
+        """Return a clip with its file of this field, if there is one."""
+        path = self._feature.file_of(ref, source)
+        return ref if path is None else replace(ref, feature_paths=(*ref.feature_paths, (self.name, path)))
+
+    def file_of(self, cache: Cache, ref: ClipRef, hash_file: Callable[[Cache, Path], str]) -> RowsFile | Reject:
+        """Return the file of a clip, hashed, with its length by its header; or why it cannot be used."""
+        path = dict(ref.feature_paths).get(self.name)
+        if path is None or not path.is_file():
+            what = f"no file {path}" if path is not None else f"the clip has no name for {self._feature.path}"
+            fix = f"set audio.{self.name}.path, which is below the source, or leave the field out"
+            return Reject("missing_feature", ref.id, str(path or ""), detail=f"field {self.name}: {what}", fix=fix)
+        n_rows = attempt(lambda: self._feature.length(path), path, ref.id)
+        if isinstance(n_rows, Reject):
+            return n_rows
+        try:
+            return RowsFile(path, hash_file(cache, path), n_rows)
+        except OSError as error:
+            return Reject("broken_file", ref.id, str(path), detail=f"{path}: {error}")
+
+    @property
+    def unit(self) -> str:
+        """What a result is of."""
+        return "files"
+
+    def n_rows(self, take: Take, dancer: int) -> int:
+        """Return the number of rows on the field's grid."""
+        return self._placed(take, dancer).n_rows
 
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
         """Return the frames that the file covers; a Reject where its length is not that of the motion."""
@@ -108,6 +144,21 @@ class FileField(Field):
             raise DataError(
                 "the file cannot be read", reason="broken_file", where=loaded, found=str(error)
             ) from error
+
+    def _key(self, sha256: str, placed: Placed) -> str:
+        """Return the key of a file's rows in a place: of its content, not its name."""
+        feature = self._feature
+        return Cache.key(
+            "feature file",
+            version=[_STAGE, feature.version],
+            file=sha256,
+            rate=feature.rate,
+            fps=str(self.grid),
+            phase=str(placed.phase),
+            resample=feature.resample,
+            dtype=feature.dtype,
+            codes=None if feature.codebook is None else [feature.codebook.to_json(), list(feature.first_codes)],
+        )
 
     def _placed(self, take: Take, dancer: int) -> Placed:
         of = take.dancers[dancer]

@@ -74,6 +74,28 @@ class MotionRows(Field):
         steps = [step for step in take.motion_steps if step.name not in self.without]
         return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
 
+    def not_for_groups(self, fields: Sequence[Field]) -> str:
+        """Return why rows without places cannot hold a group: dancers anywhere would have equal columns."""
+        if not isinstance(self.spec, MotionField):
+            return ""
+        spatial = self.spec.representation.spatial
+        beside = {field.grid for field in fields if isinstance(field, MotionRows) and field.holds_places}
+        if spatial is None or not spatial.placeless or self.grid in beside:
+            return ""
+        return (
+            f"its columns have no places: store them beside it, motion: {{root_place: {{fps: {self.grid}}}}}, or "
+            "choose a representation that has them, such as edge151"
+        )
+
+    @property
+    def holds_places(self) -> bool:
+        """Whether its columns are the places of dancers, for fields without them."""
+        return isinstance(self.spec, MotionField) and self.spec.representation.holds_places
+
+    def n_rows(self, take: Take, dancer: int) -> int:
+        """Return the number of rows."""
+        return take.time.frames_on(self.grid)
+
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach:
         """Return the frames that rows of another rate cover."""
         beyond = f"ends after the last of the rows at {self.grid} per second"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal
 
@@ -13,23 +13,27 @@ import numpy.typing as npt
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.signals import FeatureKeys, SignalId, timeline_of, window_samples
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.audio import FeatureKeys, SignalId, timeline_of, window_samples
 from dancedata.recipes.fields import FeatureJob
 
 
 @dataclass(frozen=True)
 class MusicRows(Field):
-    """A feature of a song; of slices, each by itself, but those of a song in one call."""
+    """A feature of a song; of slices, each by itself, but those of a song in one call.
+
+    `arithmetic`: Instructions that computed the rows; None: those of this machine's builds, see `expected`.
+    """
 
     stage: ClassVar[str] = "features"
 
     job: FeatureJob
+    arithmetic: str | None = None
 
     @property
     def name(self) -> str:
@@ -89,9 +93,10 @@ class MusicRows(Field):
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: the rows of his song, or of a slice of it."""
-        return [self._ask(dancer.music) for dancer in take.dancers]
+        return [self.ask(dancer.music) for dancer in take.dancers]
 
-    def _ask(self, music: Music) -> Ask:
+    def ask(self, music: Music) -> Ask:
+        """Return what is asked of a song: its rows, or those of a slice."""
         signal = _signal(music)
         if music.excerpt is not None:
             key = self._keys.window(music.bpm, signal, music.excerpt)
@@ -99,9 +104,33 @@ class MusicRows(Field):
         signal, offset = timeline_of(signal, music.start, self.grid)
         return Ask(Song(signal), self._keys.track(music.bpm, signal.sha256), (music.bpm, None), offset)
 
+    def slice_asks(self, music: Music) -> list[Ask]:
+        """Return what is asked for all slices of a song."""
+        signal = _signal(music)
+        n_slices = len(window_samples(self.job, signal.n_samples, signal.sample_rate)[0])
+        return [self.ask(replace(music, excerpt=number)) for number in range(n_slices)]
+
     @cached_property
     def _keys(self) -> FeatureKeys:
-        return FeatureKeys(self.job)
+        return FeatureKeys(self.job, self.arithmetic)
+
+    @property
+    def needs_music(self) -> bool:
+        """It is made of decoded music."""
+        return True
+
+    @property
+    def unit(self) -> str:
+        """What a result is of."""
+        return "songs" if self.job.windows is None else "slices"
+
+    def n_rows(self, take: Take, dancer: int) -> int:
+        """Return the number of rows of a song, or of a slice of it."""
+        music = take.dancers[dancer].music
+        if music.excerpt is not None:
+            return self.job.window_rows
+        signal = timeline_of(_signal(music), music.start, self.grid)[0]
+        return self.job.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
 
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
         """Return the frames that rows of the song cover."""

@@ -11,11 +11,10 @@ import numpy.typing as npt
 
 from dancedata.building.take import Scene, Take, Transform
 from dancedata.core.columns import Columns
+from dancedata.core.errors import UsageError
 from dancedata.core.segments import Segment
-from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.spatial import middle_of
-from dancedata.pipeline.groups import require_acts_on
-from dancedata.recipes.copies import CopySpec, is_copied
+from dancedata.recipes.copies import CopySpec, copied_segment, is_copied
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,10 @@ class Copy(Transform):
         """Return a take of the source and its copy."""
         if take.parent is not None or not is_copied(take.split):
             return [take]
-        if take.group:
-            require_acts_on(self.spec)
+        if take.group and self.spec.augmentation.acts_on is None:
+            raise UsageError(f"the augmentation {self.spec.name} does not say what it does to a group",
+                             fix='set `acts_on` in its class: "world" for one change of all dancers, "body" for one '
+                                 'of each')  # fmt: skip
         if self.keeps_time:
             return [take, take.copy(self, self.spec.clip_id)]
         speed = self.spec.speed_of(take.name)
@@ -88,16 +89,7 @@ class Copy(Transform):
 
     def segment(self, segment: Segment, take: Take) -> Segment | None:
         """Return a segment at the speed of the copy, and in the words of a mirrored dancer."""
-        speed = self.spec.speed_of(take.root.name)
-        data = (
-            {**segment.data, "period": segment.data["period"] / speed} if "period" in segment.data else segment.data
-        )
-        segment = replace(segment, start=segment.start / speed, end=segment.end / speed, data=data)
-        if self.spec.augmentation.mirrors:
-            if not segment.can_be_mirrored:
-                return None
-            segment = mirrored_segment(segment, dict(self.other_side))
-        return replace(segment, other=self.spec.clip_id(segment.other) if segment.other else "")
+        return copied_segment(segment, self.spec, take.root.name, dict(self.other_side))
 
     def key(self) -> list[Any]:
         """Return what decides the motion of copies; their name does not."""

@@ -132,6 +132,8 @@ class Representation(Plugin):
     positions_only
         Whether `decode` returns a motion with the joint positions of the columns only, on bones of the
         clip: placement, facing, the body's bone lengths and twist are lost in `encode`.
+    holds_places
+        Whether its columns are the places of dancers, for representations without them beside it.
     """
 
     default_contacts: ClassVar[str | None] = None
@@ -140,6 +142,7 @@ class Representation(Plugin):
     axes: ClassVar[str]
     rotation_6d: ClassVar[str | None] = None
     spatial: ClassVar[Spatial | None] = None
+    holds_places: ClassVar[bool] = False
     decodes: ClassVar[bool] = False
     positions_only: ClassVar[bool] = False
 

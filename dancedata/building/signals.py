@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -16,23 +16,19 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.ffmpeg import ffmpeg_version
-from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.audio.silence import Level, levels
+from dancedata.building.rejects import BUILD_AGAIN, CHANGED, reject_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, CachedArray, package_version
-from dancedata.pipeline.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.execution.cache import Cache, package_version
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
 #: Raised by hand when a stage gives other numbers for the same input.
 SIGNAL_STAGE, FEATURE_STAGE = 5, 3
-#: Windows of a song in one unit of work: enough for what neighbours share to pay, few enough to share out a long
-#: song among workers.
-_WINDOWS_A_UNIT = 128
 #: The thread that decodes ahead, once there is one, and the file that it decodes.
 _threads: list[ThreadPoolExecutor] = []
 _ahead: dict[Path, Future[AudioSignal]] = {}
@@ -275,91 +271,12 @@ class FeatureKeys:
         return self._common[bpm]
 
 
-def extract_track(
-    cache: Cache,
-    job: FeatureJob,
-    signal: SignalId,
-    bpm: float | None,
-    key: str,
-    ahead: Path | None = None,
-) -> CachedArray | Reject:
-    """Compute a feature of a whole signal, and publish it under `key`.
-
-    `ahead` is the file of the next unit, decoded ahead for features that compute on a device.
-    """
-    try:
-        return cache.once(
-            "features", key, lambda: job.feature.extract(decode_again(signal, ahead), job.grid, start_bpm=bpm)
-        )
-    except DataError as error:
-        return reject_of(error, file=signal.path)
-
-
-def extract_windows(
-    cache: Cache,
-    job: FeatureJob,
-    signal: SignalId,
-    bpm: float | None,
-    keys: Mapping[int, str],
-    ahead: Path | None = None,
-) -> dict[int, CachedArray] | Reject:
-    """Compute a feature of windows, each by itself, and publish it under `keys`; by the windows' numbers.
-
-    Windows of a song go to the feature in batches of its `windows_per_call`, and are published after each call, so
-    that a killed build resumes after the last of them. `ahead` is as for `extract_track`.
-    """
-    try:
-        # All cut songs into the same units, see `window_units`, so that the first window's lock keeps others out.
-        with cache.lock("features", keys[min(keys)]):
-            arrays = {number: cache.array("features", key) for number, key in keys.items()}
-            missing = [number for number, array in arrays.items() if array is None]
-            if not missing:
-                return {number: array for number, array in arrays.items() if array is not None}
-            whole = decode_again(signal, ahead)
-            starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
-            feature = job.feature
-            at_once = (isinstance(feature, NetworkFeature) and feature.windows_per_call) or len(missing)
-            for begin in range(0, len(missing), at_once):
-                batch = missing[begin : begin + at_once]
-                rows = job.feature.extract_windows(
-                    whole, starts[batch], length, job.grid, job.window_rows, start_bpm=bpm
-                )
-                for number, window_rows in zip(batch, rows, strict=True):
-                    arrays[number] = cache.put_array("features", keys[number], window_rows, durable=False)
-    except DataError as error:
-        return reject_of(error, file=signal.path)
-    return {number: array for number, array in arrays.items() if array is not None}
-
-
-def window_units(keys: Mapping[int, str]) -> list[dict[int, str]]:
-    """Cut a song's windows, keys by number, into the units of work that `extract_windows` takes.
-
-    All callers must group windows this way: the lock of the first window covers the unit.
-    """
-    numbers = sorted(keys)
-    cuts = [numbers[begin : begin + _WINDOWS_A_UNIT] for begin in range(0, len(numbers), _WINDOWS_A_UNIT)]
-    return [{number: keys[number] for number in cut} for cut in cuts]
-
-
-def known_windows(cache: Cache, keys: Mapping[int, str]) -> dict[int, CachedArray] | None:
-    """Return the cached result of `extract_windows`, None if a window is missing."""
-    arrays = {}
-    for number, key in keys.items():
-        array = cache.array("features", key)
-        if array is None:
-            return None
-        arrays[number] = array
-    return arrays
-
-
-def decode_again(signal: SignalId, ahead: Path | None = None) -> AudioSignal:
-    """Decode a signal again, and begin with the next; DataError "changed" if the file has changed.
+def decode_again(signal: SignalId) -> AudioSignal:
+    """Decode a signal again; DataError "changed" if the file has changed.
 
     Otherwise the features of a file that is replaced during a build would be stored under the key of the old file.
     """
     signal_of_file = decoded(signal.path)
-    if ahead is not None:
-        decode_ahead(ahead)
     file = None
     with suppress(OSError):
         file = Cache.stat_key("signal", signal.path)

@@ -2,27 +2,24 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.silence import without_sound
+from dancedata.building.identity import content_hashes
+from dancedata.building.inputs import RowsFile
+from dancedata.building.plugins import Field
+from dancedata.building.rejects import missing_music
+from dancedata.building.signals import SignalId, identify_audio, known_signal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
-from dancedata.core.quality import music_flags
+from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, exactly, run_units
-from dancedata.pipeline.audio import SignalId, identify_audio, known_signal
-from dancedata.pipeline.feature_files import FeatureFile, identify_files, with_feature_paths
-from dancedata.pipeline.motion_keys import content_hashes
-from dancedata.pipeline.rejects import missing_music
-from dancedata.pipeline.rhythm import with_found_starts
 from dancedata.recipes.documents import document_of
-from dancedata.recipes.recipe import Recipe
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class SourceClip:
     motion_sha256: str
     signal: SignalId | None = None
     music_problem: Reject | None = None
-    files: Mapping[str, FeatureFile] = field(default_factory=dict)
+    files: Mapping[str, RowsFile] = field(default_factory=dict)
 
     def inputs(self) -> tuple[list[Any], str, str | None]:
         """Return the clip's metadata, and the hashes of its motion and music."""
@@ -65,13 +62,6 @@ class SourceClip:
             self.motion_sha256,
             self.signal.sha256 if self.signal else None,
         )
-
-    def music_flags(self, seconds: Fraction) -> list[dict[str, Any]]:
-        """Return the flags of the music of a clip of this length, as JSON."""
-        if self.signal is None:
-            return []
-        silent = without_sound(self.signal.levels, self.ref.audio_start, seconds)
-        return [flag.to_json() for flag in music_flags([*silent, *self.signal.findings])]
 
     @cached_property
     def made_of(self) -> str:
@@ -103,55 +93,65 @@ class Sources:
         return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content, **numbers})
 
 
-def scan_source(recipe: Recipe, source: Path) -> Scan:
+def scan_source(dataset: Dataset, fields: Sequence[Field], source: Path) -> Scan:
     """List the clips of a source; a dataset that generates its source computes it as results are computed.
 
-    SourceError if two clips have one id, or if clips are kept without the music that the recipe needs.
+    SourceError if two clips have one id, or if clips are kept without the music that fields need.
     """
-    scan = exactly(recipe.dataset.scan, source) if recipe.dataset.generates else recipe.dataset.scan(source)
+    scan = exactly(dataset.scan, source) if dataset.generates else dataset.scan(source)
     clips_by_id: dict[str, ClipRef] = {}
     for ref in scan.clips:
         other = clips_by_id.setdefault(ref.id, ref)
         if other is not ref:
-            raise SourceError("two clips have the same id", where=f"dataset {recipe.dataset.name}, clip {ref.id}",
+            raise SourceError("two clips have the same id", where=f"dataset {dataset.name}, clip {ref.id}",
                               found=f"{other.motion_path} and {ref.motion_path}",
                               fix="rename one of them; clips of a dataset have different ids")  # fmt: skip
-    _require_music(recipe, scan)
-    if recipe.file_jobs:
-        return replace(scan, clips=tuple(with_feature_paths(recipe, ref, source) for ref in scan.clips))
-    return scan
+    _require_music(dataset, fields, scan)
+    return replace(scan, clips=tuple(_with_paths(fields, ref, source) for ref in scan.clips))
 
 
-def _require_music(recipe: Recipe, scan: Scan) -> None:
-    """Raise SourceError for clips that ``music: optional`` keeps, where the recipe has audio features."""
+def _require_music(dataset: Dataset, fields: Sequence[Field], scan: Scan) -> None:
+    """Raise SourceError for clips that ``music: optional`` keeps, where fields are made of music."""
     without = [ref.id for ref in scan.clips if ref.audio_path is None]
-    if recipe.signal_jobs and without and document_of(recipe.dataset).get("music") == "optional":
+    of_music = [field.name for field in fields if field.needs_music]
+    if of_music and without and document_of(dataset).get("music") == "optional":
         raise SourceError(
             "music: optional keeps clips without music, but audio features need the music of every clip",
-            where=f"dataset {recipe.dataset.name}",
+            where=f"dataset {dataset.name}",
             found=f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}; "
-            f"audio features {listed(job.name for job in recipe.signal_jobs)}",
+            f"audio features {listed(of_music)}",
             fix="build motion alone: --set 'audio={}'; or leave these clips out: "
-            f"--set dataset.{recipe.dataset.name}.music=required",
+            f"--set dataset.{dataset.name}.music=required",
         )
 
 
-def identify(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress) -> Sources:
-    """Hash motion files, decode and hash music; find the offsets of music that the source leaves to the build."""
-    scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
-    content = content_hashes(recipe.dataset, cache.file_sha256)
+def _with_paths(fields: Sequence[Field], ref: ClipRef, source: Path) -> ClipRef:
+    for of_clip in fields:
+        ref = of_clip.with_path(ref, source)
+    return ref
+
+
+def identify(
+    cache: Cache,
+    dataset: Dataset,
+    fields: Sequence[Field],
+    scan: Scan,
+    *,
+    jobs: Jobs,
+    progress: Progress,
+    listen: Callable[[Cache, Path], SignalId | Reject] = identify_audio,
+    hash_rows: Callable[[Cache, Path], str] = Cache.file_sha256,
+) -> Sources:
+    """Hash motion files, decode and hash music, hash files of rows; a plan does not `listen`, nor hash rows."""
+    content = content_hashes(dataset, cache.file_sha256)
     named, rejects = _with_valid_names(scan.clips)
     hashes = _hash_motion(cache, named, progress)
     rejects += [replace(sha, clip=ref.id) for ref in named if isinstance(sha := hashes[ref.motion_path], Reject)]
     refs = [(ref, sha) for ref in named if isinstance(sha := hashes[ref.motion_path], str)]
-    if not recipe.signal_jobs:
-        clips = [SourceClip(ref, sha) for ref, sha in refs]
-    else:
-        signals = _identify_music(cache, [ref for ref, _ in refs], jobs, progress)
-        clips = [_with_music(ref, sha, signals) for ref, sha in refs]
-    if recipe.file_jobs:
-        with progress.stage("hashing features", len(clips)) as advance:
-            clips = [_with_files(cache, recipe, clip, advance) for clip in clips]
+    signals: dict[Path, SignalId | Reject] | None = None
+    if any(field.needs_music for field in fields):
+        signals = _identify_music(cache, [ref for ref, _ in refs], listen, jobs, progress)
+    clips = [_identified(cache, fields, ref, sha, signals, hash_rows) for ref, sha in refs]
     rejects += [clip.music_problem for clip in clips if clip.music_problem is not None]
     return Sources(scan, tuple(clips), (*scan.rejects, *rejects), content)
 
@@ -196,25 +196,34 @@ def _known_hash(cache: Cache, path: Path) -> str | None:
 
 
 def _identify_music(
-    cache: Cache, refs: Sequence[ClipRef], jobs: Jobs, progress: Progress
+    cache: Cache,
+    refs: Sequence[ClipRef],
+    listen: Callable[[Cache, Path], SignalId | Reject],
+    jobs: Jobs,
+    progress: Progress,
 ) -> dict[Path, SignalId | Reject]:
     paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
     cached = [known_signal(cache, path) for path in paths]
     calls = [(cache, path) for path in paths]
-    signals = run_units(identify_audio, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
+    signals = run_units(listen, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
     return dict(zip(paths, signals, strict=True))
 
 
-def _with_files(cache: Cache, recipe: Recipe, clip: SourceClip, advance: Callable[[int], object]) -> SourceClip:
-    files = identify_files(cache, recipe, clip.ref)
-    advance(1)
-    if isinstance(files, Reject):
-        return replace(clip, music_problem=clip.music_problem or files)
-    return replace(clip, files=files)
-
-
-def _with_music(ref: ClipRef, sha256: str, signals: Mapping[Path, SignalId | Reject]) -> SourceClip:
-    signal = missing_music(ref) if ref.audio_path is None else signals[ref.audio_path]
-    if isinstance(signal, Reject):
-        return SourceClip(ref, sha256, music_problem=replace(signal, clip=ref.id))
-    return SourceClip(ref, sha256, signal)
+def _identified(
+    cache: Cache,
+    fields: Sequence[Field],
+    ref: ClipRef,
+    sha256: str,
+    signals: Mapping[Path, SignalId | Reject] | None,
+    hash_rows: Callable[[Cache, Path], str],
+) -> SourceClip:
+    """Return a clip with its music and its files of rows, or with why one cannot be used."""
+    signal: SignalId | Reject | None = None
+    if signals is not None:
+        signal = missing_music(ref) if ref.audio_path is None else signals[ref.audio_path]
+    files = {field.name: field.file_of(cache, ref, hash_rows) for field in fields}
+    problems = [problem for problem in (signal, *files.values()) if isinstance(problem, Reject)]
+    if problems:
+        return SourceClip(ref, sha256, music_problem=replace(problems[0], clip=ref.id))
+    of_fields = {name: file for name, file in files.items() if isinstance(file, RowsFile)}
+    return SourceClip(ref, sha256, signal if isinstance(signal, SignalId) else None, files=of_fields)
