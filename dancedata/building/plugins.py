@@ -262,7 +262,9 @@ class Annotator(Plugin, Maker):
         return maker_hash(self.name, self.version, document_of(self))
 
     def asks(self, take: Take) -> Sequence[Ask]:
-        """Return what is asked for each dancer: of slices that of the whole."""
+        """Return what is asked for each dancer: of slices that of the whole, of copies only what is their own."""
+        if take.parent is not None and self.copies != "own":
+            return []
         steps = [step for step in take.motion_steps if not step.cuts]
         return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
 

@@ -23,6 +23,7 @@ CLIPS, COPIED, SONGS = 4, 2, 3
 MOTIONS = CLIPS + 2 * COPIED  # mirror images are not computed
 #: Fields of motion, key motions among them, and those that are stored as they were before repairs.
 FIELDS, ORIGINAL = 3, 2
+SEGMENTS = 2 * MOTIONS + CLIPS  # facts and flags, and scores, which copies have from their parents
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +60,11 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., dict[str,
         ({"augment": {"yaw": {}, "tempo": {"speeds": [0.9]}}}, {}),
         (
             {"augment": COPIES | {"yaw": {"seed": 5}}},
-            {"motion": COPIED * (FIELDS + ORIGINAL), "segments": 3 * COPIED},
+            {"motion": COPIED * (FIELDS + ORIGINAL), "segments": 2 * COPIED},
         ),
         (
             {"augment": COPIES | {"tempo": {"speeds": [0.8]}}},
-            {"motion": COPIED * (FIELDS + ORIGINAL), "segments": 3 * COPIED, "features": 1},
+            {"motion": COPIED * (FIELDS + ORIGINAL), "segments": 2 * COPIED, "features": 1},
         ),
         (
             {"motion": {"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.4}}}, "lodge139": {}}},
@@ -74,8 +75,8 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., dict[str,
         ({"audio": {"librosa35": {"tightness": 50}}}, {"features": SONGS}),
         ({"audio": {"librosa35": {}, "stft193": {}}}, {"features": SONGS}),
         ({"annotators": {"facts": {"turn_degrees": 90}}}, {"segments": MOTIONS}),
-        ({"transforms": []}, {"motion": MOTIONS, "segments": 3 * MOTIONS}),
-        ({"transforms": [{"repair": {"spikes": 0.4}}]}, {"motion": MOTIONS * FIELDS, "segments": 3 * MOTIONS}),
+        ({"transforms": []}, {"motion": MOTIONS, "segments": SEGMENTS}),
+        ({"transforms": [{"repair": {"spikes": 0.4}}]}, {"motion": MOTIONS * FIELDS, "segments": SEGMENTS}),
         ({"fps": 60}, {"motion": MOTIONS * (FIELDS + ORIGINAL), "features": SONGS}),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else None,
