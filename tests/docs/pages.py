@@ -16,7 +16,11 @@ def text_of(page: str) -> str:
 
 def blocks(page: str, language: str) -> list[str]:
     """Return the code of a page in a language; "" are blocks that state none."""
-    found = re.findall(r"^```(\w*)\n(.*?)^```", text_of(page), flags=re.DOTALL | re.MULTILINE)
+    return blocks_of(text_of(page), language)
+
+
+def blocks_of(text: str, language: str) -> list[str]:
+    found = re.findall(r"^```(\w*)\n(.*?)^```", text, flags=re.DOTALL | re.MULTILINE)
     return [code for kind, code in found if kind == language]
 
 

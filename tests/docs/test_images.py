@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.docs.pages import ROOT, load
+from tests.report.test_colours import contrast
 
 IMAGES = ROOT / "docs" / "images"
 DRAWN = ("build", "scope", "layers")
@@ -19,25 +20,13 @@ def draw() -> ModuleType:
     return load(IMAGES / "draw.py")
 
 
-def _contrast(first: str, second: str) -> float:
-    """Return the contrast of two colours, as WCAG 2 defines it."""
-
-    def luminance(colour: str) -> float:
-        parts = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
-        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-        return float(linear @ (0.2126, 0.7152, 0.0722))
-
-    low, high = sorted((luminance(first), luminance(second)))
-    return (high + 0.05) / (low + 0.05)
-
-
 @pytest.mark.parametrize("scheme", [0, 1], ids=["light", "dark"])
 def test_colours_are_readable(draw: ModuleType, scheme: int) -> None:
     colours = {name: both[scheme] for name, both in draw.COLOURS.items()}
     for text in ("text", "muted"):
-        assert min(_contrast(colours[text], colours[ground]) for ground in ("ground", "box")) >= 4.5
+        assert min(contrast(colours[text], colours[ground]) for ground in ("ground", "box")) >= 4.5
     for graphic in ("line", "track", "window"):
-        assert _contrast(colours[graphic], colours["ground"]) >= 3
+        assert contrast(colours[graphic], colours["ground"]) >= 3
 
 
 def _numbers(text: str) -> np.ndarray:

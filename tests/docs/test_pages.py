@@ -114,15 +114,3 @@ def test_the_page_of_encoders_names_every_model_type() -> None:
     paragraph = text_of("docs/encoders.md").split("**Models that can be read**")[1].split("\n\n")[0]
     known = {kind for family in FAMILIES for kind in family.model_types}
     assert set(re.findall(r"`([\w-]+)`", paragraph.split("`config.json`:")[1])) == known
-
-
-def test_the_defaults_that_the_page_names(tmp_path: Path) -> None:
-    """Of a random model, whose kinds the page names, too."""
-    pytest.importorskip("transformers")
-    from dancedata.audio.hf import HuggingFace
-    from dancedata.testing.encoders import write_random_model
-
-    for kind in ("mert", "encodec24", "muq"):
-        write_random_model(kind, tmp_path / kind)
-    feature = HuggingFace(model=str(tmp_path / "mert"))
-    assert (feature.layers, feature.store, feature.precision) == ("last", "float16", "auto")

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shlex
 import subprocess
 import sys
@@ -14,10 +13,9 @@ from typer.testing import CliRunner
 from dancedata.cli.app import app
 from dancedata.datasets.finedance.reader import FineDance
 from dancedata.synthetic import write_synthetic
+from tests.docs.pages import ROOT, blocks_of, text_of
 
-ROOT = Path(__file__).resolve().parents[2]
-TEXT = (ROOT / "docs" / "train-edge-or-lodge.md").read_text(encoding="utf-8")
-EDGE, LODGE = TEXT.split("## Lodge on FineDance")
+EDGE, LODGE = text_of("docs/train-edge-or-lodge.md").split("## Lodge on FineDance")
 
 
 def _run(commands: str, folder: Path) -> str:
@@ -30,20 +28,15 @@ def _run(commands: str, folder: Path) -> str:
     return done.stdout
 
 
-def _blocks(text: str, language: str) -> list[str]:
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, flags=re.DOTALL | re.MULTILINE)
-    return [block for found, block in blocks if found == language]
-
-
 def _of_trainer(text: str, folder: str) -> list[str]:
     """Return the lines of the page that call a trainer on an export."""
-    lines = [line for block in _blocks(text, "") for line in block.splitlines()]
+    lines = [line for block in blocks_of(text, "") for line in block.splitlines()]
     return [line for line in lines if "train.py" in line and f"{folder}/" in line]
 
 
 def test_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_synthetic(tmp_path / "aist_plusplus_final", songs=3, clips_per_song=2, clip_s=5.5)
-    (commands,) = _blocks(EDGE, "sh")
+    (commands,) = blocks_of(EDGE, "sh")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
     for line in commands.splitlines():  # in this process: four processes take longer than the work
@@ -64,7 +57,7 @@ def test_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_lodge(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     FineDance().make_example(tmp_path / "finedance")
-    (commands,) = _blocks(LODGE, "sh")
+    (commands,) = blocks_of(LODGE, "sh")
     printed = _run(commands, tmp_path)
     assert "Lodge's loader" in printed  # what it will miss of the 202 tracks
     export = tmp_path / "exports" / "lodge"

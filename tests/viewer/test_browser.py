@@ -174,18 +174,6 @@ def test_joints_in_the_page_are_the_decoded_ones(browser: Browser, served: str, 
         assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
 
 
-@pytest.mark.nightly
-def test_joints_of_the_whole_demo(browser: Browser, tmp_path: Path) -> None:
-    built = dancedata.build("demo", out=tmp_path / "demo", cache=tmp_path / "cache", progress=False)
-    store = built.open()
-    with serving(ViewRequest(built.path)) as address:
-        browser.open(address)
-        for clip in store.clips:
-            browser.later(f"await {V}.openItem({V}.items.find(i => i.id === {clip.id!r}))")
-            wanted = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
-            assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
-
-
 def test_every_control_has_a_name_and_can_be_reached(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav"))
     nodes = browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
