@@ -53,13 +53,12 @@ def _judged(result: Result, rule: WindowRule, seen: Seen) -> Result:
         _of_dancer(of_windows, k, start, [dancer.id for dancer in dancers]) for k in result.stay for start in gone
     ]
     starts = tuple(start for start in result.starts if start not in gone)
-    result = replace(result, rejects=(*result.rejects, *lost))
     if starts:
-        return replace(result, starts=starts)
-    worst = {reject.clip: reject for reject in reversed(lost)}
-    return result.left_out(
-        [_of_all(worst[dancers[k].id], str(dancers[k].ref.motion_path), gone) for k in result.stay]
-    )
+        return replace(result, starts=starts, rejects=(*result.rejects, *lost))
+    is_one = len(gone) == 1 and any(step.cuts for step in result.take.steps)  # a slice, which is told once
+    files = {dancer.id: str(dancer.ref.motion_path) for dancer in dancers}
+    of_clips = {reject.clip: _of_all(reject, files[reject.clip], gone) for reject in reversed(lost)}
+    return result.left_out([*(() if is_one else lost), *(of_clips[dancers[k].id] for k in result.stay)])
 
 
 def _of_dancer(of_windows: dict[int, dict[int, Reject]], dancer: int, start: int, ids: Sequence[str]) -> Reject:
@@ -73,5 +72,5 @@ def _of_dancer(of_windows: dict[int, dict[int, Reject]], dancer: int, start: int
 
 def _of_all(reject: Reject, file: str, gone: set[int]) -> Reject:
     """Return the reject of a dancer who loses all windows, of that of one of them."""
-    detail = f"none of the {len(gone)} windows of clip {reject.clip} is left: {reject.detail}"
-    return replace(reject, window=None, file=file, detail=detail)
+    none = f"none of the {len(gone)} windows of clip {reject.clip} is left: " if len(gone) > 1 else ""
+    return replace(reject, window=None, file=file, detail=f"{none}{reject.detail}")

@@ -13,7 +13,7 @@ import soundfile
 
 import dancedata
 from dancedata.core.clip import ClipRef, Scan
-from dancedata.core.errors import SourceError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
@@ -152,3 +152,9 @@ def test_a_clip_that_is_left_out_whole_has_no_rejects_of_windows(build, source: 
     Troupe.starts["b"] = Fraction(1)
     store = build("cache", audio={"librosa35": {}}, rules={"curate": {"spikes": {"leave_out": "clip"}}})
     assert [(r["reason"], r["clip"], r.get("window")) for r in store.rejects] == [("curated", "b", None)]
+
+
+def test_slices_have_no_copies_at_another_speed(build) -> None:
+    """Which slice of the stretched song it would be is not known."""
+    with raises_message(UsageError, "speed", where="augment.tempo"):
+        build("cache", scope="window", augment={"tempo": {"speeds": [0.5]}}, audio={"librosa35": {}})

@@ -60,6 +60,9 @@ class Copy(Transform):
                                  'of each')  # fmt: skip
         if self.keeps_time:
             return [take, take.copy(self, self.spec.clip_id)]
+        if any(step.cuts for step in take.steps):
+            raise UsageError("a part of a clip has no copy at another speed", where=f"augment.{self.spec.name}",
+                             found=f"clip {take.name}", fix="leave it out, or build whole clips")  # fmt: skip
         speed = self.spec.speed_of(take.name)
         dancers = [
             replace(d, music=d.music.at_speed(speed, self.spec.music_of(d.music.name, take.name)))
