@@ -50,8 +50,8 @@ def write_many(demo: Path, out: Path, n: int) -> Path:
         kept = [_stored(store, k) for k in range(len(store.clips))]
         clips = [replace(kept[k % len(kept)], id=f"{kept[k % len(kept)].id}_{k:04d}") for k in range(n)]
         keys = ("name", "licence", "citation", "recipe", "versions", "source")
-        about = {key: store.meta[key] for key in keys if key in store.meta}
-        windows = store.meta["windows"]["length"], store.meta["windows"]["stride"]
+        about = {key: store.info[key] for key in keys if key in store.info}
+        windows = store.info["windows"]["length"], store.info["windows"]["stride"]
         fields = tuple(store.field(name) for name in store.fields)
         write_store(out, StoreHeader(store.grid.rate, *windows, fields, store.skeleton, meta=about), clips)
     return out

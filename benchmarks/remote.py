@@ -210,7 +210,7 @@ def environment(port: int) -> dict[str, str]:
 def write_peers(folder: Path) -> None:
     """Write the windows as parquet and tar files, as many as the store has shards."""
     ds = WindowDataset(folder / "store", fields=list(FIELDS), scale=None)
-    parts = np.array_split(np.arange(len(ds)), len(ds.store.shards("train")))
+    parts = np.array_split(np.arange(len(ds)), len(ds.store._shards("train")))
     for number, part in enumerate(parts):
         rows = [[ds.store.read(ds.windows[int(k)], name) for name in FIELDS] for k in part]
         if importlib.util.find_spec("datasets"):
@@ -292,7 +292,7 @@ def s3fs_h5py(base: str, root: Path, port: int | None = None) -> Batches:
 
     ds = WindowDataset(root / "dances/store", fields=list(FIELDS), scale=None)
     system = s3fs.S3FileSystem(endpoint_url=base.removesuffix("/dances"), skip_instance_cache=True)
-    shards, numbers = ds.store.shards_of(ds.windows)
+    shards, numbers = ds.store._shards_of(ds.windows)
     order = list(EpochSampler(ds, seed=0, block=BLOCK))
     opened: dict[int, Any] = {}
 
@@ -303,7 +303,7 @@ def s3fs_h5py(base: str, root: Path, port: int | None = None) -> Batches:
             if number not in opened:
                 opened[number] = h5py.File(system.open(f"dances/store/{shards[number].path.name}", "rb"), "r")
             for name in FIELDS:
-                span = ds.store.locate(ds.windows[index], name)
+                span = ds.store._locate(ds.windows[index], name)
                 dataset = opened[number][ds.store.field(name).path]
                 rows[name].append(dataset[span.first : span.first + span.length])
         return {name: np.stack(values) for name, values in rows.items()}

@@ -127,9 +127,9 @@ def inside(what: str, case: str, folder: str, side: str = "", words: str = "") -
 
 def write_values(store: Any, file: h5py.File) -> None:
     """Write everything that the reader gives; of slices, which may be windows or clips of their own, the rows."""
-    stride = store.window_grid().stride
+    stride = store._window_grid().stride
     for clip in store.clips:
-        windows, parent = store.windows_of(clip.id), clip.source or clip.id
+        windows, parent = store[clip.id].windows(), clip.source or clip.id
         if getattr(store, "scope", "track") == "window":
             for window in windows:
                 name = f"{parent}_slice{window.start // stride}{clip.id.removeprefix(parent)}"
@@ -168,8 +168,8 @@ def write_clip(store: Any, clip: Any, windows: Any, group: h5py.Group) -> None:
     group["starts"] = np.array([w.start for w in windows])
     group["segments"] = "\n".join(sorted(repr(s) for s in store.segments(clip.id)))
     for name in store.fields:
-        group[f"has/{name}"] = int(store.has_field(clip.id, name))
-        if not store.has_field(clip.id, name):
+        group[f"has/{name}"] = int(name in store[clip.id])
+        if name not in store[clip.id]:
             continue
         for what, read in (("clip", clip.read), ("song", clip.read_song)):
             with suppress(StoreError, UsageError):  # the field is not of a song, or the song begins late

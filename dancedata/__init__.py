@@ -99,7 +99,7 @@ else:  # type checkers take the imports above, and so find misspelt names
 _DRAWN = {
     "Motion": "dancedata.core.motion",
     "Store": "dancedata.store.dataset",
-    "ClipView": "dancedata.store.clip_view",
+    "Clip": "dancedata.store.clip_view",
     "Clips": "dancedata.store.clip_view",
 }
 

@@ -235,7 +235,7 @@ def _read_description(path: Path) -> None:
     _put_side_files(path)
     with open_store(path.parent) as opened:
         _require(bool(opened.fields), "a store without fields")
-        for clip in map(lambda record: opened.clip(record.id), opened.clips):
+        for clip in map(lambda record: opened[record.id], opened.clips):
             for field in opened.fields:
                 clip.read(field)
     _show(path.parent)
@@ -303,12 +303,12 @@ def _read_tables(path: Path) -> None:
             for split in opened.splits:
                 windows = opened.windows(split)
                 for field in opened.fields:
-                    for clip in map(lambda record: opened.clip(record.id), opened.clips):
+                    for clip in map(lambda record: opened[record.id], opened.clips):
                         clip.read(field)
                     for window in windows:
                         opened.read(window, field)
                     if len(windows):
-                        opened.window_rows(windows, field).view(0)
+                        opened._window_rows(windows, field).view(0)
 
 
 def _require(holds: bool, problem: str) -> None:

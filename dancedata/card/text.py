@@ -36,7 +36,7 @@ def card_text(store: Store, pictures: Mapping[str, str], place: Publication | No
     `pictures`: Address and description of each picture.
     `place`: Where and how it is published, if it is.
     """
-    meta, splits = store.meta, tuple(store.splits)
+    meta, splits = store.info, tuple(store.splits)
     name = _text(str(meta.get("name", "dataset")))
     description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))
     images = "\n".join(f"![{_text(what)}]({address})\n" for address, what in pictures.items())
@@ -80,9 +80,9 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
             )
         )
     genres = sorted({clip.genre for clip in store.clips if clip.genre})
-    windows = store.meta["windows"]
+    windows = store.info["windows"]
     about = (
-        f"Windows of {windows['length']} frames every {windows['stride']}, at {store.meta['fps']} frames per second; "
+        f"Windows of {windows['length']} frames every {windows['stride']}, at {store.info['fps']} frames per second; "
         f"skeleton {_text(store.skeleton.name)}, {counted(store.skeleton.n_joints, 'joint')}."
     )
     genre_line = f"\nGenres: {', '.join(map(_text, genres))}.\n" if genres else ""
@@ -107,14 +107,14 @@ def _terms(store: Store, place: Publication | None) -> str:
     hub = "not one that hubs have a name for" if name == OTHER else name
     lines = [f"Strictest licence of its clips: {_text(licence.text)} ({hub})."]
     lines += [f"- {_text(text)}" for text in terms_text(clips_by_terms(store))]
-    notes = [f"- {_text(note)}" for note in store.meta.get("source", {}).get("notes", [])]
+    notes = [f"- {_text(note)}" for note in store.info.get("source", {}).get("notes", [])]
     cite = citations(store)
     parts = [
         "## Licence and citation",
         "",
         *lines,
         "",
-        f"Dataset: {_text(str(store.meta.get('licence') or 'unknown'))}",
+        f"Dataset: {_text(str(store.info.get('licence') or 'unknown'))}",
     ]
     parts += ["", "Cite:", "", *(f"> {_text(text)}\n" for text in cite)] if cite else []
     if place is not None and place.rights:
@@ -146,7 +146,7 @@ def _command(recipe: str) -> str:
 
 
 def _again(store: Store, place: Publication | None) -> str:
-    meta = store.meta
+    meta = store.info
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in dataset_hashes(meta).items()]
     rows += [(f"`{shard['file']}`", f"`{shard['sha256']}`") for shard in meta.get("shards", [])]
@@ -165,7 +165,7 @@ def _again(store: Store, place: Publication | None) -> str:
 
 def plain_recipe(store: Store) -> Any:
     """Return the recipe of a dataset without the paths of a machine."""
-    return _plain(store.meta.get("recipe", {}))
+    return _plain(store.info.get("recipe", {}))
 
 
 def _plain(value: Any) -> Any:

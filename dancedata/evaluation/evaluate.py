@@ -84,7 +84,7 @@ def _in_pool(inputs: Inputs) -> int:
     pool, judged = inputs.pool, inputs.clip_set
     if not isinstance(pool, ClipSet) or pool.store is None or judged.store is None:
         return 0
-    if pool.store.meta.get("self_sha256") != judged.store.meta.get("self_sha256"):
+    if pool.store.info.get("self_sha256") != judged.store.info.get("self_sha256"):
         return 0
     ids = {clip.clip for clip in judged.clips}
     return sum(clip.clip in ids for clip in pool.clips)

@@ -29,7 +29,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.listed_file import FileHash
 from dancedata.store.schema import Field
@@ -291,7 +291,7 @@ def stored_beats(
 
 def music_of(store: Store, field: str, clip: str) -> ClipMusic:
     """Return the beats that a field has of a clip."""
-    first, rows = store.rows_within(clip, field)
+    first, rows = store[clip].rows_within(field)
     return ClipMusic.of_rows(rows, store.field(field)).from_row(-first, store.field(field).grid)
 
 
@@ -300,7 +300,7 @@ def _is_placed(song: str | None) -> bool:
     return isinstance(song, Song) and song.start is not None
 
 
-def _records(store: Store) -> dict[str, ClipView]:
+def _records(store: Store) -> dict[str, Clip]:
     """Return the clips of a store by id, and of each group the first one by the group's; no copies."""
     clips = [c for c in store.clips if not c.source]
     return {c.group: c for c in reversed(clips) if c.group} | {c.id: c for c in clips}
@@ -308,7 +308,7 @@ def _records(store: Store) -> dict[str, ClipView]:
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
-    if store.has_slices and store.meta["windows"]["length"] != pieces.frames(store.grid)[0]:
+    if store.has_slices and store.info["windows"]["length"] != pieces.frames(store.grid)[0]:
         return None
     if rule.by_piece and not store.has_slices:
         return None

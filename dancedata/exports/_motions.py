@@ -11,7 +11,7 @@ from dancedata.exports.base.needs import needs_field
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
     from dancedata.store.motion_fields import ColumnsReader
 
 
@@ -30,7 +30,7 @@ def needs_motion(job: ExportJob, field: str) -> list[Missing]:
     return [Missing(f"the dataset has no field with rotations (it has {', '.join(job.store.fields)})", _FIX)]
 
 
-def decoded(job: ExportJob, field: str, clips: Sequence[ClipView] | None = None) -> Iterator[tuple[ClipView, Motion]]:
+def decoded(job: ExportJob, field: str, clips: Sequence[Clip] | None = None) -> Iterator[tuple[Clip, Motion]]:
     """Yield clips and their motions, from `field`, or from the first field that decodes to the motion itself."""
     name = field_name(job, field)
     reader = _decodable(job)[name]

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
     from dancedata.core.clip import Window
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView, Field
+    from dancedata.store import Clip, Field
 
-    Sample = tuple[ClipView, Window | None]
+    Sample = tuple[Clip, Window | None]
 
 #: Arrow types of columns by the type in tables.
 _TYPES = {"text": "string", "int": "int64", "int32": "int64", "float": "float64", "bool": "bool_"}
@@ -58,9 +58,9 @@ class SampleTable:
         rows = [pa.field(name, _type(pa, kind)) for name, kind in self._facts.items()]
         rows += [pa.field(name, self._rows_type(pa, store.field(name))) for name in self.fields]
         about = {
-            "name": str(store.meta.get("name", "")),
-            "licence": store.meta.get("licence"),
-            "citation": store.meta.get("citation"),
+            "name": str(store.info.get("name", "")),
+            "licence": store.info.get("licence"),
+            "citation": store.info.get("citation"),
             "fps": str(store.grid),
             "fields": {
                 name: {k: v for k, v in store.field(name).to_json().items() if k != "name"} for name in self.fields
@@ -115,7 +115,7 @@ class SampleTable:
         if part:
             yield part
 
-    def _size(self, clip: ClipView, window: Window | None) -> int:
+    def _size(self, clip: Clip, window: Window | None) -> int:
         frames = clip.n_frames if window is None else window.length
         grid, fields = self.job.store.grid, map(self.job.store.field, self.fields)
         return sum(grid.rows_up(frames, of=field.grid) * field.row_bytes for field in fields)
@@ -142,14 +142,14 @@ class SampleTable:
             return pa.FixedSizeListArray.from_arrays(cells, len(rows[0]))
         return pa.ListArray.from_arrays(pa.array(np.cumsum([0, *map(len, rows)]), pa.int32()), cells)
 
-    def _read(self, field: Field, clip: ClipView, window: Window | None) -> np.ndarray[Any, Any]:
+    def _read(self, field: Field, clip: Clip, window: Window | None) -> np.ndarray[Any, Any]:
         return clip.read(field.name) if window is None else self.job.store.read(window, field.name)
 
     def _rows_type(self, pa: ModuleType, field: Field) -> Any:
         row = pa.list_(getattr(pa, field.dtype)(), field.columns.width)
         if self.whole:
             return pa.list_(row)
-        return pa.list_(row, self.job.store.grid.rows(self.job.store.meta["windows"]["length"], of=field.grid))
+        return pa.list_(row, self.job.store.grid.rows(self.job.store.info["windows"]["length"], of=field.grid))
 
 
 def _type(pa: ModuleType, kind: str) -> Any:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.core.motion import Motion
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
@@ -152,7 +152,7 @@ class Slice:
     """A window of a clip, or a clip that is a slice, under its name in EDGE's files."""
 
     name: str
-    clip: ClipView
+    clip: Clip
     window: Window
 
     @property
@@ -169,7 +169,7 @@ def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: 
         width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
         missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
     if job.store.has_slices and not missing and not _are_stored(job):
-        windows = job.store.meta["windows"]
+        windows = job.store.info["windows"]
         stored = f"slices of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
         fix = "windows: {length_s: 5, stride_s: 0.5}, or no slices"
         missing.append(Missing(f"the dataset has {stored}", fix))
@@ -219,7 +219,7 @@ def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) ->
 
 def _are_stored(job: ExportJob) -> bool:
     """Whether the slices are the windows of the dataset."""
-    windows = job.store.meta["windows"]
+    windows = job.store.info["windows"]
     return (windows["length"], windows["stride"]) == (LENGTH, STRIDE)
 
 

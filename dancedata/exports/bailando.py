@@ -31,41 +31,41 @@ from dancedata.exports.base.needs import (
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 
 #: Parts of the crossmodal protocol in the order in which the originals read their lists.
 PARTS = {"train": ("train",), "test": ("test", "val")}
 
 
-def needs_aist_names(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
+def needs_aist_names(job: ExportJob, clips: list[Clip]) -> list[Missing]:
     """Check that the second last part of names, between underscores, is the music: loaders read it there."""
     music = {clip.id: clip.music for clip in clips}
     form = "as AIST++ does: gBR_sBM_cAll_d04_mBR2_ch08, with the music second last; copies (augment) end otherwise"
     return needs_names(clips, lambda name: bool(music[name]) and name.split("_")[-2:-1] == [music[name]], form)
 
 
-def is_ignored(clip: ClipView) -> bool:
+def is_ignored(clip: Clip) -> bool:
     """Whether a clip is on the ignore list of AIST++, or of its own dataset."""
     return clip.id in facts().ignored or "ignored" in clip.lists
 
 
-def note_ignored(folder: ExportFolder, clips: list[ClipView]) -> None:
+def note_ignored(folder: ExportFolder, clips: list[Clip]) -> None:
     """Note the clips of the ignore list that are left out."""
     ignored = [clip.id for clip in clips if is_ignored(clip)]
     if ignored:
         folder.note(f"left out, as they are on the ignore list: {listed(ignored)}; --keep-ignored keeps them")
 
 
-def find_songs(job: ExportJob, clips: list[ClipView]) -> tuple[dict[str, ClipView], list[Missing]]:
+def find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
     """Return the clip with the longest signal of each music id, and ids with signals that are different music.
 
     Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
     this works if the shorter files are the beginning of the longest.
     """
-    songs: dict[str, ClipView] = {}
+    songs: dict[str, Clip] = {}
     missing: list[Missing] = []
-    by_music: dict[str, list[ClipView]] = {}
+    by_music: dict[str, list[Clip]] = {}
     for clip in clips:
         by_music.setdefault(clip.music, []).append(clip)
     for music, of_song in sorted(by_music.items()):
@@ -225,7 +225,7 @@ class Bailando(Export):
             rotations=rotations,
         )
 
-    def _clips(self, job: ExportJob, part: str) -> list[ClipView]:
+    def _clips(self, job: ExportJob, part: str) -> list[Clip]:
         return [clip for clip in job.clips(*PARTS[part]) if self.keep_ignored or not is_ignored(clip)]
 
     def _needs_ignored(self, job: ExportJob) -> list[Missing]:
@@ -236,7 +236,7 @@ class Bailando(Export):
         fix = "dataset: {aist++: {ignore: none}}"
         return [Missing(f"clips of the ignore list are not in the dataset: {listed(absent)}", fix)] if absent else []
 
-    def _write_sequence(self, job: ExportJob, folder: ExportFolder, part: str, clip: ClipView) -> None:
+    def _write_sequence(self, job: ExportJob, folder: ExportFolder, part: str, clip: Clip) -> None:
         music = clip.read_song(self.feature) if part == "test" else clip.read(self.feature)
         for field, ending in ((_MOTION, ""), (_ROTATIONS, "_rotmat")):
             if field in job.store.fields:
@@ -253,7 +253,7 @@ def _feature_of(job: ExportJob, name: str) -> AudioFeature:
     """Return the audio feature of a field, with the parameters that the dataset was built with."""
     from dancedata.recipes.plugins import make_named
 
-    recipe = job.store.meta.get("recipe")
+    recipe = job.store.info.get("recipe")
     audio = recipe.get("audio") if isinstance(recipe, Mapping) else None
     parameters = dict(audio[name]) if isinstance(audio, Mapping) and isinstance(audio.get(name), Mapping) else {}
     parameters.pop("fps", None)

@@ -18,7 +18,7 @@ from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_fro
 from dancedata.formats.motion_files import smplx_arrays
 
 if TYPE_CHECKING:
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 _FPS, _WIDTH = 30, 54
 _PARTS = ("train", "test")
@@ -110,9 +110,9 @@ class Duolando(MotionExport):
         return _GUIDE.format(out=quote(str(job.out)), feature=self.feature, field=field_name(job, self.field))
 
 
-def _duets(job: ExportJob) -> "list[list[ClipView]]":
+def _duets(job: ExportJob) -> "list[list[Clip]]":
     """Return the groups of two by name, the follower before the leader."""
-    groups: dict[str, list[ClipView]] = {}
+    groups: dict[str, list[Clip]] = {}
     for clip in job.clips():
         if clip.group:
             groups.setdefault(clip.group, []).append(clip)

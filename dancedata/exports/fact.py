@@ -22,7 +22,7 @@ from dancedata.exports.base.needs import needs_field, needs_music_from_start, ne
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 
 #: Castagnoli's polynomial, bits reversed.
@@ -208,7 +208,7 @@ class Fact(Export):
                 pairs += self._unpaired(job, kept)
             self._write_part(job, folder, name, pairs)
 
-    def _unpaired(self, job: ExportJob, clips: list[ClipView]) -> list[tuple[ClipView, ClipView]]:
+    def _unpaired(self, job: ExportJob, clips: list[Clip]) -> list[tuple[Clip, Clip]]:
         """Return each clip with clips to other songs, by name and by samples."""
         songs = _songs(job)
         others = {clip.id: [c for c in clips if songs.get(c.id) != songs.get(clip.id)] for clip in clips}
@@ -223,12 +223,12 @@ class Fact(Export):
     def guide(self, job: ExportJob) -> str:
         return _GUIDE.format(out=quote(str(job.out)))
 
-    def _length(self, clip: ClipView) -> int:
+    def _length(self, clip: Clip) -> int:
         """Return how many frames of motion have music."""
         return min(len(clip.read(_MOTION)), len(clip.read_song(self.feature)))
 
     def _write_part(
-        self, job: ExportJob, folder: ExportFolder, name: str, pairs: Sequence[tuple[ClipView, ClipView]]
+        self, job: ExportJob, folder: ExportFolder, name: str, pairs: Sequence[tuple[Clip, Clip]]
     ) -> None:
         shards = np.random.RandomState(_SEED).randint(0, _SHARDS, size=len(pairs))
         with ExitStack() as stack:
@@ -246,11 +246,11 @@ def _songs(job: ExportJob) -> dict[str, str]:
     return songs_of(job.store.clips)
 
 
-def _clips(job: ExportJob, part: str) -> list[ClipView]:
+def _clips(job: ExportJob, part: str) -> list[Clip]:
     return [clip for clip in job.clips(*PARTS[part]) if not is_ignored(clip)]
 
 
-def _example(dance: ClipView, song: ClipView, feature: str) -> bytes:
+def _example(dance: Clip, song: Clip, feature: str) -> bytes:
     music: npt.NDArray[np.float32] = song.read_song(feature).astype(np.float32)
     motion = dance.read(_MOTION)[: len(music)]
     return example(

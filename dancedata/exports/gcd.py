@@ -18,7 +18,7 @@ from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
 
 if TYPE_CHECKING:
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 _FPS = 30
 _GUIDE = """GCD reads this folder as its `--data_path`:
@@ -71,7 +71,7 @@ class Gcd(MotionExport):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        groups: dict[str, list[tuple[ClipView, Motion]]] = {}
+        groups: dict[str, list[tuple[Clip, Motion]]] = {}
         singles, short = 0, list[str]()
         for clip, motion in decoded(job, self.field):
             singles += not clip.group

@@ -67,7 +67,7 @@ class HfDatasets(SampleExport):
 
     def _state(self, job: ExportJob, split: str, names: Sequence[str]) -> dict[str, Any]:
         """Return state.json; equal exports have one fingerprint, by which datasets caches what is made of them."""
-        of = [job.store.meta.get("self_sha256"), document_of(self), self.version, split]
+        of = [job.store.info.get("self_sha256"), document_of(self), self.version, split]
         return {
             "_data_files": [{"filename": name} for name in names],
             "_fingerprint": json_sha256(of)[:16],
@@ -81,7 +81,7 @@ class HfDatasets(SampleExport):
 
 def _info(job: ExportJob) -> dict[str, Any]:
     """Return dataset_info.json without features, whose form differs by version: the schema of the files has them."""
-    meta = job.store.meta
+    meta = job.store.info
     texts = {"citation": meta.get("citation"), "license": meta.get("licence")}
     return {"description": str(meta.get("name", "")), **{key: str(text or "") for key, text in texts.items()}}
 

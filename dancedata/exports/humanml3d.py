@@ -20,7 +20,7 @@ from dancedata.representations.humanml263 import Humanml263
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 Floats = npt.NDArray[np.float32]
 
@@ -84,7 +84,7 @@ class HumanML3D(Export):
         self._write_texts(job, folder)
         folder.write_text("all.txt", "".join(f"{clip.id}\n" for clip in job.clips()))
 
-    def _captions(self, job: ExportJob, clip: ClipView) -> list[Caption]:
+    def _captions(self, job: ExportJob, clip: Clip) -> list[Caption]:
         """Return text, tokens and seconds of the captions of a clip; 0 to 0 for the whole clip."""
         if self.layer not in {layer.name for layer in job.store.layers}:
             return []
@@ -147,7 +147,7 @@ def _short(job: ExportJob) -> list[Missing]:
     return [Missing(f"clips of one row, which has no velocity: {listed(short)}", "leave them out of the source")]
 
 
-def vectors(clip: ClipView) -> Floats:
+def vectors(clip: Clip) -> Floats:
     """Return a clip's rows as HumanML3D has them, (T - 1, 263): the last of the stored ones has no velocity."""
     return np.asarray(clip.read(FIELD)[:-1], np.float32)
 

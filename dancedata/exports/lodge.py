@@ -25,7 +25,7 @@ from dancedata.exports.finedance import needs_tracks, note_missing
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 
 _MODULE = "dld.data.utils.preprocess"
@@ -189,7 +189,7 @@ class Lodge(Export):
             yield self._rows(clip, self.motion)[:, :_WIDTH]
 
     @staticmethod
-    def _rows(clip: ClipView, field: str) -> npt.NDArray[np.float32]:
+    def _rows(clip: Clip, field: str) -> npt.NDArray[np.float32]:
         """Return a clip's rows from the frame on at which Lodge cuts it."""
         return np.asarray(clip.read(field)[clip.trim_start :], np.float32)
 

@@ -13,7 +13,7 @@ from dancedata.exports.base.needs import needs_fields, needs_music, needs_music_
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 #: Layout of index.json.
 LAYOUT = 1
@@ -65,7 +65,7 @@ class Npz(Export):
             "of each split as [clip, first frame, frames], and the extremes of each column over train windows.\n"
         )
 
-    def _write_clip(self, job: ExportJob, clip: ClipView, folder: ExportFolder) -> dict[str, Any]:
+    def _write_clip(self, job: ExportJob, clip: Clip, folder: ExportFolder) -> dict[str, Any]:
         file = f"clips/{clip.id}.npz"
         folder.write_npz(file, {name: clip.read(name) for name in self.reads(job)})
         return {**record_json(clip), "file": file}

@@ -25,7 +25,7 @@ from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, ne
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 #: TCDiff trains on the official train list, and calls the val list test.
 _PARTS = {"train": "train", "test": "val"}
@@ -111,7 +111,7 @@ class Tcdiff(MotionExport):
             folder.note(f"{counted(singles, 'single dancer')} are not in the export: TCDiff reads groups")
 
     def _with_rows(self, job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
-        ends = {clip: job.store.starts(clip, LENGTH, fields=(self.feature,)) for clip in {s.clip.id for s in slices}}
+        ends = {clip: job.store._starts(clip, LENGTH, fields=(self.feature,)) for clip in {s.clip.id for s in slices}}
         whole = [s for s in slices if s.window.start in ends[s.clip.id]]
         if len(whole) < len(slices):
             lacking = counted(len(slices) - len(whole), "window")
@@ -138,7 +138,7 @@ def _slices(job: ExportJob, split: str) -> list[Slice]:
     """Return the windows of the groups of a split, each with the group's first dancer, in the loader's order."""
     from dancedata.store.schema import slice_name
 
-    first: dict[str, ClipView] = {}
+    first: dict[str, Clip] = {}
     for clip in job.clips(split):
         if clip.group:
             first.setdefault(clip.group, clip)
@@ -150,9 +150,7 @@ def _slices(job: ExportJob, split: str) -> list[Slice]:
     ]
 
 
-def _write_motion(
-    folder: ExportFolder, part: str, slices: list[Slice], dancers: "list[tuple[ClipView, Motion]]"
-) -> None:
+def _write_motion(folder: ExportFolder, part: str, slices: list[Slice], dancers: "list[tuple[Clip, Motion]]") -> None:
     # Of SMPL's joints the translation keeps its numbers, as in the files that they came from.
     motions = [
         motion if motion.skeleton.joints == SMPL24.joints else on_body(motion, SMPL24) for _, motion in dancers

@@ -20,7 +20,7 @@ from dancedata.exports.base.needs import needs_names
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 Member = tuple[str, bytes]
 
@@ -53,7 +53,7 @@ class WebDataset(SampleExport):
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
         index: dict[str, int] = {}
         for split in job.store.splits:
-            clips: list[tuple[ClipView, Window | None]] = [(clip, None) for clip in job.clips(split)]
+            clips: list[tuple[Clip, Window | None]] = [(clip, None) for clip in job.clips(split)]
             samples = clips if self.samples == "clips" else self._windows(job, split)
             index |= self._shards(job, folder, split, samples)
         fields = {name: field_json(job, name) for name in self.reads(job)}
@@ -74,12 +74,12 @@ class WebDataset(SampleExport):
             "have at least as many shards as workers and ranks.\n"
         )
 
-    def _windows(self, job: ExportJob, split: str) -> list[tuple[ClipView, Window | None]]:
+    def _windows(self, job: ExportJob, split: str) -> list[tuple[Clip, Window | None]]:
         clips = {clip.id: clip for clip in job.clips(split)}
         return [(clips[window.clip], window) for window in job.store.windows(split, fields=self.reads(job))]
 
     def _shards(
-        self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[ClipView, Window | None]]
+        self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[Clip, Window | None]]
     ) -> dict[str, int]:
         """Write the shards of a split; return the number of samples in each."""
         if self.seed >= 0:
@@ -100,7 +100,7 @@ class WebDataset(SampleExport):
             counts[name] = count
         return counts
 
-    def _members(self, job: ExportJob, clip: ClipView, window: Window | None) -> Iterator[Member]:
+    def _members(self, job: ExportJob, clip: Clip, window: Window | None) -> Iterator[Member]:
         key = clip.id if window is None else f"{clip.id}_{window.start:06d}"
         for name in self.reads(job):
             rows = clip.read(name) if window is None else job.store.read(window, name)

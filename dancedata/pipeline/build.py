@@ -62,8 +62,8 @@ class BuildResult:
     def of(cls, path: Path, built: bool) -> BuildResult:
         """Describe a finished dataset."""
         with open_store(path) as store:
-            counts, left_out = dict(store.meta["splits"]), reasons(store)
-            notes = tuple(store.meta.get("source", {}).get("notes", ()))
+            counts, left_out = dict(store.info["splits"]), reasons(store)
+            notes = tuple(store.info.get("source", {}).get("notes", ()))
         summary = describe_built(path) if built else describe_unchanged(path)
         return cls(path, built, counts, left_out, notes, summary)
 
@@ -266,7 +266,7 @@ def _networks(recipe: Recipe) -> dict[str, Any]:
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
     """Raise StoreError with the differences if `out` was built from another recipe or source."""
     store = open_store(out)
-    meta = store.meta
+    meta = store.info
     old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
     differences = [
         f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"

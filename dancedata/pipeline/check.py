@@ -157,7 +157,7 @@ def _check_built(path: Path) -> list[Problem]:
 
 def _shared(one: Store, other: Store) -> Iterator[Problem]:
     where = f"{one.path} and {other.path}"
-    official = all(store.meta.get("source", {}).get("split_rule") == "official" for store in (one, other))
+    official = all(store.info.get("source", {}).get("split_rule") == "official" for store in (one, other))
     songs = [songs_of(store.clips) for store in (one, other)]
     by_samples = [_splits_by(store, lambda clip: music_hash(clip)) for store in (one, other)]
     label = [
@@ -231,7 +231,7 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     field = _field_with_body(store)
     if field is None:
         return
-    for clip in (clip for clip in store.clips if clip.has_field(field.name)):
+    for clip in (clip for clip in store.clips if (field.name in clip)):
         try:
             sides = _sides(field, sampled(clip.read(field.name)))
         except DanceDataError:
@@ -251,7 +251,7 @@ def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, flo
 def _field_with_body(store: Store) -> MotionField | None:
     """Return the most informative field of SMPL's joints: rotations, else positions; None without one."""
     try:
-        recipe = parse_recipe(store.meta.get("recipe", {}), where=f"{store.path}/dataset.json")
+        recipe = parse_recipe(store.info.get("recipe", {}), where=f"{store.path}/dataset.json")
     except DanceDataError:
         return None  # its plug-ins are not installed
     fields = [

@@ -65,12 +65,12 @@ def rate_text(fps: str, windows: str) -> str:
 def describe_built(path: Path) -> str:
     """Return the text that `build` prints of the dataset that it made."""
     with open_store(path) as store:
-        windows = store.meta["windows"]
+        windows = store.info["windows"]
         fields = (f"{name} ({counted(columns.width, 'column')})" for name, columns in store.fields.items())
-        name = shown(store.meta.get("name", path.name))
+        name = shown(store.info.get("name", path.name))
         lines = [
             f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
-            *_splits(store.meta["splits"]),
+            *_splits(store.info["splits"]),
             f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
@@ -94,7 +94,7 @@ def _next_steps(path: Path) -> str:
 
 
 def _size(store: Store) -> str:
-    counts = store.meta["splits"].values()
+    counts = store.info["splits"].values()
     return ", ".join(counted(sum(n[f"{noun}s"] for n in counts), noun) for noun in ("clip", "window"))
 
 
@@ -116,7 +116,7 @@ def reasons(store: Store) -> dict[str, int]:
 
 
 def _bytes(store: Store) -> int:
-    return sum(int(shard["size"]) for shard in store.meta["shards"])
+    return sum(int(shard["size"]) for shard in store.info["shards"])
 
 
 def _left_out(store: Store, *, details: bool) -> list[str]:
@@ -218,16 +218,16 @@ def _store_json(store: Store, path: Path) -> dict[str, Any]:
     heights = [c.height_m for c in store.clips if c.height_m is not None]
     return {
         "path": path_text(path),
-        **{key: store.meta[key] for key in keys if key in store.meta},
+        **{key: store.info[key] for key in keys if key in store.info},
         "rejects": reasons(store),
         "quality_flags": len(store.quality),
         "slices": store.has_slices,
         "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
-        "notes": list(store.meta.get("source", {}).get("notes", [])),
+        "notes": list(store.info.get("source", {}).get("notes", [])),
         "fields": {name: _field_json(store, name) for name in store.fields},
         "bytes": _bytes(store),
-        "recipe_sha256": recipe_hash(store.meta["recipe"]) if "recipe" in store.meta else None,
+        "recipe_sha256": recipe_hash(store.info["recipe"]) if "recipe" in store.info else None,
         "weights": store.weights,
         **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
         **(
@@ -246,7 +246,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "groups": list(field.columns.names),
         "rate": str(field.rate),
         "dtype": field.dtype,
-        **({"without": sum(not clip.has_field(name) for clip in store.clips)} if field.optional else {}),
+        **({"without": sum(name not in clip for clip in store.clips)} if field.optional else {}),
         **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
         "axes": field.axes or None,
     }
@@ -323,7 +323,7 @@ def describe_clips(path: Path) -> str:
     with open_store(path) as store:
         rows = [
             {column.heading: column.show(getattr(clip, column.name)) for column in CLIP_COLUMNS if column.heading}
-            | {"split": clip.split, "windows": len(store.windows_of(clip.id))}
+            | {"split": clip.split, "windows": len(store[clip.id].windows())}
             for clip in store.clips
         ]
     head = list(dict.fromkeys([*_FIRST_COLUMNS, *(heading for row in rows[:1] for heading in row)]))

@@ -18,7 +18,7 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.pipeline.source_record import SourceRecord, source_differences
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.clip_view import ClipView
+from dancedata.store.clip_view import Clip
 
 Row = Mapping[str, Any]
 
@@ -188,7 +188,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
     if atol is not None and not (math.isfinite(atol) and atol >= 0):
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
-        if one.meta["self_sha256"] == two.meta["self_sha256"]:
+        if one.info["self_sha256"] == two.info["self_sha256"]:
             one.require_intact()
             two.require_intact()
             return []
@@ -217,10 +217,10 @@ def shaping(recipe: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _recipes(one: Store, two: Store) -> Iterator[Difference]:
-    recipes = shaping(one.meta.get("recipe", {})), shaping(two.meta.get("recipe", {}))
+    recipes = shaping(one.info.get("recipe", {})), shaping(two.info.get("recipe", {}))
     for key, old, new in document_differences(*recipes):
         yield Difference("recipe", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
-    sources = [str(store.meta.get("source", {}).get("sha256")) for store in (one, two)]
+    sources = [str(store.info.get("source", {}).get("sha256")) for store in (one, two)]
     if sources[0] != sources[1]:
         hashes = [sha256[:12] for sha256 in sources]
         yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
@@ -236,7 +236,7 @@ def _stores(one: Store, two: Store) -> Iterator[Difference]:
 
 
 def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    return {key: one.meta.get(key) for key in keys}, {key: two.meta.get(key) for key in keys}
+    return {key: one.info.get(key) for key in keys}, {key: two.info.get(key) for key in keys}
 
 
 def _fields(one: Store, two: Store) -> Iterator[Difference]:
@@ -258,9 +258,7 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
     return [name for name, yes in zip(names, same, strict=True) if yes]
 
 
-def _clips(
-    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
-) -> Iterator[Difference]:
+def _clips(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: float | None) -> Iterator[Difference]:
     yield from _one_sided("clips", "clip", (c.id for c in one.clips), (c.id for c in two.clips))
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
@@ -274,7 +272,7 @@ def _clips(
         yield Difference("clips", f"{key} of {counted(len(ids), 'clip')}, as {example[key]}", tuple(ids))
 
 
-def _segments(one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]]) -> Iterator[Difference]:
+def _segments(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]]) -> Iterator[Difference]:
     """Compare words and events; quality flags are compared as such."""
     if one.layers == two.layers == ():
         return
@@ -296,14 +294,12 @@ def _windows(one: Store, two: Store) -> Iterator[Difference]:
 
 
 def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
-    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    windows = {clip.id: store[clip.id].windows() for clip in store.clips}
     return {clip: {(w.start, w.length) for w in of_clip} for clip, of_clip in windows.items() if of_clip}
 
 
-def _values(
-    one: Store, two: Store, common: Sequence[tuple[ClipView, ClipView]], atol: float | None
-) -> Iterator[Difference]:
-    shards = [{s["sha256"] for s in store.meta["shards"]} for store in (one, two)]
+def _values(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: float | None) -> Iterator[Difference]:
+    shards = [{s["sha256"] for s in store.info["shards"]} for store in (one, two)]
     if shards[0] == shards[1] or one.fps != two.fps:
         return
     for name in _common_fields(one, two, columns=True):
@@ -330,7 +326,7 @@ class _Gap:
     where: str = ""
 
 
-def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, ClipView]]) -> _Gap:
+def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[Clip, Clip]]) -> _Gap:
     largest = _Gap()
     for clip, same in common:
         rows = _clip_rows(one, clip, name), _clip_rows(two, same, name)
@@ -346,10 +342,10 @@ def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[ClipView, Cli
     return largest
 
 
-def _clip_rows(store: Store, clip: ClipView, name: str) -> npt.NDArray[Any]:
+def _clip_rows(store: Store, clip: Clip, name: str) -> npt.NDArray[Any]:
     """Return the rows of a field within a clip; none where the clip does not have it."""
-    if clip.has_field(name):
-        return store.rows_within(clip.id, name)[1]
+    if name in clip:
+        return store[clip.id].rows_within(name)[1]
     return np.empty((0, store.fields[name].width))
 
 

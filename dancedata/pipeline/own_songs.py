@@ -347,7 +347,7 @@ def _recipe_like(like: str) -> Recipe:
         return load_recipe(like)
     if not (folder / DATASET_FILE).exists():
         raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
-    meta = open_store(folder).meta
+    meta = open_store(folder).info
     document = json.loads(json.dumps(meta.get("recipe", {})))
     recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
     if json_sha256(recipe.document) != json_sha256(document):

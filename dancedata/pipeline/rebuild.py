@@ -161,7 +161,7 @@ class Published:
     def same(self, out: Path) -> bool:
         """Return whether a dataset has the same bytes: every shard, table and list."""
         with open_store(out) as store:
-            return set(remote_files(self.dataset)) == set(remote_files(store.meta))
+            return set(remote_files(self.dataset)) == set(remote_files(store.info))
 
 
 def _sealed(document: Any) -> dict[str, Any]:

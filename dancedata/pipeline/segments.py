@@ -20,7 +20,7 @@ from dancedata.pipeline.out_folder import check_out, locked, new_dataset
 from dancedata.recipes.copies import CopySpec, copied_segment
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
-from dancedata.store import ClipView, Store, open_store
+from dancedata.store import Clip, Store, open_store
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.table_writer import write_segments
@@ -84,7 +84,7 @@ def segments(
     notes = () if set_file is None else _set(folder, Path(set_file).expanduser())
     with open_store(folder) as store:
         if layer is not None:
-            store.require_layer(layer)
+            store._require_layer(layer)
         file = None if to is None else Path(to).expanduser()
         if file is not None:
             _write(store, file, layer)
@@ -161,7 +161,7 @@ def layer_id(layer: Layer) -> tuple[str, str, str]:
 
 
 def _of_clip(
-    stated: Mapping[str, Sequence[Segment]], store: Store, clip: ClipView, augment: Mapping[str, CopySpec]
+    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, augment: Mapping[str, CopySpec]
 ) -> Sequence[Segment]:
     """Return the segments of a file for a clip; of a copy without rows those of its clip, changed like the copy."""
     if clip.id in stated or clip.source not in stated:
@@ -170,7 +170,7 @@ def _of_clip(
     if spec is None:
         raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
                          where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
-    unit, sides = store.clip(clip.source).group or clip.source, store.skeleton.other_side
+    unit, sides = store[clip.source].group or clip.source, store.skeleton.other_side
     segments = (copied_segment(segment, spec, unit, sides) for segment in stated[clip.source])
     return [segment for segment in segments if segment is not None]
 
@@ -178,7 +178,7 @@ def _of_clip(
 def _recipe(store: Store) -> tuple[Mapping[str, CopySpec], Sequence[Lexicon]]:
     """Return the augmentations and lexicons of a dataset's recipe; without them if a plug-in is not installed."""
     try:
-        recipe = parse_recipe(store.meta.get("recipe", {}))
+        recipe = parse_recipe(store.info.get("recipe", {}))
     except RecipeError:
         return {}, (ENGLISH,)
     return {spec.name: spec for spec in recipe.augment}, recipe.segments.lexicons
@@ -198,9 +198,9 @@ def _link(folder: Path, out: Path, store: Store) -> None:
 
 def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
     layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
-    document = {key: value for key, value in store.meta.items() if key not in ("self_sha256", "layers")}
+    document = {key: value for key, value in store.info.items() if key not in ("self_sha256", "layers")}
     entries = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
-    known = {layer_of(entry): entry["empty"] for entry in store.meta.get("layers", ())}
+    known = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
     for layer, entry in zip(layers, entries, strict=True):
         entry["empty"] = max(entry["empty"], known.get(layer, 0))  # a file of --to does not have those of the build
     document |= {"layers": entries} if entries else {}

@@ -19,7 +19,7 @@ from dancedata.datasets.folder import MANIFESTS, MOTION_FOLDERS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.source_record import DIGITS, SourceRecord
 from dancedata.recipes.plugins import one_of
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.songs import music_hashes
 
 #: Most files of a folder whose hashes are compared.
@@ -58,15 +58,15 @@ class SourceMusic:
         files = {clip.id: recordings[clip.original] for clip in store.clips if clip.original in recordings}
         return cls(source, files, music_hashes(store.clips))
 
-    def missing(self, clips: list[ClipView]) -> list[str]:
+    def missing(self, clips: list[Clip]) -> list[str]:
         """Return the songs, or clips whose song has no name, that have no audio file."""
         return sorted({clip.music or clip.id for clip in clips if clip.id not in self.files})
 
-    def length(self, clip: ClipView) -> tuple[int, int]:
+    def length(self, clip: Clip) -> tuple[int, int]:
         """Return samples and sample rate of a clip's music, without decoding it."""
         return audio_length(self.files[clip.id])
 
-    def load(self, clip: ClipView) -> AudioSignal:
+    def load(self, clip: Clip) -> AudioSignal:
         """Decode a clip's music.
 
         Raises DataError: if it cannot be decoded, or does not match the dataset.
@@ -119,12 +119,12 @@ def _listed(store: Store, source: Path) -> dict[str, Path]:
 
 def dataset_of(store: Store) -> Dataset | None:
     """Return the reader of a store's source, with its recipe's parameters; None if it is unknown."""
-    recipe = store.meta.get("recipe")
+    recipe = store.info.get("recipe")
     dataset = recipe.get("dataset") if isinstance(recipe, Mapping) else None
     return one_of(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None
 
 
-def _named(clips: list[ClipView], source: Path) -> dict[str, Path]:
+def _named(clips: list[Clip], source: Path) -> dict[str, Path]:
     """Return files that have the name of a clip, or else of its song."""
     files: dict[str, Path] = {}
     for path in sorted(p for p in source.rglob("*") if p.suffix.lower() in AUDIO_SUFFIXES and p.is_file()):

@@ -54,9 +54,9 @@ class SourceRecord:
     @classmethod
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
-        left_out = store.meta.get("source", {}).get("clips", {})
+        left_out = store.info.get("source", {}).get("clips", {})
         clips = {**left_out, **{clip.original: clip.made_of for clip in store.clips if clip.made_of}}
-        content = store.meta.get("source", {}).get("content")
+        content = store.info.get("source", {}).get("content")
         return cls(
             clips=clips if clips and all(len(value) == 3 * DIGITS for value in clips.values()) else None,
             left_out=[Reject.from_json(row) for row in store.rejects],

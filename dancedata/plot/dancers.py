@@ -17,7 +17,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.plot.bodies import Camera, body
-from dancedata.store import ClipView, Store, open_store
+from dancedata.store import Clip, Store, open_store
 from dancedata.viewer import Figure, Scene, Scenes
 from dancedata.viewer.motions import figures_of
 from dancedata.viewer.palette import Theme, colours_of
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 #: A motion, a clip of a dataset, or joint positions (T, J, 3), metres.
-Dance: TypeAlias = "Motion | ClipView | npt.ArrayLike"
+Dance: TypeAlias = "Motion | Clip | npt.ArrayLike"
 #: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
 SIDES: dict[Theme, tuple[str, str, str]] = {
     "light": ("#4a525c", "#2a8ccb", "#a04c00"), "dark": ("#d5d9df", "#7accf8", "#d48500")
@@ -70,7 +70,7 @@ def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) 
     """
     if isinstance(dance, Motion):
         return Figure.of_joints(dance.joints(), dance.skeleton, dance.grid)
-    if isinstance(dance, ClipView):
+    if isinstance(dance, Clip):
         store: Store = dance.store  # type: ignore[assignment]
         scenes = Scenes(store)
         items = scenes.items_of(dance.id)

@@ -76,7 +76,7 @@ def features(
     if item.members and ds.field(name).per_clip:
         ids = ", ".join(shown(member.clip.id) for member in item.members)
         raise UsageError(f"each dancer of a group has rows of {name}", found=shown(clip), fix=f"name one: {ids}")
-    lead, rows = ds.rows_within(item.clip.id, name) if item.window is None else (0, ds.read(item.window, name))
+    lead, rows = ds[item.clip.id].rows_within(name) if item.window is None else (0, ds.read(item.window, name))
     if not len(rows):
         raise UsageError(f"there are no rows of {name}", where=f"clip {shown(clip)}")
     motion = None if columns or name not in scenes.fields else motion_readers(ds)[name].pose(np.asarray(rows)).motion

@@ -60,12 +60,12 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
     `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
     Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
-    check_names(store.meta, f"{store.path}/{DATASET_FILE}")
+    check_names(store.info, f"{store.path}/{DATASET_FILE}")
     if place.recipe_only:
         files = [*_recipe(store), *_beside(beside)]
-        more = {"dataset": dict(store.meta)}
+        more = {"dataset": dict(store.info)}
     else:
-        files = [Upload(f.name, store.path / f.name, f.size, f.sha256) for f in remote_files(store.meta)]
+        files = [Upload(f.name, store.path / f.name, f.size, f.sha256) for f in remote_files(store.info)]
         more = {}
     publication = Upload.of_bytes(PUBLICATION_FILE, dump_json(_described(store, place, files, more)).encode())
     if publication.size > MAX_DESCRIPTION:
@@ -76,7 +76,7 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
     if place.recipe_only:
         return [*files, publication]
     description = read_regular(store.path / DATASET_FILE, MAX_DESCRIPTION)
-    if parse_json(description.decode())["self_sha256"] != store.meta["self_sha256"]:
+    if parse_json(description.decode())["self_sha256"] != store.info["self_sha256"]:
         raise changed(DATASET_FILE)
     return [*files, publication, Upload.of_bytes(DATASET_FILE, description)]
 
@@ -85,10 +85,10 @@ def _described(store: Store, place: Publication, files: Sequence[Upload], more: 
     document = {
         "publication": 1,
         "dancedata": __version__,
-        "name": store.meta.get("name", ""),
-        "dataset_sha256": store.meta["self_sha256"],
-        "licence": store.meta.get("licence", ""),
-        "citation": store.meta.get("citation", ""),
+        "name": store.info.get("name", ""),
+        "dataset_sha256": store.info["self_sha256"],
+        "licence": store.info.get("licence", ""),
+        "citation": store.info.get("citation", ""),
         **({"rights": place.rights, "overridden": list(place.overridden)} if place.rights else {}),
         "files": {file.name: {"size": file.size, "sha256": file.sha256} for file in files},
         "shards": [],
@@ -103,7 +103,7 @@ def _recipe(store: Store) -> Iterator[Upload]:
     yield Upload.of_bytes(RECIPE_FILE, recipe.encode())
     yield Upload.of_bytes(CLIPS_FILE, dump_lines(list(_clips(store))).encode())
     for name in (STATS_FILE, REJECTS_FILE):
-        entry = store.meta["files"][name]
+        entry = store.info["files"][name]
         yield Upload(name, store.path / name, entry["size"], entry["sha256"])
 
 

@@ -138,14 +138,14 @@ def push(
             require_permission(opened, to=to)
         require_whole(opened.path)
         opened.require_intact()
-        digits = opened.meta["self_sha256"][:_DIGITS]
+        digits = opened.info["self_sha256"][:_DIGITS]
         name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
         read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
         files = contents(opened, place, [Path(path).expanduser() for path in beside], reporter)
         reporter.announce(f"publishing {opened.path} at {address}")
-        message = f"Publish {opened.meta.get('name', 'dataset')} {digits} with dancedata"
+        message = f"Publish {opened.info.get('name', 'dataset')} {digits} with dancedata"
         at, uploaded = HubUpload(address, name, private, gated, overwrite).run(files, message, reporter)
     total = sum(file.size for file in files)
     return Pushed(str(read_at), at.revision, len(files), total, uploaded, recipe_only)

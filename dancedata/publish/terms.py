@@ -38,7 +38,7 @@ def require_permission(store: Store, *, to: object) -> None:
     """Raise UsageError with the clauses if a licence does not allow the dataset to be published."""
     forbidden = restrictions(store)
     if forbidden:
-        name = store.meta.get("source", {}).get("reader", "")
+        name = store.info.get("source", {}).get("reader", "")
         lines = "\n".join(f"  - {restriction}" for restriction in forbidden)
         raise UsageError(
             "the terms of the source do not allow this dataset to be passed on, or do not state it",
@@ -60,9 +60,9 @@ def _of_dataset(store: Store) -> list[Restriction]:
     terms = clips_by_terms(store) or {None: 1}
     if all(licence is not None and licence.text for licence in terms):
         return []
-    name = str(store.meta.get("source", {}).get("reader", ""))
+    name = str(store.info.get("source", {}).get("reader", ""))
     reader = DATASETS.get(name) if name in DATASETS.names() else None
-    text = str(store.meta.get("licence") or "")
+    text = str(store.info.get("licence") or "")
     allowed = {
         "motion": Licence(text).may_share or (reader is not None and reader.may_share_motion),
         "music": Licence(text).may_share or (reader is not None and reader.may_share_audio),

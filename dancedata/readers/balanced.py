@@ -98,7 +98,7 @@ def _labels(source: SplitDataset, by: str | Sequence[Hashable]) -> Sequence[Hash
     used = np.unique(windows.clip)
     of_clip = {k: windows.clip_ids[k] for k in used.tolist()}
     if by != "clip":
-        of_clip = {k: getattr(source.store.clip(clip), by) for k, clip in of_clip.items()}
+        of_clip = {k: getattr(source.store[clip], by) for k, clip in of_clip.items()}
     unknown = [windows.clip_ids[k] for k, label in of_clip.items() if not label]
     if unknown:
         raise UsageError(f"samples cannot be balanced by {by}: clips do not have one", where=f"clip {unknown[0]}",

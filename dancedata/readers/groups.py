@@ -114,7 +114,7 @@ class GroupDataset(WindowDataset):
         self._check_augmentations()
         self._is_random |= self.choose == "seed"
         self._primitives, self._roots = None, {}
-        self._stride = self.store.window_grid(**self._choice.windows).stride
+        self._stride = self.store._window_grid(**self._choice.windows).stride
         self._starts, self._cached_reader, self._pool = {}, None, MemoryPool()
 
     def _group_windows(self, dancers: WindowList, exactly: int | None, singles: bool, rejects: list[Reject]) -> None:
@@ -268,7 +268,7 @@ class GroupReader(BatchReader):
         self._dataset, self._tables = dataset, dataset.store.tables
         store = dataset.store
         windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
-        rows = {n: store.window_rows(windows[n], n, mapped=store.mapped) for n in dataset.fields}
+        rows = {n: store._window_rows(windows[n], n, mapped=store.mapped) for n in dataset.fields}
         fields = [
             FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clip)
             for n in dataset.fields

@@ -142,7 +142,7 @@ class Mix(EpochDataset):
     @property
     def store(self) -> Store:
         """The dataset of which all sources are; UsageError where they are of several."""
-        stores = {str(dataset.store.meta.get("self_sha256")): dataset.store for dataset in self.datasets}
+        stores = {str(dataset.store.info.get("self_sha256")): dataset.store for dataset in self.datasets}
         if len(stores) > 1:
             raise UsageError("a mix of several datasets is like none of them", found=listed(self.sources),
                              fix="name one of the datasets, and scaler=mix")  # fmt: skip
@@ -287,7 +287,7 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
 
 
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
-    names = [str(dataset.store.meta.get("name") or dataset.store.path.name) for dataset in datasets]
+    names = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
     if len(set(names)) < len(names):
         raise UsageError(
             "datasets of a mix have one name", found=listed(names), fix='name them: Mix({"a": dataset, "b": other})'
@@ -366,7 +366,7 @@ def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:
 def _properties(dataset: SplitDataset) -> dict[str, str]:
     """Return what samples of one batch have in common."""
     store = dataset.store
-    recipe = store.meta.get("recipe") or {}
+    recipe = store.info.get("recipe") or {}
     properties = {
         "kind": type(dataset).__name__,
         "fields": ", ".join(dataset.fields),

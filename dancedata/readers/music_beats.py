@@ -53,7 +53,7 @@ def windows_at(
 
     `spacing` is length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
     """
-    grid = store.window_grid(**spacing)
+    grid = store._window_grid(**spacing)
     rejects: list[Reject] = []
     clip: list[int] = []
     start: list[int] = []
@@ -77,10 +77,10 @@ def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Se
     if no field has it.
     """
     beats = _field_with(store, at, fields)
-    starts = store.starts(clip, length, fields=tuple(fields), trim=trim)
+    starts = store._starts(clip, length, fields=tuple(fields), trim=trim)
     if not len(starts):
         return np.empty(0, dtype=np.int64)
-    first, labelled = store.rows_within(clip, beats.name)
+    first, labelled = store[clip].rows_within(beats.name)
     rows = first + np.flatnonzero(labelled[:, beats.columns.slice(at).start])
     rows = np.maximum(rows.astype(np.int64) - beat_rows_late(beats.name), 0)
     frames = beats.grid.nearest_rows(rows, of=store.grid)
@@ -99,7 +99,7 @@ def estimated_tempo(store: Store, clip: str, fields: Sequence[str]) -> float:
         return math.nan
     beats = _field_with(store, "beat", fields)
     column = beats.columns.slice("beat").start
-    rows = np.diff(np.flatnonzero(store.rows_within(clip, beats.name)[1][:, column]))
+    rows = np.diff(np.flatnonzero(store[clip].rows_within(beats.name)[1][:, column]))
     near = rows[np.abs(rows - np.median(rows)) <= np.median(rows) / 4] if len(rows) else rows
     return 60.0 / (float(beats.grid.seconds(1)) * float(near.mean())) if len(near) else math.nan
 

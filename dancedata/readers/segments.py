@@ -83,7 +83,7 @@ class SegmentReader:
     ) -> dict[str, list[Any]]:
         """Return ``{"text": ...}`` or ``{"segments": ...}`` of the samples at `places`, (B,)."""
         samples = [
-            (store.segment_rows_in(window, self.layer), flag) for window, flag in zip(windows, mirrored, strict=True)
+            (store._segment_rows_in(window, self.layer), flag) for window, flag in zip(windows, mirrored, strict=True)
         ]
         if not self.draws:
             return {"segments": [self.placed(*sample) for sample in samples]}
@@ -103,7 +103,7 @@ class SegmentReader:
         alone: list[list[Any]] = []
         whole: list[Any] = []
         for windows, flag, place in zip(groups, mirrored, places, strict=True):
-            of_dancers = [store.segment_rows_in(window, self.layer) for window in windows]
+            of_dancers = [store._segment_rows_in(window, self.layer) for window in windows]
             of_group = [row for row in of_dancers[0] if row.whole]
             of_dancers = [[row for row in rows if not row.whole] for rows in of_dancers]
             of_dancers += [[] for _ in range(persons - len(windows))]

@@ -16,7 +16,7 @@ from dancedata.readers.clip_values import ASKED, chosen_clips
 from dancedata.readers.music_beats import StartAt, windows_at
 from dancedata.readers.options import FilterLike
 from dancedata.store import ClipRecord
-from dancedata.store.clip_view import ClipView
+from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -132,17 +132,17 @@ def _unmarked(
 
     UsageError for an unknown layer.
     """
-    store.require_layer(layer)
+    store._require_layer(layer)
     keep = np.ones(len(windows), dtype=np.bool_)
     rejects = []
     for place, window in enumerate(windows):
-        if any(placed.segment.label == label for placed in store.segments_in(window, layer)):
+        if any(placed.segment.label == label for placed in store.segments(window, layer)):
             keep[place] = False
             rejects.append(Reject("ignored", window.clip, window=window.start, detail=f"{layer}: {label}"))
     return keep, rejects
 
 
-def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, ClipView]:
+def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, Clip]:
     """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
     prefix = f"{protocol}."
     on_lists = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
@@ -185,7 +185,7 @@ def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
 
 
 def _without_window(store: Store, record: ClipRecord, choice: Choice) -> Reject:
-    absent = store.without(record.id, choice.fields)
+    absent = store._without(record.id, choice.fields)
     if absent:
         return Reject("no_field", record.id, detail=f"kept without {', '.join(absent)}")
     trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""

@@ -21,7 +21,7 @@ from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.augmenting import Augmenter, check_step
 from dancedata.readers.batch_reader import Request, blank_of
-from dancedata.readers.clip_values import require_columns, require_where, value_of
+from dancedata.readers.clip_values import require_columns, value_of
 from dancedata.readers.draws import uniform
 from dancedata.readers.epochs import EpochDataset
 from dancedata.readers.music_beats import StartAt, estimated_tempo
@@ -31,6 +31,7 @@ from dancedata.readers.scalers import mirrors_of, named_scalers, normalized_fiel
 from dancedata.readers.segments import SegmentReader
 from dancedata.readers.selection import Choice, Selection, require_protocol, select, window_filter
 from dancedata.remote import fetch_soon
+from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import sort_splits
@@ -310,7 +311,7 @@ class SplitDataset(EpochDataset):
 
     @cached_property
     def _shards_of_samples(self) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
-        return self.store.shards_of(self.windows)
+        return self.store._shards_of(self.windows)
 
     def _scaler(self, field: str) -> Scaler:
         if field in self._named_scalers:
@@ -324,7 +325,7 @@ class SplitDataset(EpochDataset):
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
         """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
-        numbers: Mapping[str, int] = self.store.meta.get("genre_ids") or {}
+        numbers: Mapping[str, int] = self.store.info.get("genre_ids") or {}
         if numbers:
             return numbers
         # The columns, not the clips: there may be a million.
@@ -350,7 +351,7 @@ class SplitDataset(EpochDataset):
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         attributes = ("id", "genre", "music", "dancer", "tempo_bpm", *["columns"] * bool(self.columns))
-        of_clips = self.store.clip_values(windows, attributes)
+        of_clips = self.store._clip_values(windows, attributes)
         clips, genres, stated = of_clips["id"], of_clips["genre"], of_clips["tempo_bpm"]
         tempos = [self._estimated_tempo(c) if bpm is None else bpm for c, bpm in zip(clips, stated, strict=True)]
         mirrored = [names.count("mirror") % 2 == 1 for names in copies]

@@ -130,7 +130,7 @@ class WindowDataset(SplitDataset):
             raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
         spec: PrimitiveSpec | None = None
         if self._items.primitives is not None:
-            grid = self.store.window_grid(**place.grid)
+            grid = self.store._window_grid(**place.grid)
             length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
             spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
         self._primitives, also = spec, spec.key_motion if spec is not None else None
@@ -146,7 +146,7 @@ class WindowDataset(SplitDataset):
             raise clash(place, "the augmentation crop", "both choose where windows begin")
         self._is_random |= spec is not None and spec.variant == "code"
         self._roots = root_columns(self.store, self._items.relative, self._scaled)
-        self._stride = self.store.window_grid(**self._choice.windows).stride
+        self._stride = self.store._window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
@@ -161,7 +161,7 @@ class WindowDataset(SplitDataset):
         if not windows:
             raise UsageError("the list of windows is empty", where=str(self.store.path), found=windows)
         for name in self._choice.fields:
-            self.store.window_rows(windows, name)  # which checks them
+            self.store._window_rows(windows, name)  # which checks them
         self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
         return Selection(windows, ())
 
@@ -223,7 +223,7 @@ class WindowDataset(SplitDataset):
         window = self.windows[place]
         if window.clip not in self._starts:
             trim = self._choice.trim
-            self._starts[window.clip] = self.store.starts(window.clip, window.length, fields=self.fields, trim=trim)
+            self._starts[window.clip] = self.store._starts(window.clip, window.length, fields=self.fields, trim=trim)
         start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
         return start - window.start
 
@@ -245,7 +245,7 @@ class WindowDataset(SplitDataset):
         """Return the reader of batches, which each process makes when it first needs it."""
         if self._cached_reader is None:
             rows = {
-                name: self.store.window_rows(self.windows, name, mapped=self.store.mapped) for name in self.fields
+                name: self.store._window_rows(self.windows, name, mapped=self.store.mapped) for name in self.fields
             }
             fields = [
                 FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clip)

@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.text import counted, listed
 from dancedata.report.pieces import Piece
 from dancedata.report.tally import FrameHistogram, Tally
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.together import Together
 
@@ -75,7 +75,7 @@ class MeasuredGroups:
     distance: Tally = field(default_factory=lambda: Tally.of(0, 40, 0.01))
     facing: Tally = field(default_factory=lambda: Tally.of(0, 180, 1))
 
-    def add(self, store: Store, dancers: Sequence[ClipView], pieces: Sequence[Piece], windows: int) -> None:
+    def add(self, store: Store, dancers: Sequence[Clip], pieces: Sequence[Piece], windows: int) -> None:
         """Measure a group.
 
         `dancers`: Its clips.

@@ -22,7 +22,7 @@ from dancedata.report.pieces import ClipReader, Piece, measured_units
 from dancedata.report.space import Space
 from dancedata.report.stage import Stage
 from dancedata.report.tally import Tally
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.viewer.figure import Figure
 
 #: A body whose joints move less than this on average, metres per second, stands still.
@@ -171,7 +171,7 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
 
     Raises DataError, StoreError: if a clip cannot be read.
     """
-    windows = {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    windows = {clip.id: store[clip.id].windows() for clip in store.clips}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
     measured.space = space = Space.of(store, windows)
     measured.clips = {clip.id: ClipNumbers() for clip in store.clips if not clip.source}
@@ -197,7 +197,7 @@ def clip_numbers(piece: Piece) -> ClipNumbers:
     return _numbers(part) if len(part.speed) else ClipNumbers()
 
 
-def _clip(measured: Measured, clip: ClipView, piece: Piece) -> ClipNumbers:
+def _clip(measured: Measured, clip: Clip, piece: Piece) -> ClipNumbers:
     part = _Part.of(piece, measured.store.grid, clip.trim_start)
     if not len(part.speed):
         return ClipNumbers()
@@ -322,7 +322,7 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
     return score, chance
 
 
-def _count(measured: Measured, part: _Part, clip: ClipView) -> None:
+def _count(measured: Measured, part: _Part, clip: Clip) -> None:
     if not measured.joint_speed:
         figure = part.piece.figure
         measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()

@@ -38,7 +38,7 @@ from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
 from dancedata.report.space import Space, poses_of
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import clips_by_terms, terms_text
@@ -83,14 +83,14 @@ def document(measured: Measured, scales: Scales) -> Document:
 
 def _about(store: Store) -> About:
     keys = ("name", "fps", "windows", "licence", "citation")
-    record: dict[str, Any] = {key: store.meta.get(key) for key in keys}
+    record: dict[str, Any] = {key: store.info.get(key) for key in keys}
     return About(
         **record,
-        dataset=store.meta.get("source", {}).get("reader"),
-        dancedata=store.meta.get("versions", {}).get("dancedata"),
-        recipe_sha256=dataset_hashes(store.meta).get("recipe_sha256"),
-        description=store.meta.get("recipe", {}).get("description", ""),
-        notes=tuple(store.meta.get("source", {}).get("notes", [])),
+        dataset=store.info.get("source", {}).get("reader"),
+        dancedata=store.info.get("versions", {}).get("dancedata"),
+        recipe_sha256=dataset_hashes(store.info).get("recipe_sha256"),
+        description=store.info.get("recipe", {}).get("description", ""),
+        notes=tuple(store.info.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
         weights=store.weights,
         licences=tuple(terms_text(clips_by_terms(store))),
@@ -126,7 +126,7 @@ def _contents(measured: Measured, scales: Scales) -> Contents:
     shorter = tuple(sorted(clip for clip, gap in gaps.items() if gap < 0))
     return Contents(
         splits=tuple(store.splits),
-        by_split={split: dict(store.meta["splits"].get(split, {})) for split in store.splits},
+        by_split={split: dict(store.info["splits"].get(split, {})) for split in store.splits},
         windows_by_split=_windows_by(measured, lambda c: c.split),
         windows_by_genre=genres,
         windows_by_dancer=_windows_by(measured, lambda c: c.dancer),
@@ -141,7 +141,7 @@ def _contents(measured: Measured, scales: Scales) -> Contents:
     )
 
 
-def _windows_by(measured: Measured, key: Callable[[ClipView], str]) -> Counts:
+def _windows_by(measured: Measured, key: Callable[[Clip], str]) -> Counts:
     """Count the windows by a name of their clip, then by split; copies count, as a trainer draws them too."""
     counts: dict[str, Counter[str]] = {}
     for clip in measured.store.clips:
@@ -273,7 +273,7 @@ def splits(store: Store) -> Splits:
     )
 
 
-def _shared(store: Store, key: Callable[[ClipView], str], alike: Sequence[AlikeSongs] = ()) -> Shared:
+def _shared(store: Store, key: Callable[[Clip], str], alike: Sequence[AlikeSongs] = ()) -> Shared:
     names = {split: {key(c) for c in store.clips if c.split == split and key(c)} for split in store.splits}
     both = {(a, b): sorted(names[a] & names[b]) for a in store.splits for b in store.splits}
     for pair in alike:
@@ -351,7 +351,7 @@ def _suspects(measured: Measured, why: str) -> list[Suspect]:
     return sorted(suspects, key=lambda suspect: (-suspect.value, suspect.clip))
 
 
-def _row(measured: Measured, clip: ClipView) -> ClipRow:
+def _row(measured: Measured, clip: Clip) -> ClipRow:
     return ClipRow(
         clip=clip.id,
         split=clip.split,

@@ -11,7 +11,7 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
 from dancedata.evaluation.music import beats_after
 from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.schema import Field
@@ -91,24 +91,24 @@ class ClipReader:
             store.field(music[0]) if music else None,
         )
 
-    def piece(self, clip: ClipView) -> Piece | None:
+    def piece(self, clip: Clip) -> Piece | None:
         """Read a clip; None without motion. DataError if columns are not those of the representation."""
-        if self.motion is None or self.reader is None or not clip.has_field(self.motion.name):
+        if self.motion is None or self.reader is None or self.motion.name not in clip:
             return None
         figure = Figure.of_columns(np.asarray(clip.read(self.motion.name)), self.reader)
         stored = self.keymotion
-        if stored is not None and stored.grid == figure.grid and clip.has_field(stored.name):
+        if stored is not None and stored.grid == figure.grid and stored.name in clip:
             key = KeyMotion.from_rows(np.asarray(clip.read(stored.name)))
         else:
             key = figure_key_motion(figure)
         return Piece(figure, key, *self._beats(clip))
 
-    def _beats(self, clip: ClipView) -> tuple[MusicBeats | None, float | None]:
+    def _beats(self, clip: Clip) -> tuple[MusicBeats | None, float | None]:
         field = self.music
         if field is None:
             return None, None
-        if self.store.music_offset(clip.id) < 0:
-            lead, rows = self.store.rows_within(clip.id, field.name)
+        if self.store[clip.id].music_offset < 0:
+            lead, rows = self.store[clip.id].rows_within(field.name)
             tables = self.store.tables
             n_rows = int(tables.spans[field.name].available[tables.find(clip.id)])
         else:
@@ -117,7 +117,7 @@ class ClipReader:
         return beats_after(field_beats(rows, field), -lead, field.grid), float(field.grid.seconds(n_rows))
 
 
-def measured_units(store: Store) -> list[Sequence[ClipView]]:
+def measured_units(store: Store) -> list[Sequence[Clip]]:
     """Return the clips and groups that are measured: no copies, and of slices those that do not overlap."""
     units = [dancers for dancers in store.clips.units() if not dancers[0].source]
     slices = [dancers[0] for dancers in units if dancers[0].slice_of]

@@ -28,7 +28,7 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
     f, stats = store.field(name), store.stats["fields"].get(name)
     if stats is None or f.codebook is not None:
         return ()
-    length = store.grid.rows(store.meta["windows"]["length"], of=f.grid)
+    length = store.grid.rows(store.info["windows"]["length"], of=f.grid)
     blocks = covered(_windows_and_rows(store, f), length)
     step = max(1, _VALUES // stats["n"])
     quantiles = [
@@ -44,14 +44,14 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
 
 def _windows_and_rows(store: Store, f: Field) -> Iterator[tuple[IntArray, int, list[KeyedRows]]]:
     """Yield per train shard what `covered` takes: timelines that several shards have are known by their rows."""
-    tables, train = store.tables, store.rows_of_split("train")
+    tables, train = store.tables, store._rows_of_split("train")
     chosen = tables.having(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][chosen]
     starts = tables.rows_of(f, store.grid)[train.windows][chosen]
     spans = tables.spans.get(f.name)
     timelines = None if spans is None or spans.offset is None else spans.first - spans.offset
     of_shard, clip_shard = (tables.shard_of(k) - train.shards.start for k in (clips, np.arange(tables.n_clips)))
-    for number, reader in enumerate(store.shards("train")):
+    for number, reader in enumerate(store._shards("train")):
         n_rows = reader.layout(f.name).n_rows
         keyed: list[KeyedRows] = [(number, 0, n_rows)]
         if timelines is not None:
@@ -65,7 +65,7 @@ def _windows_and_rows(store: Store, f: Field) -> Iterator[tuple[IntArray, int, l
 
 def _columns(store: Store, f: Field, blocks: Sequence[Block], columns: slice) -> npt.NDArray[np.float64]:
     """Read some columns of the rows that count, each as often as it does."""
-    readers, parts = store.shards("train"), []
+    readers, parts = store._shards("train"), []
     for shard, first, counts in blocks:
         for begin in range(0, len(counts), _ROWS):
             times = counts[begin : begin + _ROWS]

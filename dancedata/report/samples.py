@@ -153,7 +153,7 @@ def _frames(store: Store, figure: Figure) -> int:
 
 def _windows(store: Store, record: ClipRecord) -> list[Window]:
     """Return the windows that the dataset would cut of a sample."""
-    length, stride = store.meta["windows"]["length"], store.meta["windows"]["stride"]
+    length, stride = store.info["windows"]["length"], store.info["windows"]["stride"]
     starts = range(0, record.n_frames - length + 1, stride)
     return [Window(record.id, start, length) for start in starts]
 

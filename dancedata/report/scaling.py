@@ -79,4 +79,4 @@ def _other_rows(store: Store, name: str) -> Iterator[npt.NDArray[Any]]:
     for split in store.splits:
         if split != "train":
             clips = (clip for clip in store.clips if clip.split == split and not clip.source)
-            yield from (clip.read(name) for clip in clips if clip.has_field(name))
+            yield from (clip.read(name) for clip in clips if (name in clip))

@@ -194,7 +194,7 @@ class Space:
 
 def measured_poses(store: Store) -> Poses:
     """Measure the poses of a dataset alone; a report measures them with everything else."""
-    reader, windows = ClipReader.of(store), {clip.id: store.windows_of(clip.id) for clip in store.clips}
+    reader, windows = ClipReader.of(store), {clip.id: store[clip.id].windows() for clip in store.clips}
     space = Space.of(store, windows)
     for clip in (clip for dancers in measured_units(store) for clip in dancers):
         piece = reader.piece(clip)

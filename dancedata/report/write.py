@@ -233,13 +233,13 @@ def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str,
     if not numbers.clips:
         return {}
     clip = max(numbers.clips, key=lambda row: (row.frames, row.clip)).clip
-    piece = reader.piece(store.clip(clip))
+    piece = reader.piece(store[clip])
     beats = () if piece is None or piece.beat_times is None else tuple(piece.beat_times.tolist())
     figures = {}
     for name, columns in store.fields.items():
-        if not store.has_field(clip, name):
+        if name not in store[clip]:
             continue
-        rows = store.rows_within(clip, name)[1]
+        rows = store[clip].rows_within(name)[1]
         if not len(rows):
             continue
         time = Timeline(len(rows) / float(store.field(name).grid.rate), beats)
@@ -262,7 +262,7 @@ def _stills(store: Store, reader: ClipReader, clips: Sequence[str]) -> list[tupl
     """Return the pose in the middle of each clip, facing the reader."""
     stills = []
     for clip in clips:
-        piece = reader.piece(store.clip(clip))
+        piece = reader.piece(store[clip])
         if piece is not None and len(piece.figure.joints):
             middle = len(piece.figure.joints) // 2
             skeleton = piece.figure.skeleton
@@ -275,7 +275,7 @@ def default_path(store: str | Path) -> Path:
     """Return NAME-report.html in the current folder; for invalid file names only the usual characters."""
     with open_store(store) as opened_store:
         name = "".join(
-            c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.meta.get("name", "")
+            c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.info.get("name", "")
         )
     return Path(f"{name.lstrip('.') or 'dataset'}-report.html")
 

@@ -1,7 +1,7 @@
 """The HDF5 store, format 3. Only this package depends on the file layout (docs/store.md)."""
 
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.clip_view import Clips, ClipView
+from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.stored_clip import AudioBlock, LazyArray, Signal, StoredClip
@@ -12,8 +12,8 @@ from dancedata.store.writer import write_store
 
 __all__ = [
     "AudioBlock",
+    "Clip",
     "ClipRecord",
-    "ClipView",
     "Clips",
     "Field",
     "LazyArray",

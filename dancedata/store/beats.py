@@ -44,13 +44,13 @@ def field_beats(rows: npt.NDArray[Any], field: AudioField) -> MusicBeats:
 
 
 def clip_beats(store: RowQueries, clip_id: str, field: str = "") -> npt.NDArray[np.float64]:
-    """Return the instants of a clip's stored beats, (M,) seconds from its first frame; see `ClipView.beats`."""
+    """Return the instants of a clip's stored beats, (M,) seconds from its first frame; see `Clip.beats`."""
     fields = {f.name: f for f in store.fields_with(BEAT)}
     name = field or next(iter(fields), "")
     if name not in fields:
         raise UsageError("no beats are stored" if not field else f"field {field!r} has no beats",
                          where=str(store.path),
                          allowed=", ".join(fields) or "a dataset with librosa35 or beats")  # fmt: skip
-    lead, rows = store.rows_within(clip_id, name)
+    lead, rows = store._rows_within(clip_id, name)
     seconds = field_beats(rows, fields[name]).seconds + lead / float(fields[name].rate)
     return np.asarray(seconds.clip(min=0))

@@ -4,25 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from itertools import groupby
-from typing import Any, Self, overload
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
+from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.row_queries import RowQueries
-from dancedata.store.tables import Tables
+from dancedata.store.segment_queries import SegmentQueries
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: Ids that the text of a list of clips shows.
 _SHOWN = 3
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
-class ClipView(ClipRecord):
+class Clip(ClipRecord):
     """One clip of a store: the attributes of `ClipRecord`, and `read` for its arrays.
 
     Attributes
@@ -31,10 +36,10 @@ class ClipView(ClipRecord):
         The `Store` that it is read from.
     """
 
-    store: RowQueries
+    store: SegmentQueries
 
     @classmethod
-    def of(cls, store: RowQueries, record: ClipRecord) -> Self:
+    def of(cls, store: SegmentQueries, record: ClipRecord) -> Self:
         """Make the view of a row of the table /clips."""
         # Not through __init__, which sets field by field: lists of clips are made for whole splits.
         view = object.__new__(cls)
@@ -46,9 +51,13 @@ class ClipView(ClipRecord):
         """The row of the table alone, without the store."""
         return ClipRecord(**{f.name: getattr(self, f.name) for f in fields(ClipRecord)})
 
-    def has_field(self, field: str) -> bool:
+    def __contains__(self, field: object) -> bool:
         """Return whether the clip has rows of a field; an optional one may be missing."""
-        return self.store.has_field(self.id, field)
+        return self.store._has_field(self.id, str(field))
+
+    def windows(self) -> tuple[Window, ...]:
+        """Return the stored windows of the clip, by their first frames."""
+        return self.store._windows_of(self.id)
 
     def read(self, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to the clip, (T, D), a new array.
@@ -60,7 +69,7 @@ class ClipView(ClipRecord):
         UsageError
             For a field that the clip does not have.
         """
-        return self.store.read_clip(self.id, field)
+        return self.store._read_clip(self.id, field)
 
     def read_song(self, field: str) -> npt.NDArray[Any]:
         """Read the rows of an audio field from the clip's first frame to the end of its music, (T, D), a new array.
@@ -70,11 +79,34 @@ class ClipView(ClipRecord):
         UsageError
             For a field of motion.
         """
-        return self.store.read_song(self.id, field)
+        return self.store._read_song(self.id, field)
 
     def __getitem__(self, field: str) -> npt.NDArray[Any]:
         """Return `read(field)`."""
         return self.read(field)
+
+    def rows_within(self, field: str) -> tuple[int, npt.NDArray[Any]]:
+        """Read the rows of a field that lie within the clip, from its first frame or where its music begins.
+
+        Returns
+        -------
+        tuple
+            The row at which they begin, counted from frame 0, and the rows.
+
+        Raises
+        ------
+        StoreError
+            In window scope, where clips are not stored whole.
+        """
+        return self.store._rows_within(self.id, field)
+
+    @property
+    def music_offset(self) -> Fraction:
+        """Time in the clip's music at its frame 0, seconds, exactly; negative where the music begins later.
+
+        Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
+        """
+        return self.store._music_offset(self.id)
 
     def motion(self, field: str = "") -> Motion:
         """Return the clip's motion: root and rotations, metres, +Y up.
@@ -123,33 +155,77 @@ class ClipView(ClipRecord):
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"
         texts = {"music": self.music, "genre": self.genre}
         described = "".join(f", {name} {shown(value)}" for name, value in texts.items() if value)
-        return f"ClipView({quoted(self.id)}, {self.split}, {length}{described})"
+        return f"Clip({quoted(self.id)}, {self.split}, {length}{described})"
 
 
-class Clips(Sequence[ClipView]):
-    """The clips of a store, in stored order; each view is made on access."""
+class Clips(Sequence[Clip]):
+    """Clips of a store, in stored order; each is made on access, so that a million of them take an array.
 
-    def __init__(self, store: RowQueries, tables: Tables, rows: range | None = None) -> None:
-        self._store, self._tables = store, tables
-        self._rows = range(tables.n_clips) if rows is None else rows
+    ``ds.clips`` are all, ``ds.clips("train", genre=("gBR", "gPO"))`` those of a split with some values.
+    """
+
+    def __init__(self, store: SegmentQueries, rows: Sequence[int] | npt.NDArray[np.int64] | None = None) -> None:
+        self._store, self._tables = store, store.tables
+        self._rows = range(self._tables.n_clips) if rows is None else rows
+
+    def __call__(self, split: str | None = None, **where: Any) -> Clips:
+        """Return those of a split, and with values in columns of ``to_pandas()``.
+
+        Parameters
+        ----------
+        split
+            One of ``ds.splits``; default: all.
+        **where
+            One value or several that a clip may have, by column, ``genre=("gBR", "gPO")``; of a column of lists,
+            lists that have one of them. Free columns, ``**{"x/level": 3}``, and `clip`, the id.
+
+        Raises
+        ------
+        UsageError
+            For an unknown split or column, or values of another type.
+        """
+        keep = np.ones(self._tables.n_clips, dtype=np.bool_)
+        if split is not None:
+            self._store._rows_of_split(split)
+            keep &= self._tables.in_split(split)
+        for name, values in require_where(self._store, where).items():
+            keep &= clips_with(self._tables, name, values)
+        rows = np.asarray(self._rows, dtype=np.int64)
+        return Clips(self._store, rows[keep[rows]])
 
     def __len__(self) -> int:
         return len(self._rows)
 
     @overload
-    def __getitem__(self, item: int) -> ClipView: ...
+    def __getitem__(self, item: int) -> Clip: ...
 
     @overload
     def __getitem__(self, item: slice) -> Clips: ...
 
-    def __getitem__(self, item: int | slice) -> ClipView | Clips:
+    def __getitem__(self, item: int | slice) -> Clip | Clips:
         if isinstance(item, str):
-            raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds.clip(ID)")
+            raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds[ID]")
         if isinstance(item, slice):
-            return Clips(self._store, self._tables, self._rows[item])
-        return ClipView.of(self._store, self._tables.record(self._rows[item]))
+            return Clips(self._store, self._rows[item])
+        return Clip.of(self._store, self._tables.record(int(self._rows[item])))
 
-    def units(self) -> Iterator[tuple[ClipView, ...]]:
+    def __contains__(self, clip: object) -> bool:
+        """Return whether a clip, or one of this id, is among them."""
+        row = self._tables.find(clip.id if isinstance(clip, ClipRecord) else str(clip))
+        return row is not None and row in self._rows
+
+    @property
+    def ids(self) -> list[str]:
+        """Ids of the clips."""
+        return [self._tables.ids[int(row)] for row in self._rows]
+
+    def to_pandas(self) -> DataFrame:
+        """Return the clips' rows of the table of clips as a pandas DataFrame, see `Store.to_pandas`."""
+        from dancedata.store.tables_out import table_of
+
+        return table_of(self._store, self, "clips")
+
+    def units(self) -> Iterator[tuple[Clip, ...]]:
         """Yield the clips of each group together, and each single dancer alone, in stored order."""
         for _, unit in groupby(self, lambda clip: (clip.split, clip.group, "" if clip.group else clip.id)):
             yield tuple(unit)
@@ -157,7 +233,7 @@ class Clips(Sequence[ClipView]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Clips):
             return NotImplemented
-        return self._store is other._store and self._rows == other._rows
+        return self._store is other._store and np.array_equal(self._rows, other._rows)
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.remote import Origin, local_folder, origin_of
-from dancedata.store.clip_view import Clips, ClipView
+from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
@@ -70,7 +70,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     files = [segments] if isinstance(segments, str | Path) else segments
     if files:
         store.overlay = SegmentOverlay.read(
-            [Path(f).expanduser() for f in files], store.reference[1], store.seconds_of
+            [Path(f).expanduser() for f in files], store.reference[1], store._seconds_of
         )
     return store
 
@@ -124,7 +124,7 @@ class Store(SegmentQueries):
 
     def close(self) -> None:
         """Close the files; a later read opens them again."""
-        for shard in self.shard_readers:
+        for shard in self._shard_readers:
             shard.close()
 
     def require_intact(self, clips: Iterable[str] | None = None, sha256: FileHash = sha256_file) -> None:
@@ -132,23 +132,19 @@ class Store(SegmentQueries):
 
         Only the files of `clips` are read, by default all; `sha256` gives the hash of a file.
         """
-        numbers: Iterable[int] = range(len(self.shard_readers))
+        numbers: Iterable[int] = range(len(self._shard_readers))
         if clips is not None:
             numbers = set(self.tables.shard_of([self._row(clip) for clip in clips]).tolist())
         for name in (TABLES_FILE, SEGMENTS_FILE):
             if name in self._files:
                 self._files[name].require_bytes(sha256)
         for number in numbers:
-            self.shard_readers[number].require_bytes(sha256)
+            self._shard_readers[number].require_bytes(sha256)
 
     @property
     def clips(self) -> Clips:
-        """All clips: split by split, in stored order."""
-        return Clips(self, self.tables)
-
-    def clip(self, clip_id: str) -> ClipView:
-        """Return a clip by id; UsageError with the closest id if there is none."""
-        return ClipView.of(self, self.tables.record(self._row(clip_id)))
+        """All clips: split by split, in stored order; ``ds.clips("train", genre="gBR")`` are some of them."""
+        return Clips(self)
 
     @property
     def origin(self) -> Origin | None:
@@ -158,7 +154,7 @@ class Store(SegmentQueries):
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: name, commit and hash of its weights, and their licence."""
-        weights = {name: stated_weights(self.meta, name) for name in self._fields}
+        weights = {name: stated_weights(self.info, name) for name in self._fields}
         return {name: text for name, text in weights.items() if text}
 
     @property
@@ -174,13 +170,13 @@ class Store(SegmentQueries):
         """Return True, also without clips."""
         return True
 
-    def __iter__(self) -> Iterator[ClipView]:
+    def __iter__(self) -> Iterator[Clip]:
         """Yield the clips, split by split, in stored order."""
         return iter(self.clips)
 
-    def __getitem__(self, clip_id: str) -> ClipView:
-        """Return a clip by id: ``ds["clip"]["edge151"]`` are its rows of a field."""
-        return self.clip(clip_id)
+    def __getitem__(self, clip_id: str) -> Clip:
+        """Return a clip by id, ``ds["ID"]["edge151"]`` are its rows of a field; UsageError with the closest id."""
+        return Clip.of(self, self.tables.record(self._row(clip_id)))
 
     def __contains__(self, clip_id: object) -> bool:
         """Return whether there is a clip of this id."""

@@ -52,7 +52,7 @@ def hub_licence(text: str) -> str:
 
 def strictest(store: Store) -> tuple[str, Licence]:
     """Return the strictest licence of the clips of a dataset, as hubs name it and as it is written."""
-    of_dataset = Licence(str(store.meta.get("licence") or "unknown"), str(store.meta.get("citation") or ""))
+    of_dataset = Licence(str(store.info.get("licence") or "unknown"), str(store.info.get("citation") or ""))
     terms = clips_by_terms(store) or {None: 1}
     used = [of_dataset if k is None or not k.text else k for k in terms]
     order = [name for name, _ in _LICENCES]
@@ -108,7 +108,7 @@ def head(
     tags = ["dance", "human-motion", "motion-capture", "dancedata"]
     tags += ["music", "music-to-dance"] if "audio" in kinds else []
     lines = [
-        f"pretty_name: {_quoted(str(store.meta.get('name', 'dataset')))}",
+        f"pretty_name: {_quoted(str(store.info.get('name', 'dataset')))}",
         f"license: {name}",
         *([f"license_name: {_quoted(licence.text[:120])}"] if name == OTHER else []),
         "size_categories:", f"- {size_category(n)}",
@@ -126,7 +126,7 @@ def head(
 
 def citations(store: Store) -> tuple[str, ...]:
     """Return the works to cite: that of the dataset, then those of clips."""
-    texts = (str(store.meta.get("citation") or ""), *(licence.citation for licence in store.licences))
+    texts = (str(store.info.get("citation") or ""), *(licence.citation for licence in store.licences))
     return tuple(dict.fromkeys(text for text in texts if text))
 
 
@@ -137,7 +137,7 @@ def _terms(licence: Licence) -> str:
 
 def _about(store: Store, place: Publication | None) -> dict[str, object]:
     """Return machine-readable facts of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
-    meta = store.meta
+    meta = store.info
     counts = meta["splits"]
     about: dict[str, object] = {
         **({"address": place.address, "data": not place.recipe_only} if place is not None else {}),

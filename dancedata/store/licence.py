@@ -39,7 +39,7 @@ def terms_text(terms: dict[Licence | None, int]) -> list[str]:
 
 def may_share_audio(store: Store) -> bool:
     """Return whether the strictest licence of a dataset allows its music to be passed on; False where unknown."""
-    name = store.meta.get("source", {}).get("reader", "")
+    name = store.info.get("source", {}).get("reader", "")
     of_dataset = name in DATASETS.names() and DATASETS.get(name).may_share_audio
     terms = clips_by_terms(store) or {None: 1}
     return all(of_dataset if licence is None or not licence.text else licence.may_share for licence in terms)
@@ -50,7 +50,7 @@ def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
 
     UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.
     """
-    licence = shown(store.meta.get("licence", "unknown"), _LICENCE)
+    licence = shown(store.info.get("licence", "unknown"), _LICENCE)
     terms = clips_by_terms(store)
     if terms:
         strict = {k: n for k, n in terms.items() if k is None or not k.may_share} or terms
@@ -61,7 +61,7 @@ def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
         raise UsageError(
             "the licence of this dataset does not allow its music to be passed on",
             where=str(store.path),
-            found=f"dataset {quoted(store.meta.get('dataset', ''))}, licence: {licence.rstrip('.')}",
+            found=f"dataset {quoted(store.info.get('dataset', ''))}, licence: {licence.rstrip('.')}",
             allowed="music that may be copied to others, such as that of the demo",
             fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
         )

@@ -88,7 +88,7 @@ def stored_contacts(recipe: object, field: str) -> ContactRule | None:
 
 def sample_field(store: RowQueries, name: str) -> SampleField:
     """Return a field with the plug-ins that made it, if the dataset's recipe names installed ones."""
-    field, recipe = store.field(name), store.meta.get("recipe")
+    field, recipe = store.field(name), store.info.get("recipe")
     plain = SampleField(name, field.kind, field.columns, field.grid)
     if field.kind != "motion":
         return plain
@@ -188,7 +188,7 @@ def motion_reader(store: RowQueries, name: str) -> ColumnsReader:
 
 
 def _reader(store: RowQueries, field: Field) -> ColumnsReader:
-    return ColumnsReader(stored_representation(store.meta.get("recipe"), field.name, field.columns), field.grid)
+    return ColumnsReader(stored_representation(store.info.get("recipe"), field.name, field.columns), field.grid)
 
 
 def clip_pose(store: RowQueries, clip_id: str, field: str = "") -> Pose:
@@ -197,13 +197,13 @@ def clip_pose(store: RowQueries, clip_id: str, field: str = "") -> Pose:
     UsageError as `stored_representation`, and for a dataset without such a field.
     """
     field, reader = _reader_of_clip(store, clip_id, field)
-    return reader.pose(store.read_clip(clip_id, field), where=clip_id)
+    return reader.pose(store._read_clip(clip_id, field), where=clip_id)
 
 
 def _reader_of_clip(store: RowQueries, clip_id: str, field: str) -> tuple[str, ColumnsReader]:
     if field:
         return field, motion_reader(store, field)
-    kept = {name: reader for name, reader in pose_readers(store).items() if store.has_field(clip_id, name)}
+    kept = {name: reader for name, reader in pose_readers(store).items() if store._has_field(clip_id, name)}
     if not kept:
         raise UsageError("the dataset has no field of motion that can be decoded", where=str(store.path),
                          found=", ".join(store.fields))  # fmt: skip

@@ -53,9 +53,9 @@ class RowQueries(StoreTables):
         Raises UsageError: for an unknown split, two lengths or strides, or ones that are not a whole number of frames
             and rows.
         """
-        self.rows_of_split(split)
+        self._rows_of_split(split)
         tables = self.tables
-        requested = self.window_grid(length_s=length_s, length=length, stride_s=stride_s, stride=stride)
+        requested = self._window_grid(length_s=length_s, length=length, stride_s=stride_s, stride=stride)
         stored = WindowGrid(self._description.length, self._description.stride)
         window_fields = [self.field(name) for name in fields or self._fields]
         if requested == stored and not trim and not whole:
@@ -64,7 +64,7 @@ class RowQueries(StoreTables):
             return whole_clips(tables, split, self._description, window_fields, trim)
         return cut_windows(tables, split, self._description, requested, window_fields, trim)
 
-    def window_grid(
+    def _window_grid(
         self,
         *,
         length_s: float | str | Fraction | None = None,
@@ -75,7 +75,7 @@ class RowQueries(StoreTables):
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
         return requested_grid(self._description, length_s, length, stride_s, stride)
 
-    def has_field(self, clip_id: str, field: str) -> bool:
+    def _has_field(self, clip_id: str, field: str) -> bool:
         """Return whether a clip has rows of a field: fields that a recipe makes optional may be missing.
 
         UsageError for an unknown clip or field.
@@ -84,17 +84,17 @@ class RowQueries(StoreTables):
         tables, row = self.tables, self._row(clip_id)
         return not f.optional or bool(tables.having(f)[row])
 
-    def without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
+    def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
         """Return those of some fields that a clip does not have; see `has_field`."""
-        return tuple(name for name in fields if self.field(name).optional and not self.has_field(clip_id, name))
+        return tuple(name for name in fields if self.field(name).optional and not self._has_field(clip_id, name))
 
-    def windows_of(self, clip_id: str) -> tuple[Window, ...]:
+    def _windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
         tables, row = self.tables, self._row(clip_id)
         starts = tables.window_start[tables.positions_of(row)].tolist()
         return tuple(Window(clip_id, start, tables.window_length) for start in starts)
 
-    def starts(
+    def _starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:
         """Return every first frame that a window of `length` frames can have in a clip.
@@ -108,7 +108,7 @@ class RowQueries(StoreTables):
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
         return window_starts(tables, row, self._description, window_grid, window_fields, trim)
 
-    def rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
+    def _rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
         """Read the rows of a field that lie within a clip, from its first frame or where its music begins.
 
         Returns the row at which they begin, counted from frame 0, and the rows.
@@ -116,7 +116,7 @@ class RowQueries(StoreTables):
         tables, row = self.tables, self._row(clip_id)
         lead = tables.spans[field].lead(row) if field in tables.spans else 0
         if not lead:
-            return 0, self.read_clip(clip_id, field)
+            return 0, self._read_clip(clip_id, field)
         f, (begin, _) = self.field(field), self.grid.common_period(self._fields[field].grid)
         first = -(-f.grid.rows_up(lead, of=self.grid) // begin) * begin
         length = max(0, (int(tables.n_frames[row]) - first) // begin * begin)
@@ -125,27 +125,23 @@ class RowQueries(StoreTables):
         rows = self.read(Window(clip_id, first, length), field) if length else np.empty((0, f.columns.width))
         return self.grid.rows_down(first, of=f.grid), rows
 
-    def read(self, window: Window, field: str) -> npt.NDArray[Any]:
+    def read(self, window: Window, field: str, out: npt.NDArray[Any] | None = None) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
 
         `window`: One of `windows`, or any one within its clip.
-        Returns: (length * rate / fps, D) in the field's dtype: a new, writable array.
+        `out`: Array (length * rate / fps, D) to read into, whose dtype the rows are converted to.
+        Returns: `out`, or a new, writable array in the field's dtype.
         """
-        span = self.locate(window, field)
-        f = self._fields[field]
-        out = np.empty((span.length, f.columns.width), dtype=f.disk_dtype)
+        span, f = self._locate(window, field), self._fields[field]
+        shape = (span.length, f.columns.width)
+        if out is None:
+            out = np.empty(shape, dtype=f.disk_dtype)
+        elif out.shape != shape:
+            raise UsageError("the array to read into has the wrong shape", found=out.shape, allowed=shape)
         span.shard.read_rows(field, span.first, out)
         return out
 
-    def read_into(self, window: Window, field: str, out: npt.NDArray[Any]) -> None:
-        """Read a window's rows of a field into `out`, (length * rate / fps, D), converting to its dtype."""
-        span = self.locate(window, field)
-        shape = (span.length, self._fields[field].columns.width)
-        if out.shape != shape:
-            raise UsageError("the array to read into has the wrong shape", found=out.shape, allowed=shape)
-        span.shard.read_rows(field, span.first, out)
-
-    def locate(self, window: Window, field: str) -> RowSpan:
+    def _locate(self, window: Window, field: str) -> RowSpan:
         """Find the shard and the rows of a window, for readers that map files themselves.
 
         Raises UsageError: for an unknown clip or field, a window that is not a whole number of rows or extends beyond
@@ -156,14 +152,14 @@ class RowQueries(StoreTables):
                 "not a window",
                 where=str(self.path),
                 found=shown(window),
-                fix='take one of ds.windows("train"); a whole clip is ds.clip(ID).read(FIELD)',
+                fix='take one of ds.windows("train"); a whole clip is ds[ID].read(FIELD)',
             )
         f = self.field(field)
         tables, row = self.tables, self._row(window.clip)
         first, length = locate_view(tables, row, window, f, self.grid)
-        return RowSpan(self.shard_readers[int(tables.shard_of(row))], first, length)
+        return RowSpan(self._shard_readers[int(tables.shard_of(row))], first, length)
 
-    def window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
+    def _window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
 
         Raises UsageError, StoreError: As `locate`, for the first window that the store does not have; if there are no
@@ -179,17 +175,17 @@ class RowQueries(StoreTables):
         tables, row = self.tables, self._rows_of(windows)
         first, bad = locate_windows(tables, row, windows, f, self.grid)
         if bad.any():
-            self.locate(windows[int(np.argmax(bad))], field)
-        return WindowRows(field, *self.shards_of(windows), first, n_rows, mapped)
+            self._locate(windows[int(np.argmax(bad))], field)
+        return WindowRows(field, *self._shards_of(windows), first, n_rows, mapped)
 
-    def clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
+    def _clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
         """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""
         rows = self._rows_of(windows).tolist()
         return {name: self.tables.values(name, rows) for name in names}
 
-    def shards_of(self, windows: WindowList) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
+    def _shards_of(self, windows: WindowList) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
         """Return the shards of the dataset, and the number (W,) of each window's shard among them."""
-        return self.shard_readers, self.tables.shard_of(self._rows_of(windows)).astype(np.int32)
+        return self._shard_readers, self.tables.shard_of(self._rows_of(windows)).astype(np.int32)
 
     def _rows_of(self, windows: WindowList) -> Whole:
         """Return the rows (W,) of the clips of windows, which may be those of another opened dataset."""
@@ -198,17 +194,18 @@ class RowQueries(StoreTables):
         used, number = np.unique(windows.clip, return_inverse=True)
         return np.array([self._row(windows.clip_ids[k]) for k in used.tolist()], dtype=np.int64)[number]
 
-    def read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read all rows of a field that belong to a clip; see `ClipView.read`."""
+    def _read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read all rows of a field that belong to a clip; see `Clip.read`."""
         return self._read_rows(clip_id, field, whole_song=False)
 
-    def read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read an audio field from a clip's first frame to the end of its music; see `ClipView.read_song`."""
+    def _read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
+        """Read an audio field from a clip's first frame to the end of its music; see `Clip.read_song`."""
         if self.field(field).kind != "audio":
-            raise UsageError(f"field {field} is not a field of music", where=str(self.path), fix="use read_clip")
+            where, fix = str(self.path), "read it with clip.read(FIELD)"
+            raise UsageError(f"field {field} is not a field of music", where=where, fix=fix)
         return self._read_rows(clip_id, field, whole_song=True)
 
-    def music_offset(self, clip_id: str) -> Fraction:
+    def _music_offset(self, clip_id: str) -> Fraction:
         """Return the time in a clip's music at its frame 0, seconds, exactly; negative where the music begins later.
 
         Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
@@ -235,6 +232,6 @@ class RowQueries(StoreTables):
         if not f.per_clip and not whole_song:
             rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
         out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
-        shard = self.shard_readers[int(tables.shard_of(row))]
+        shard = self._shard_readers[int(tables.shard_of(row))]
         shard.read_rows(field, int(spans.first[row]), out)
         return out

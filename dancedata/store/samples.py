@@ -11,7 +11,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.clip_view import ClipView
+from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
 
 
@@ -34,13 +34,13 @@ class Sample:
 
     id: SampleId
     store: Store
-    clips: tuple[ClipView, ...]
+    clips: tuple[Clip, ...]
     start: int
     length: int
     recording: str
 
     @property
-    def clip(self) -> ClipView:
+    def clip(self) -> Clip:
         """The clip; of a group that of the first dancer."""
         return self.clips[0]
 
@@ -56,7 +56,7 @@ class Sample:
 
     def to_json(self) -> dict[str, Any]:
         """Return all that the id says, resolved."""
-        meta, of = self.store.meta, self.id
+        meta, of = self.store.info, self.id
         return {
             "id": str(of), "dataset": {"name": meta.get("name", ""), "sha256": meta.get("self_sha256", "")},
             "clip": of.clip, "recording": self.recording, "start": self.start, "length": self.length,
@@ -73,8 +73,8 @@ class Samples:
         self.store = store
 
     @cached_property
-    def _groups(self) -> dict[str, list[ClipView]]:
-        groups: dict[str, list[ClipView]] = {}
+    def _groups(self) -> dict[str, list[Clip]]:
+        groups: dict[str, list[Clip]] = {}
         for clip in self.store.clips:
             if clip.group:
                 groups.setdefault(clip.group, []).append(clip)
@@ -86,10 +86,10 @@ class Samples:
         names = (name for clip in self.store.clips for name in (clip.id, clip.group) if name)
         return {safe: name for name in names if SampleId.parse(safe := safe_name(name)).clip != name}
 
-    def _clips(self, of: SampleId) -> tuple[ClipView, ...]:
+    def _clips(self, of: SampleId) -> tuple[Clip, ...]:
         for name in dict.fromkeys((of.clip, self._shortened.get(safe_name(of.clip), of.clip))):
             if name in self.store:
-                return (self.store.clip(name),)
+                return (self.store[name],)
             members = self._groups.get(name, [])
             if of.dancer is not None:
                 members = [clip for clip in members if clip.member == of.dancer] or members[of.dancer :][:1]
@@ -115,7 +115,7 @@ class Samples:
             raise DataError("the window is not within its clip", reason="outside", where=str(name),
                             found=f"frames {start} to {start + length}",
                             allowed=f"0 to {n_frames} of {of.clip}")  # fmt: skip
-        origin = self.store.clip(clips[0].source) if clips[0].source else clips[0]
+        origin = self.store[clips[0].source] if clips[0].source else clips[0]
         recording = recording_of(origin) if len(clips) == 1 else origin.group
         return Sample(of, self.store, clips, start, length, recording)
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.files.strict_json import parse_json
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import checked_flag
 from dancedata.store.row_queries import RowQueries
 from dancedata.store.segments import QUALITY, PlacedRow, PlacedSegment, segments_of
@@ -27,29 +28,33 @@ class SegmentQueries(RowQueries):
         """Layers of segments, by their numbers; those of laid-over files are the last."""
         return self._description.layers + self.overlay.layers
 
-    def segments(self, clip_id: str, layer: str | None = None) -> list[Segment]:
-        """Return the segments of a clip by their first frames; with `layer` those of the layers of this name.
+    @overload
+    def segments(self, of: str | ClipRecord, layer: str | None = None) -> list[Segment]: ...
+
+    @overload
+    def segments(self, of: Window, layer: str | None = None) -> list[PlacedSegment]: ...
+
+    def segments(
+        self, of: str | ClipRecord | Window, layer: str | None = None
+    ) -> list[Segment] | list[PlacedSegment]:
+        """Return the segments of a clip by their first frames, or those that a window overlaps.
+
+        Of a window they are placed: with the frames of the window that they cover. Segments of the whole group are
+        among those of each of its dancers. With `layer` those of the layers of this name.
 
         Raises UsageError: for an unknown clip or layer.
         """
-        self.require_layer(layer)
-        table, row = self.segment_table, self._row(clip_id)
+        self._require_layer(layer)
+        if isinstance(of, Window):
+            return [placed.loaded() for placed in self._segment_rows_in(of, layer)]
+        clip_id = of if isinstance(of, str) else of.id
+        table, row = self._segment_table, self._row(clip_id)
         stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self.tables.ids)
         segments = self.overlay.over(clip_id, stored)
         return [segment for segment in segments if layer in (None, segment.layer.name)]
 
-    def segments_in(self, window: Window, layer: str | None = None) -> list[PlacedSegment]:
-        """Return the segments that a window overlaps, with the frames of the window that they cover.
-
-        Segments of the whole group are among those of each of its dancers.
-
-        Raises UsageError: for an unknown clip or layer.
-        """
-        self.require_layer(layer)
-        return [placed.loaded() for placed in self.segment_rows_in(window, layer)]
-
-    def segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
-        """Return the same as `segments_in`, except that each segment is read when it is asked for."""
+    def _segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
+        """Return the same as `segments` of a window, except that each segment is read when it is asked for."""
         row = self._row(window.clip)
         group = int(self.tables.group_of[row])
         first = int(self.tables.groups["first"][group]) if group >= 0 else row
@@ -64,18 +69,18 @@ class SegmentQueries(RowQueries):
         Raises UsageError: for an unknown clip or layer.
         """
         mask = np.zeros(window.length, dtype=np.bool_)
-        self.require_layer(layer)
-        for placed in self.segment_rows_in(window, layer):
+        self._require_layer(layer)
+        for placed in self._segment_rows_in(window, layer):
             mask[placed.start : placed.end] = True
         return mask
 
-    def seconds_of(self, clip_id: str) -> Fraction | None:
+    def _seconds_of(self, clip_id: str) -> Fraction | None:
         """Return the length of a clip in seconds; None if there is no such clip."""
         row = self.tables.find(clip_id)
         return None if row is None else self.grid.seconds(int(self.tables.n_frames[row]))
 
     def _placed(self, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
-        tables, table = self.tables, self.segment_table
+        tables, table = self.tables, self._segment_table
         clip = tables.ids[row]
         if clip in self.overlay.segments:
             n_frames = int(tables.n_frames[row])
@@ -89,7 +94,7 @@ class SegmentQueries(RowQueries):
         rows = table.overlapping(row, window.start, window.length, chosen)
         return [PlacedRow.of_table(table, k, self.layers, tables.ids, window) for k in rows]
 
-    def require_layer(self, layer: str | None) -> None:
+    def _require_layer(self, layer: str | None) -> None:
         """Raise UsageError, with the closest name, if there is no layer of this name."""
         names = sorted({stored.name for stored in self.layers})
         if layer is not None and layer not in names:
@@ -104,7 +109,7 @@ class SegmentQueries(RowQueries):
             raise StoreError("the quality flags cannot be read", where=str(self.path), found=shown(error)) from error
 
     def _flags(self) -> Iterator[dict[str, Any]]:
-        table, layers = self.segment_table, self.layers
+        table, layers = self._segment_table, self.layers
         numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
         if table is None or not numbers:
             return

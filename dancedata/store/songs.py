@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.clip_view import ClipView
+from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 
@@ -210,10 +210,10 @@ def _compared_rate(field: Field) -> float:
     return float(field.rate) / max(1, round(float(field.rate) / _RATE))
 
 
-def _clips_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], list[ClipView]]:
+def _clips_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], list[Clip]]:
     """Return a clip for every song and signal, or all slices of the clip that has most."""
     hashes = music_hashes(store.clips)
-    candidates: dict[tuple[str, str | None], dict[str, list[ClipView]]] = defaultdict(dict)
+    candidates: dict[tuple[str, str | None], dict[str, list[Clip]]] = defaultdict(dict)
     for clip in store.clips:
         if clip.id in songs and not clip.source:
             candidates[songs[clip.id], hashes.get(clip.id)].setdefault(clip.original, []).append(clip)
@@ -223,7 +223,7 @@ def _clips_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, st
 def _recordings(
     store: Store,
     songs: Mapping[str, str],
-    chosen: Mapping[tuple[str, str | None], Sequence[ClipView]],
+    chosen: Mapping[tuple[str, str | None], Sequence[Clip]],
     field: Field,
     dataset: int = 0,
 ) -> Iterator[_Recording]:
@@ -241,12 +241,12 @@ def _recordings(
             yield _Recording(song, frozenset(splits[song]), compared, exists, dataset)
 
 
-def _rows_of(store: Store, clips: Sequence[ClipView], field: Field) -> tuple[Rows, Mask]:
+def _rows_of(store: Store, clips: Sequence[Clip], field: Field) -> tuple[Rows, Mask]:
     """Return the rows of the song of a clip, or of the slices of one, and which there are; the mean of slices."""
     if not clips[0].slice_of:
         clip = clips[0]
-        later = store.music_offset(clip.id) < 0
-        song = store.rows_within(clip.id, field.name)[1] if later else clip.read_song(field.name)
+        later = store._music_offset(clip.id) < 0
+        song = store._rows_within(clip.id, field.name)[1] if later else clip.read_song(field.name)
         return song, np.ones(len(song), dtype=bool)
     first, last = min(c.slice_start for c in clips), max(c.slice_start + c.n_frames for c in clips)
     rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)

@@ -31,11 +31,11 @@ class StoreTables:
         self.splits = sort_splits({s.split for s in description.shards})
         self.fps: int | Fraction = int(description.fps) if description.fps.denominator == 1 else description.fps
         self.skeleton = description.skeleton
-        self.meta = description.meta
+        self.info = description.meta
         self.grid = description.grid
         self._side_files = SideFiles(path, description)
         self._files = files
-        self.shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
+        self._shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
         self.overlay = SegmentOverlay()
 
     def field(self, name: str) -> Field:
@@ -66,7 +66,7 @@ class StoreTables:
     @property
     def licences(self) -> tuple[Licence, ...]:
         """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
-        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.meta.get("licences", ()))
+        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.info.get("licences", ()))
 
     @property
     def rejects(self) -> list[dict[str, Any]]:
@@ -79,20 +79,20 @@ class StoreTables:
         return read_tables(self._files[TABLES_FILE], self._description)
 
     @cached_property
-    def segment_table(self) -> SegmentTable | None:
+    def _segment_table(self) -> SegmentTable | None:
         """Columns of the segments, read on first use; None without any."""
         file = self._files.get(SEGMENTS_FILE)
         return None if file is None else read_segments(file, self.tables.n_clips)
 
-    def rows_of_split(self, split: str) -> SplitRows:
+    def _rows_of_split(self, split: str) -> SplitRows:
         """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""
         if split not in self.splits:
             raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
         return self._description.splits[split]
 
-    def shards(self, split: str) -> tuple[ShardReader, ...]:
+    def _shards(self, split: str) -> tuple[ShardReader, ...]:
         """Return the readers of a split's shards."""
-        return self.shard_readers[self.rows_of_split(split).shards]
+        return self._shard_readers[self._rows_of_split(split).shards]
 
     def _row(self, clip_id: str) -> int:
         """Return the row of a clip; UsageError with the closest id if there is none."""

@@ -10,7 +10,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.store.clip_columns import FREE
-from dancedata.store.clip_view import Clips, ClipView
+from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
@@ -36,17 +36,17 @@ def free_types(store: SegmentQueries) -> dict[str, str]:
     return dict(store.tables.types)
 
 
-def clip_row(store: SegmentQueries, clip: ClipView, free: Iterable[str]) -> dict[str, Any]:
+def clip_row(store: SegmentQueries, clip: Clip, free: Iterable[str]) -> dict[str, Any]:
     """Return a clip's row of the table of clips; `free` has the names of the free columns."""
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
     row["licence"] = _licence(store, clip)
-    row |= {"without": list(store.without(clip.id, store.fields))} if store.optional_fields else {}
+    row |= {"without": list(store._without(clip.id, store.fields))} if store.optional_fields else {}
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
-def _licence(store: SegmentQueries, clip: ClipView) -> str:
-    return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.meta.get("licence") or "")
+def _licence(store: SegmentQueries, clip: Clip) -> str:
+    return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.info.get("licence") or "")
 
 
 def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, Any]:

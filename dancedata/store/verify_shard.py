@@ -74,7 +74,7 @@ def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
 
 def verify_shard(store: Store, description: Description, tables: Tables | None, number: int) -> Iterator[Problem]:
     """Yield the problems of a shard; without tables, which name the clips, those of its layout."""
-    reader, entry = store.shard_readers[number], description.shards[number]
+    reader, entry = store._shard_readers[number], description.shards[number]
     try:
         messages = list(_check_layout(reader, description, entry))
         if tables is not None and not messages:
@@ -185,7 +185,7 @@ def _check_groups(tables: Tables) -> Iterator[str]:
 
 def _check_segments(store: Store, tables: Tables, description: Description) -> Iterator[str]:
     """Check that segments are inside their clips, sorted, and their frames those of their times."""
-    table = store.segment_table
+    table = store._segment_table
     if table is None:
         return
     columns, layers = table.columns, store.layers

@@ -364,7 +364,7 @@ def _check_copies(spec: CopySpec, motion: str, scope: str, folder: Path) -> None
         copies = {c.source: c.id for c in store.clips if c.source}
         require(bool(train), "the example has clips to train on")
         require(copies == {c: spec.clip_id(c) for c in train}, "every train clip, and no other, has a copy")
-        counts = {c: len(store.windows_of(c)) for pair in copies.items() for c in pair}
+        counts = {c: len(store[c].windows()) for pair in copies.items() for c in pair}
         if spec.augmentation.changes == "time":
             return
         require(all(counts[c] == counts[spec.clip_id(c)] for c in train), "copies have the windows of their clips")

@@ -51,7 +51,7 @@ class _Windows(Scenes):
     @override
     @cached_property
     def items(self) -> tuple[Item, ...]:
-        clips = [self.store.clip(window.clip).record for window in self._windows]
+        clips = [self.store[window.clip].record for window in self._windows]
         return tuple(
             Item(number, clip, window.start, window.length, window, source=clip.source)
             for number, (clip, window) in enumerate(zip(clips, self._windows, strict=True))

@@ -15,7 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.clip_view import Clips
 from dancedata.viewer.motions import MotionScenes, MusicFiles
 from dancedata.viewer.opus import opus
@@ -27,7 +27,7 @@ from dancedata.viewer.wall import Wall, WallSounds
 #: One motion, or several, by name or numbered from 0.
 Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]
 #: The same of motions and of clips of a dataset.
-Played: TypeAlias = Motion | ClipView | Sequence[Motion | ClipView] | Mapping[str, Motion | ClipView]
+Played: TypeAlias = Motion | Clip | Sequence[Motion | Clip] | Mapping[str, Motion | Clip]
 #: Height of the output of a notebook cell, CSS pixels.
 _CELL_HEIGHT = 640
 
@@ -70,15 +70,15 @@ class View:
 
 def motion_scenes_of(motions: Played, music: str | Path | None = None) -> MotionScenes:
     """Return the scenes of motions in memory, with a music file or folder as `MusicFiles.beside` takes it."""
-    if isinstance(motions, Motion | ClipView):
+    if isinstance(motions, Motion | Clip):
         motions = {"motion": motions}
     elif not isinstance(motions, Mapping):
         motions = {f"motion_{number}": motion for number, motion in enumerate(motions)}
-    wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion | ClipView)]
+    wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion | Clip)]
     if wrong:
         raise UsageError(f"{wrong[0]!r} is no Motion", found=type(motions[wrong[0]]).__name__)
     clips = [
-        MemoryClip(id=name, motion=motion.motion() if isinstance(motion, ClipView) else motion)
+        MemoryClip(id=name, motion=motion.motion() if isinstance(motion, Clip) else motion)
         for name, motion in motions.items()
     ]
     beside = None if music is None else MusicFiles.beside(Path(music).expanduser(), clips)
@@ -110,13 +110,13 @@ def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool
     return View(title, clip_page(shown, shown.items, sound=embedded if embedded.files else None))
 
 
-def view_clip(store: Store, clip: ClipView) -> View:
+def view_clip(store: Store, clip: Clip) -> View:
     """Return a page that plays a clip of a dataset."""
     scenes = Scenes(store)
     return View(repr(clip), clip_page(scenes, scenes.items_of(clip.id)))
 
 
-def html_of(value: Motion | ClipView | Clips | Store) -> str:
+def html_of(value: Motion | Clip | Clips | Store) -> str:
     """Return what a notebook shows: a player of a motion or a clip; of clips or a dataset tables with stills."""
     if isinstance(value, Store):
         return store_html(value)

@@ -143,7 +143,7 @@ class Scenes(SceneList):
 
     @override
     def about(self) -> dict[str, Any]:
-        meta, counts = self.store.meta, self.store.meta["splits"].values()
+        meta, counts = self.store.info, self.store.info["splits"].values()
         total = {key: sum(split.get(key, 0) for split in counts) for key in ("clips", "windows", "hours")}
         if any("groups" in split for split in counts):
             total["groups"] = sum(split.get("groups", 0) for split in counts)
@@ -185,20 +185,20 @@ class Scenes(SceneList):
     def _drawn(self, item: Item) -> str | None:
         """Return the field that an item is drawn by: that of these scenes, or another where its clip lacks it."""
         name, clip = self.field, item.clip.id
-        if name is None or self.store.has_field(clip, name):
+        if name is None or name in self.store[clip]:
             return name
-        return next((other for other in self.readers if self.store.has_field(clip, other)), name)
+        return next((other for other in self.readers if (other in self.store[clip])), name)
 
     def _rows(self, item: Item, field: str) -> npt.NDArray[Any]:
         if item.window is None:
-            return self.store.read_clip(item.clip.id, field)
+            return self.store[item.clip.id].read(field)
         return self.store.read(item.window, field)
 
     def _figure(self, item: Item, name: str | None, first_s: float | None) -> tuple[Figure | None, str]:
         if name is None:
             fields = [f for f in self.store.fields if self.store.field(f).kind == "motion"]
             return None, f"no figure: {', '.join(fields) or 'no field'} holds neither rotations nor joint positions"
-        if not self.store.has_field(item.clip.id, name):
+        if name not in self.store[item.clip.id]:
             return None, f"no figure: the clip was kept without {name}"
         try:
             return Figure.of_columns(self._first(item, name, first_s), self.readers[name]), ""
@@ -214,7 +214,7 @@ class Scenes(SceneList):
         for name in self.store.fields:
             stored = self.store.field(name)
             is_lodge = stored.kind == "keymotion" and stored.columns.names == ("speed", "minimum", "prominence")
-            if is_lodge and self.store.has_field(item.clip.id, name):
+            if is_lodge and name in self.store[item.clip.id]:
                 return Movement.of(KeyMotion.from_rows(self._first(item, name, first_s)), stored.grid, name)
         return None if figure is None or figure.n_frames < 2 else figure.movement
 
@@ -224,14 +224,14 @@ class Scenes(SceneList):
             return Rhythm.none()
         if item.window is not None:
             return rhythm_of(self._rows(item, name), self.store.field(name))
-        lead, rows = self.store.rows_within(item.clip.id, name)
+        lead, rows = self.store[item.clip.id].rows_within(name)
         return rhythm_of(rows, self.store.field(name), lead)
 
     @override
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
         if item.window is not None:
             return ((0, item.n_frames),)
-        return tuple((window.start, window.length) for window in self.store.windows_of(item.clip.id))
+        return tuple((window.start, window.length) for window in self.store[item.clip.id].windows())
 
     def _flags_of(self, item: Item) -> tuple[Flag, ...]:
         begin, length = float(self.store.grid.seconds(item.start)), float(self.store.grid.seconds(item.n_frames))
@@ -247,7 +247,7 @@ class Scenes(SceneList):
         words: dict[int, list[Word]] = {}
         window = Window(item.clip.id, item.start, item.n_frames)
         layers = {layer: number for number, layer in enumerate(self.store.layers)}
-        for placed in self.store.segments_in(window):
+        for placed in self.store.segments(window):
             segment, number = placed.segment, layers[placed.segment.layer]
             if segment.layer.name == "quality" or len(words.get(number, ())) == _MOST_WORDS:
                 continue
@@ -260,7 +260,7 @@ class Scenes(SceneList):
 
     def _group(self, members: tuple[Item, ...]) -> Item:
         first = members[0]
-        source = self.store.clip(first.clip.source).group if first.clip.source else ""
+        source = self.store[first.clip.source].group if first.clip.source else ""
         n_source = self._sizes.get(first.clip.group, len(members))
         return replace(first, members=members, n_source=n_source, source=source)
 

@@ -64,7 +64,7 @@ class ClipSource:
 
         Raises DataError: if the file cannot be decoded.
         """
-        clip = self.store.clip(item.clip.id)
+        clip = self.store[item.clip.id]
         if clip.id not in self.music.files:
             return None
         notes = []
@@ -106,11 +106,11 @@ class ClipSource:
         """Return the music of a copy at another tempo, stretched as the build did."""
         if not item.clip.source:
             return signal
-        recipe = parse_recipe(self.store.meta.get("recipe", {}), where=f"{self.store.path}/dataset.json")
+        recipe = parse_recipe(self.store.info.get("recipe", {}), where=f"{self.store.path}/dataset.json")
         spec = next((s for s in recipe.augment if s.clip_id(item.clip.source) == item.clip.id), None)
         if spec is None:
             return signal
-        speed = spec.speed_of(self.store.clip(item.clip.source).group or item.clip.source)
+        speed = spec.speed_of(self.store[item.clip.source].group or item.clip.source)
         if speed == 1:
             return signal
         from dancedata.audio.stretch import stretched

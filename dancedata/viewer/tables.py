@@ -10,7 +10,7 @@ import numpy as np
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.text import counted, shown
-from dancedata.store import ClipView, Store
+from dancedata.store import Clip, Store
 from dancedata.store.clip_view import Clips
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scenes import Scenes
@@ -23,7 +23,7 @@ _SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 def store_html(store: Store) -> str:
     """Return a dataset as an element: name, splits, fields, licence, and its first clips."""
-    counted_by = store.meta["splits"]
+    counted_by = store.info["splits"]
     kinds = [kind for kind in ("clips", "groups", "windows") if any(kind in counts for counts in counted_by.values())]
     splits = [
         (split, *(counts.get(kind, "") for kind in kinds), f"{round(60 * counts['hours'], 6):.1f}")
@@ -33,13 +33,13 @@ def store_html(store: Store) -> str:
         (name, store.field(name).kind, columns.width, str(store.field(name).rate))
         for name, columns in store.fields.items()
     ]
-    head = f"<b>{_text(store.meta.get('name', store.path.name))}</b> &middot; {_text(store.path)}"
+    head = f"<b>{_text(store.info.get('name', store.path.name))}</b> &middot; {_text(store.path)}"
     head += f" &middot; {store.grid} frames per second"
     return (
         f"<div><p>{head}</p>"
         f"{_table(('split', *kinds, 'minutes'), splits)}"
         f"{_table(('field', 'kind', 'columns', 'rows per second'), fields)}"
-        f"<p>{_text(store.meta.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
+        f"<p>{_text(store.info.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
     )
 
 
@@ -78,7 +78,7 @@ def _text(value: object) -> str:
     return html.escape(shown(value, 120), quote=True)
 
 
-def _still(scenes: Scenes, clip: ClipView) -> str:
+def _still(scenes: Scenes, clip: Clip) -> str:
     """Return the pose in the middle of a clip, from the front, as SVG; "" where it cannot be drawn."""
     try:
         figure = scenes.scene(scenes.items_of(clip.id)[0]).figure

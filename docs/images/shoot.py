@@ -144,7 +144,7 @@ def served(request: ViewRequest) -> Iterator[str]:
 def smoothed(data: Data, clip: str, frames: int = 15) -> Path:
     """Write a clip's joints, each averaged over some frames, as a model may give them."""
     with dancedata.open(data.real) as store:
-        joints = dancedata.decode(store.clip(clip).read("edge151"), "edge151", fps=store.fps).joints()
+        joints = dancedata.decode(store[clip].read("edge151"), "edge151", fps=store.fps).joints()
     folder = data.real.parent / ("smoothed" if frames == 15 else f"over-{frames}")
     folder.mkdir(exist_ok=True)
     np.save(folder / f"{clip}.npy", uniform_filter1d(joints, frames, axis=0, mode="nearest"))

@@ -364,7 +364,7 @@ def test_a_dataset_with_beats_of_both_sources(tmp_path):
         build(parse_recipe({**document, "scope": scope}), tmp_path / "source", out, cache=tmp_path / "cache", jobs=2)
         assert not [p for p in verify_store(out) if p.severity == "error"]
         with open_store(out) as store:
-            assert store.meta["recipe"]["audio"]["beats"]["weights_sha256"] == sha256_file(WEIGHTS)
+            assert store.info["recipe"]["audio"]["beats"]["weights_sha256"] == sha256_file(WEIGHTS)
             window = store.windows("train")[0]
             rows, fast = store.read(window, "beats"), store.read(window, "beats.librosa")
             assert rows[:, 1].any()

@@ -173,9 +173,9 @@ def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) 
     )
     store = data.store
     clip = data.windows[0].clip
-    starts = store.starts(clip, 14)
+    starts = store._starts(clip, 14)
     assert starts.step == 2
-    assert starts[-1] + 14 <= store.clip(clip).n_frames < starts[-1] + 16
+    assert starts[-1] + 14 <= store[clip].n_frames < starts[-1] + 16
     assert all(data[k]["start"] % 2 == 0 for k in range(len(data)))
 
 

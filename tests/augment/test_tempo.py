@@ -155,7 +155,7 @@ def test_copies_are_those_of_faster_motion_and_music(built: tuple[Any, Any], sou
     assert train
     for clip in train:
         for name, speed in (("tempo", Fraction(5, 4)), ("tempo.slow", Fraction(9, 10))):
-            copy, ref = store.clip(f"{clip.id}__{name}"), refs[clip.id]
+            copy, ref = store[f"{clip.id}__{name}"], refs[clip.id]
             whole = recipe.dataset.load(ref)
             assert copy.source == clip.id
             assert copy.n_frames == FrameGrid(60 * speed).resampled_length(whole.n_frames, FPS)
@@ -194,7 +194,7 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     # Stretched copies of a song are not counted as songs, nor shared by another split.
     songs = songs_of(store.clips)
     assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
-    assert {split: own["songs"] for split, own in store.meta["splits"].items()} == {
+    assert {split: own["songs"] for split, own in store.info["splits"].items()} == {
         split: own["songs"] for split, own in plan["splits"].items()
     }
     assert splits(store).songs.counts["train"]["train"] == plan["splits"]["train"]["songs"] == 1

@@ -41,9 +41,9 @@ def test_motion_of_all_clips_and_copies_goes_through_the_transform(stores: tuple
     assert verify_store(smoothed.path) == []
     assert any(clip.group for clip in smoothed.clips)
     for clip in smoothed.clips:
-        pelvis, before = (store.clip(clip.id).read("joints")[:, :3] for store in stores)
+        pelvis, before = (store[clip.id].read("joints")[:, :3] for store in stores)
         assert 0 < np.abs(np.diff(pelvis, n=2, axis=0)).sum() < np.abs(np.diff(before, n=2, axis=0)).sum()
-    assert plain.meta["recipe"]["transforms"] == []
+    assert plain.info["recipe"]["transforms"] == []
 
 
 def test_segments_of_copies_are_at_their_speed(stores: tuple[Store, Store]) -> None:
@@ -63,7 +63,7 @@ def test_windows_that_the_rule_names_are_left_out(stores: tuple[Store, Store]) -
     for clip in store.clips:
         group = [c.id for c in store.clips if c.group == clip.group and c.group] or [clip.id]
         long = [s for name in group for s in store.segments(name, "leaps") if s.value > 0.2]
-        for window in plain.windows_of(clip.id):
+        for window in plain[clip.id].windows():
             first, end = (store.grid.seconds(frame) for frame in (window.start, window.start + 30))
             touched = any(s.start < end and s.end > first for s in long)
-            assert touched == (window.start not in [w.start for w in store.windows_of(clip.id)])
+            assert touched == (window.start not in [w.start for w in store[clip.id].windows()])

@@ -52,11 +52,11 @@ def test_the_head_is_what_hubs_read(card: Path) -> None:
 def test_the_text_has_the_numbers_of_the_dataset_and_no_paths(card: Path, demo: Path) -> None:  # noqa: F811
     text = card.read_text()
     with open_store(demo) as store:
-        for split, counts in store.meta["splits"].items():
+        for split, counts in store.info["splits"].items():
             row = f"| {split} | {counts['clips']} | 0 | {counts['windows']} | {counts['songs']} |"
             assert row in text
-        assert all(shard["sha256"] in text for shard in store.meta["shards"])
-        assert store.meta["citation"].split(";")[0] in text
+        assert all(shard["sha256"] in text for shard in store.info["shards"])
+        assert store.info["citation"].split(";")[0] in text
     assert str(Path.home()) not in text
     assert str(demo.parent) not in text
     pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", text)
@@ -68,8 +68,8 @@ def test_the_text_has_the_numbers_of_the_dataset_and_no_paths(card: Path, demo: 
 def test_the_recipe_is_that_of_the_dataset(card: Path, demo: Path) -> None:  # noqa: F811
     text = re.findall(r"```yaml\n(.*?)```", card.read_text(), re.DOTALL)[0]
     with open_store(demo) as store:
-        assert yaml.safe_load(text) == store.meta["recipe"]
-        assert parse_recipe(yaml.safe_load(text)).sha256 == recipe_hash(store.meta["recipe"])
+        assert yaml.safe_load(text) == store.info["recipe"]
+        assert parse_recipe(yaml.safe_load(text)).sha256 == recipe_hash(store.info["recipe"])
 
 
 def test_two_runs_are_equal_and_other_files_are_kept(card: Path, demo: Path, tmp_path: Path) -> None:  # noqa: F811

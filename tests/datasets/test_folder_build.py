@@ -97,7 +97,7 @@ def _height(source: Path, out: Path, **dataset: object) -> float:
     assert result.built
     with open_store(out) as store:
         (clip,) = store.clips
-        joints = store.clip(clip.id).read("joints").reshape(-1, 24, 3)
+        joints = store[clip.id].read("joints").reshape(-1, 24, 3)
         assert clip.height_m is not None
         np.testing.assert_allclose(np.median(np.ptp(joints[..., 1], axis=1)), clip.height_m, atol=1e-3)
         return clip.height_m

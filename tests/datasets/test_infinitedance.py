@@ -308,19 +308,19 @@ def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
 def test_the_recipe(source: Path, build: Callable[..., Store]) -> None:
     store = build()
     assert {clip.id for clip in store.clips} == {OWN, LIVE, AIST, TEST}
-    assert store.clip(AIST).columns["origin"] == "aist++"
+    assert store[AIST].columns["origin"] == "aist++"
     published = np.load(source / COLUMNS_FOLDER / f"{OWN}.npy")
-    np.testing.assert_array_equal(store.clip(OWN).read("file.columns264"), published)
+    np.testing.assert_array_equal(store[OWN].read("file.columns264"), published)
     tokens = np.load(source / TOKENS_FOLDER / f"{OWN}.npy").reshape(-1, 3) - FIRST_CODES
-    np.testing.assert_array_equal(store.clip(OWN).read("file.tokens"), tokens)
+    np.testing.assert_array_equal(store[OWN].read("file.tokens"), tokens)
     music = np.load(source / MUSIC55_FOLDER / f"{OWN}.npy")
-    np.testing.assert_array_equal(store.clip(OWN).read("file.music55")[:181], music[:181])
+    np.testing.assert_array_equal(store[OWN].read("file.music55")[:181], music[:181])
     sample = WindowDataset(store, fields=("humanml264", "file.tokens", "file.music55"))[1]
     assert [tuple(sample[name].shape) for name in ("humanml264", "file.tokens", "file.music55")] == [
         (96, 264), (24, 3), (96, 55),
     ]  # fmt: skip
     # Made again from its joints: equal where the skeleton is InfiniteDance's, but for the last row, which it lacks.
-    made = store.clip(OWN).read("humanml264")
+    made = store[OWN].read("humanml264")
     np.testing.assert_allclose(made[:-1, :68], published[:-1, :68], rtol=0, atol=2e-3)
 
 
@@ -330,7 +330,7 @@ def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
     store = build(**{"file.muq": muq})
     assert [clip.id for clip in store.clips] == [TEST]
     assert {row["clip"] for row in store.rejects if row["reason"] == "missing_feature"} == {OWN, LIVE, AIST}
-    np.testing.assert_array_equal(store.clip(TEST).read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
+    np.testing.assert_array_equal(store[TEST].read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
     # 25 rows per second, not the 30 that InfiniteDance's README names.
     thirty = {**muq, "rate": 30, "fps": 30}
     with pytest.raises(StoreError, match="feature_length"):

@@ -206,8 +206,8 @@ def test_numbers_of_genres(source: Path, tmp_path: Path) -> None:
         found = scan(source, f"{head}a,a.npz,waltz,{number}\nb,a.npz,waltz,\nc,a.npz,tango,0\nd,a.npz,,\n")
         assert found.genre_ids == {"waltz": number, "tango": 0}
         with built_in(tmp_path, source) as store:
-            assert store.meta["genre_ids"] == found.genre_ids
-            shas.append(store.meta["source"]["sha256"])
+            assert store.info["genre_ids"] == found.genre_ids
+            shas.append(store.info["source"]["sha256"])
     assert shas[0] != shas[1], "another number is another dataset"
 
 
@@ -243,7 +243,7 @@ def built(files: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_parts_and_columns_of_a_dataset(built: Path, files: Path) -> None:
     assert [p for p in verify_store(built) if p.severity == "error" and "song" not in str(p)] == []
     with dancedata.open(built) as store:
-        one, copy, two = (store.clip(name) for name in ("one", "one__mirror", "two"))
+        one, copy, two = (store[name] for name in ("one", "one__mirror", "two"))
         assert (one.n_frames, two.n_frames) == (120, 120)
         assert (one.audio_start, two.audio_start, two.source_start) == (Fraction(1, 4), Fraction(17, 4), 4)
         assert dict(one.columns) == dict(copy.columns) == {"level": 3, "tags": ("turn",)}

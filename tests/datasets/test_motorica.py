@@ -183,12 +183,12 @@ def test_a_dataset_in_ldas_columns(tmp_path: Path) -> None:
         ids = {f"{JAZZ}_0{k}{copy}" for k in (0, 1) for copy in ("", "__mirror")} | {f"{TAP}_00", f"{TAP}_01"}
         assert {clip.id for clip in store.clips} == ids
         assert [clip.split for clip in store.clips if clip.id.startswith(TAP)] == ["test", "test"]
-        rows = {name: store.read_clip(name, "lda61") for name in ids}
+        rows = {name: store[name].read("lda61") for name in ids}
         assert rows[f"{JAZZ}_00"].shape == rows[f"{JAZZ}_01"].shape == (180, 61)
         image = Lda61().columns.mirror.apply(rows[f"{JAZZ}_01"])
         np.testing.assert_array_equal(rows[f"{JAZZ}_01__mirror"], image)
-        assert len(store.windows_of(f"{JAZZ}_00")) == 180 - 165 + 1
-        assert store.read_clip(f"{JAZZ}_01", "librosa35").shape == (180, 35)
+        assert len(store[f"{JAZZ}_00"].windows()) == 180 - 165 + 1
+        assert store[f"{JAZZ}_01"].read("librosa35").shape == (180, 35)
         train = np.concatenate([rows[name] for name in sorted(ids) if name.startswith(JAZZ)])
         np.testing.assert_allclose(
             store.stats["fields"]["lda61"]["std"], train.std(axis=0, dtype=float), rtol=1e-4, atol=1e-6

@@ -44,10 +44,10 @@ def test_words_go_from_the_source_into_the_dataset(source: Path, tmp_path: Path,
     assert any("Captions: texts/" in note for note in scan.notes)
     store = dancedata.build(RECIPE, source, tmp_path / "out", jobs=1, cache=cache, progress=False).open()
     words, move = store.segments(first)
-    length = store.grid.seconds(store.clip(first).n_frames)
+    length = store.grid.seconds(store[first].n_frames)
     assert (words.texts, words.texts_mirrored, words.end) == (("turns left",), ("turns right",), length)
     assert (move.label, move.start, move.layer.sided) == ("left spin", Fraction(1, 2), "mirrored")
-    assert sum(layer["empty"] for layer in store.meta["layers"]) >= 1
+    assert sum(layer["empty"] for layer in store.info["layers"]) >= 1
     words, move = store.segments(f"{first}__mirror")
     assert (words.texts, words.tokens, move.label) == (("turns right",), ("turn/VERB right/ADJ",), "right spin")
 

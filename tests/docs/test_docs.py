@@ -146,8 +146,8 @@ def _build_and_check(environment: dict[str, str], folder: Path) -> None:
         assert widths == {"pelvis": 3, "peaks": 1, "speeds": 1}
         assert sum(c.split == "train" for c in store.clips) == planned["splits"]["train"]["clips"]
         clip = next(c for c in store.clips if c.split == "train" and not c.source)
-        copy = store.clip(f"{clip.id}__aside")
-        assert copy.source == store.clip(f"{clip.id}__mirror").source == clip.id
+        copy = store[f"{clip.id}__aside"]
+        assert copy.source == store[f"{clip.id}__mirror"].source == clip.id
         np.testing.assert_allclose(
             copy.read("pelvis") - clip.read("pelvis"), [[0.25, 0, 0]] * clip.n_frames, atol=1e-6
         )

@@ -49,7 +49,7 @@ def test_the_column_of_a_dataset(sixty: Store, protocol: str) -> None:
         clip.id: MusicBeats.of_rows(clip.read("bailando438"), sixty.fields["bailando438"], FrameGrid.of(60), late=1)
         for clip in sixty.clips
     }
-    assert all(own.frames.tolist() == np.flatnonzero(sixty.clip(c).read("bailando438")[:, COLUMN]).tolist()
+    assert all(own.frames.tolist() == np.flatnonzero(sixty[c].read("bailando438")[:, COLUMN]).tolist()
                for c, own in beats.items())  # fmt: skip
     assert all(len(own.frames) for own in beats.values())
     assert found == bas(sixty, protocol, beats=beats)

@@ -30,7 +30,7 @@ def flip(copy: Path) -> Flip:
 
     def change(field: str) -> None:
         with open_store(copy) as opened:
-            span = opened.locate(opened.windows("train")[0], field)
+            span = opened._locate(opened.windows("train")[0], field)
             layout = span.shard.layout(field)
             path, at = span.shard.path, layout.offset + (span.first + 20) * layout.row_bytes + 6  # column 1
         data = bytearray(path.read_bytes())

@@ -72,7 +72,7 @@ def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: P
 
 @pytest.mark.parametrize("slices", [False, True])
 def test_beats_of_slices_where_a_protocol_takes_those_of_songs(store: Store, tmp_path: Path, slices: bool) -> None:
-    meta, fields = {"recipe": store.meta["recipe"], "licence": ""}, [store.field("edge151"), store.field("librosa35")]
+    meta, fields = {"recipe": store.info["recipe"], "licence": ""}, [store.field("edge151"), store.field("librosa35")]
     write_random_store(
         tmp_path / "a", slices=slices, clips={"train": 2}, length=150, n_frames=(165, 165), meta=meta, fields=fields
     )

@@ -161,7 +161,7 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
 
 
 def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) -> None:
-    rows = store.clip(store.clips[0].id).read(FIELD)
+    rows = store[store.clips[0].id].read(FIELD)
     normal = store.scaler(FIELD).normalize(rows)
     for wrong in (rows, normal):
         with raises_message(UsageError, "whether"):

@@ -50,7 +50,7 @@ def by_hand(store: Store, name: str) -> float:
     """Return the alignment of one window's beats by numpy alone."""
     sample, step = Samples(store).require(name), 1 / 6
     joints = dancedata.decode(rows_of(store, name), "edge151", fps=30).joints()[:, :22]
-    beats = store.clip(sample.clip.id).beats() - sample.start / 30
+    beats = store[sample.clip.id].beats() - sample.start / 30
     beats = beats[(beats >= step) & (beats <= (sample.length - 1) / 30 - step)]
     return beat_alignment(beats, motion_beat_times(joints, 30), sigma=0.05)
 

@@ -126,7 +126,7 @@ def test_groups_of_two_without_roles_or_fingers(tmp_path: Path) -> None:
         "the dataset has no followers: the first member of each pair is the follower",
         "4 dancers outside pairs are not in the export: Duolando reads duets",
     )
-    y_up = dancedata.open(tmp_path / "store").clip("train0_p1").read("joints")
+    y_up = dancedata.open(tmp_path / "store")["train0_p1"].read("joints")
     joints = np.load(done.path / "motion" / "pos3d" / "train" / "train0_01.npy")
     np.testing.assert_allclose(joints[:, :3], y_up[:, [0, 2, 1]] * (1, -1, 1), atol=1e-5)
 

@@ -40,7 +40,7 @@ def _name(clip, start: int) -> str:
 def test_slices_and_cache_give_back_the_windows(export: Callable[..., ExportResult], built, recipe: str) -> None:
     out, store = export(recipe, "edge").path, built(recipe).store
     for part in ("train", "test"):
-        windows = {_name(store.clip(w.clip), w.start): w for w in store.windows(part)}
+        windows = {_name(store[w.clip], w.start): w for w in store.windows(part)}
         folders = ("motions_sliced", "wavs_sliced", "jukebox_feats", "baseline_feats")
         listed = [names(out / part / folder) for folder in folders]
         assert listed == [listed[0]] * 4
@@ -69,7 +69,7 @@ def test_slices_and_cache_give_back_the_windows(export: Callable[..., ExportResu
 def test_sounds_are_cut_as_edge_cuts_them(export: Callable[..., ExportResult], built) -> None:
     out, made = export("edge", "edge").path, built("edge")
     path = next(p for p in sorted((out / "train" / "wavs_sliced").iterdir()) if p.stem.endswith("_slice1"))
-    clip = made.store.clip(path.stem.removesuffix("_slice1"))
+    clip = made.store[path.stem.removesuffix("_slice1")]
     signal = load_audio(made.source / "wavs" / f"{clip.music}.wav")
     rate = signal.sample_rate
     with wave.open(str(path)) as file:
@@ -98,7 +98,7 @@ def _of_cut_music(made, folder: Path, seconds: Callable[[str], float]) -> tuple[
     _cut_music(made.source, source / "wavs", seconds)
     for part in ("motions", "splits", "ignore_list.txt", "cameras"):
         (source / part).symlink_to(made.source / part)
-    recipe = {**made.store.meta["recipe"], "dataset": {"aist++": {}}}
+    recipe = {**made.store.info["recipe"], "dataset": {"aist++": {}}}
     dancedata.build(recipe, source, out, jobs=1, cache=folder / "cache", progress=False)
     return source, out
 

@@ -78,7 +78,7 @@ def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
         for path in source.rglob(f"{clip.id}.*"):
             if clip.split == "train":
                 path.unlink()
-    recipe = made.store.meta["recipe"]
+    recipe = made.store.info["recipe"]
     dancedata.build(recipe, source, tmp_path / "store", jobs=1, cache=tmp_path / "cache", progress=False)
     with raises_message(StoreError, "normaliser", where="store"):
         dancedata.export(tmp_path / "store", "lodge", tmp_path / "out", scaler="train", progress=False)

@@ -56,7 +56,7 @@ def store(dataset: Path) -> Store:
 
 
 def _stored(store: Store, clip: str) -> Motion:
-    found = dancedata.decode(store.read_clip(clip, "edge151"), "edge151", fps=30)
+    found = dancedata.decode(store[clip].read("edge151"), "edge151", fps=30)
     assert isinstance(found, Motion)
     return found
 
@@ -128,7 +128,7 @@ def test_humanml3d(store: Store, dataset: Path, tmp_path: Path) -> None:
     vectors = {path.stem: np.load(path) for path in sorted((out / "new_joint_vecs").iterdir())}
     assert sorted(vectors) == sorted(clip.id for clip in store.clips)
     for clip, rows in vectors.items():
-        stored = store.read_clip(clip, "humanml263")
+        stored = store[clip].read("humanml263")
         assert rows.dtype == np.float32
         np.testing.assert_array_equal(rows, stored[:-1])
         joints = np.load(out / "new_joints" / f"{clip}.npy")
@@ -194,7 +194,7 @@ def test_webdataset_of_clips_in_order(store: Store, dataset: Path, tmp_path: Pat
     assert list(samples) == sorted(clip.id for clip in store.clips if clip.split == "train")
     for clip, sample in samples.items():
         rows = np.load(io.BytesIO(sample["humanml263.npy"]))
-        np.testing.assert_array_equal(rows, store.read_clip(clip, "humanml263"))
+        np.testing.assert_array_equal(rows, store[clip].read("humanml263"))
 
 
 def test_webdataset_of_long_names(tmp_path: Path) -> None:
@@ -250,7 +250,7 @@ def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) 
     dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="humanml263")
     clip = store.clips[0].id
     motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))
-    wanted = dancedata.decode(store.read_clip(clip, "humanml263"), "humanml263").joints()
+    wanted = dancedata.decode(store[clip].read("humanml263"), "humanml263").joints()
     np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
 
 

@@ -42,7 +42,7 @@ def test_contents_of_export_json(npz, built) -> None:
     about = json.loads((done.path / "export.json").read_text())
     assert about == done.about
     assert about["self_sha256"] == self_hash(about)
-    assert about["dataset"]["self_sha256"] == built("edge").store.meta["self_sha256"]
+    assert about["dataset"]["self_sha256"] == built("edge").store.info["self_sha256"]
     sizes = {name: len(data) for name, data in tree(done.path).items() if name != "export.json"}
     assert {name: size for name, (size, _) in about["files"].items()} == sizes
     assert "research use, no redistribution" in (done.path / "LICENCE.txt").read_text()

@@ -160,7 +160,7 @@ def hf_equal(data: Any, store: Store) -> None:
     for split in store.splits:
         windows = list(store.windows(split))
         assert data[split]["clip"][:] == [w.clip for w in windows]
-        assert data[split]["x/level"][:] == [store.clip(w.clip).columns.get("level") for w in windows]
+        assert data[split]["x/level"][:] == [store[w.clip].columns.get("level") for w in windows]
         windows_equal(data[split].data.table, store, split)
         arrays = data[split].with_format("numpy")  # half floats as float32, whole numbers as int64
         for k, window in enumerate(windows):

@@ -177,7 +177,7 @@ def test_facts_records(export, built) -> None:
         files = sorted(out.glob(f"aist_tfrecord-{name}-*"))
         assert [p.name for p in files] == [f"aist_tfrecord-{name}-{k:05d}-of-00020" for k in range(20)]
         for found in (one for path in files for one in records(path)):
-            clip = store.clip(found["motion_name"].decode())
+            clip = store[found["motion_name"].decode()]
             assert clip.split in splits
             assert found["audio_name"].decode() == clip.music
             motion = found["motion_sequence"].reshape(found["motion_sequence_shape"])
@@ -202,7 +202,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
     done = dancedata.export(dataset.path, "fact", tmp_path / "fact", progress=False)
     n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store.clips}
     assert {clip for clip, rows in n_rows.items() if rows >= 240} == set(BREAK)
-    assert all(len(store.read_clip(clip, "fact219")) > n_rows[clip] for clip in BREAK)
+    assert all(len(store[clip].read("fact219")) > n_rows[clip] for clip in BREAK)
     assert all(
         any(clip in note and "left out" in note for note in done.notes) == (clip not in BREAK) for clip in n_rows
     )

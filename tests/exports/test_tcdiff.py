@@ -88,7 +88,7 @@ def test_slices_are_those_of_the_source(source: Path, out: Path) -> None:
 def test_columns_of_the_song(built: Path, out: Path) -> None:
     stored = np.load(out / "train" / "feats438" / f"{DUET}_slice1.npy")
     with dancedata.open(built) as store:
-        np.testing.assert_array_equal(stored, store.clip(f"{DUET}_p0").read("bailando438")[30:330])
+        np.testing.assert_array_equal(stored, store[f"{DUET}_p0"].read("bailando438")[30:330])
 
 
 def test_windows_end_with_the_music_and_have_columns_of_their_own(source: Path, tmp_path: Path) -> None:

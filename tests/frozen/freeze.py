@@ -44,7 +44,7 @@ def read(folder: Path) -> dict[str, Any]:
                 digest.update(f"{window.clip} {window.start} {window.length} {field}".encode() + rows.tobytes())
                 fourth.setdefault(field, [float(value) for value in rows[3, :4]])
     answer: dict[str, Any] = {
-        "format": ds.meta["format"],
+        "format": ds.info["format"],
         "windows": windows,
         "rows": digest.hexdigest(),
         "fourth_row": fourth,

@@ -100,7 +100,7 @@ def test_stores_are_whole(exact: Store, track: Store) -> None:
 def _pairs(track: Store, exact: Store, field: str) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Return the windows that are slices too, (W, 150, D) each."""
     there = {(w.clip, w.start): w for split in SPLITS for w in track.windows(split)}
-    slices = [exact.clip(w.clip) for split in SPLITS for w in exact.windows(split)]
+    slices = [exact[w.clip] for split in SPLITS for w in exact.windows(split)]
     pairs = [(track.read(there[c.slice_of, c.slice_start], field), c.read(field)) for c in slices]
     return np.stack([a for a, _ in pairs]), np.stack([b for _, b in pairs])
 

@@ -38,7 +38,7 @@ def test_the_store_is_sound_and_lists_its_rejects(store: Store) -> None:
         "004": ("train", "Urban", 240),
         "063": ("test", "Hiphop", 0),
     }
-    assert {"cross_genre.train", "cross_dancer.test"} <= set(store.clip("001").record.lists)
+    assert {"cross_genre.train", "cross_dancer.test"} <= set(store["001"].record.lists)
 
 
 @pytest.mark.parametrize(("preset", "length", "parts"), [("lodge-local", 256, 8), ("lodge-global", 1024, 10)])
@@ -50,12 +50,12 @@ def test_lodge_sees_its_own_windows(
     index, tracks, genres = (windows[f"L{length}_w{parts}_{split}.{k}"] for k in ("index", "tracks", "genre"))
     dataset = WindowDataset(store, split, **PRESETS[preset] | {"scale": None})
     # Lodge joins the tracks, each cut to the shorter of motion and music, and counts frames through.
-    music = {c.id: len(store.clip(c.id).read("librosa35")) - c.trim_start for c in store.clips}
+    music = {c.id: len(store[c.id].read("librosa35")) - c.trim_start for c in store.clips}
     before = np.cumsum([0, *(min(lodge.shape(t)[0], music[t]) for t in tracks)])
     found = []
     for k in range(len(dataset)):
         item = dataset[k]
-        record = store.clip(item["clip"]).record
+        record = store[item["clip"]].record
         start = item["start"] - record.trim_start
         found.append(before[list(tracks).index(item["clip"])] + start)
         rows, expected = lodge.rows(item["clip"], start, start + length)
@@ -73,7 +73,7 @@ def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
     scaler = dataset.scaler("lodge139")
     np.testing.assert_allclose(scaler.data_min, known["data_min"], rtol=0, atol=MOTION)
     np.testing.assert_allclose(scaler.data_max, known["data_max"], rtol=0, atol=MOTION)
-    rows = store.clip("001").read("lodge139")[:300]
+    rows = store["001"].read("lodge139")[:300]
     # A value's error is that of the columns, and what an error of the range makes of it.
     allowed = 1e-5 + 4e-5 / np.where(scaler.data_range > 1e-5, scaler.data_range, 1)
     found, wanted = known.pair("normalized_first300", scaler.normalize(rows, clip=True))
@@ -94,7 +94,7 @@ def test_finenet_sees_its_own_windows(store: Store, peers: Any, split: str) -> N
     for clip in ("001", "004") if split == "train" else ("063",):
         raw = np.load(peers / "inputs" / "finedance" / "motion" / f"{clip}.npy")
         rows = np.concatenate([contacts[clip], raw], axis=1).astype(np.float32)
-        rows = rows[: min(len(rows), len(store.clip(clip).read("librosa35")))]
+        rows = rows[: min(len(rows), len(store[clip].read("librosa35")))]
         for start in range(0, len(rows) - 120 + 1, 12):
             window = rows[start : start + 120].copy()
             if split == "test" or window.std(axis=0).mean() > 0.07:
@@ -117,7 +117,7 @@ def test_overlapping_windows_do_not_spoil_each_other(store: Store) -> None:
 
 def test_the_music_is_lodges(store: Store, peers: Any) -> None:
     for clip, rows in peers.load("lodge_music35.npz").items():
-        window = Window(clip, 0, store.clip(clip).n_frames)
+        window = Window(clip, 0, store[clip].n_frames)
         found = store.read(window, "librosa35")
         wanted = rows[: len(found)]
         np.testing.assert_allclose(found[:, 0], wanted[:, 0], rtol=0, atol=ENVELOPE)

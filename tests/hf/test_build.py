@@ -82,10 +82,10 @@ def test_two_encoders_jukebox_and_librosa_in_one_dataset(corpus, model, tmp_path
     store = dancedata.open(tmp_path / "one")
     assert {"hf.mert", "hf.dac", "jukebox", "librosa35"} <= set(store.fields)
     assert (store.field("hf.mert").dtype, store.field("hf.dac").dtype) == ("float16", "float32")
-    about = store.meta["encoders"]["hf.mert"]
+    about = store.info["encoders"]["hf.mert"]
     assert (about["model"], about["licence"], about["frames_per_s"]) == ("MERT-v1-tiny", "cc0-1.0", "75")
     assert about["first_frame_s"] == "133/16000"
-    assert about["sha256"] == store.meta["recipe"]["audio"]["hf.mert"]["model_sha256"]
+    assert about["sha256"] == store.info["recipe"]["audio"]["hf.mert"]["model_sha256"]
     assert str(tmp_path) not in (tmp_path / "one" / "dataset.json").read_text()
     assert "licence of its weights: cc0-1.0" in (tmp_path / "one" / "README.md").read_text()
 

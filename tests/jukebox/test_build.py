@@ -60,7 +60,7 @@ def stores(corpus: Path, tiny: SimpleNamespace, tmp_path_factory: pytest.TempPat
 def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None:
     store = stores[scope]
     assert store.field("jukebox").dtype == "float16"
-    recipe = store.meta["recipe"]["audio"]["jukebox"]
+    recipe = store.info["recipe"]["audio"]["jukebox"]
     assert recipe["precision"] == "fp32"
     assert len(recipe["weights_sha256"]) == 64
     feature = Jukebox(layer=6, device="cpu").resolved(sha256_file)
@@ -68,7 +68,7 @@ def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None
     tracks = {name: feature.extract(song, FrameGrid.of(30)) for name, song in songs.items() if scope == "track"}
     for split in store.splits:
         for window in store.windows(split):
-            clip = store.clip(window.clip)
+            clip = store[window.clip]
             name, song = clip.music, songs[clip.music]
             found = store.read(window, "jukebox")
             assert found.shape == (150, 40)

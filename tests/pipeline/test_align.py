@@ -188,7 +188,7 @@ def test_auto_is_found_recorded_and_the_rest_rejected(auto: Path, tmp_path: Path
     assert reject["clip"] == WRONG
     assert reject["numbers"]["p"] > 0.02
     assert "write the seconds" in reject["detail"]
-    assert "Music: audio_start_s auto was found for 4 of 5 recordings." in store.meta["source"]["notes"]
+    assert "Music: audio_start_s auto was found for 4 of 5 recordings." in store.info["source"]["notes"]
     again = dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, progress=False)
     assert not again.built
 

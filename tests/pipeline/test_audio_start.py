@@ -105,9 +105,9 @@ def test_the_song_begins_before_the_clip(
     store = build(start)
     assert verify_store(tmp_path / "out") == []
     expected = rows_of(song[skipped:])
-    np.testing.assert_array_equal(store.clip("a").read("librosa35"), expected[row:][: SECONDS * 30])
-    assert store.clip("a").audio_start == Fraction(start)
-    assert store.music_offset("a") == Fraction(start)
+    np.testing.assert_array_equal(store["a"].read("librosa35"), expected[row:][: SECONDS * 30])
+    assert store["a"].audio_start == Fraction(start)
+    assert store["a"].music_offset == Fraction(start)
     windows = store.windows("train")
     assert [w.start for w in windows] == list(range(0, SECONDS * 30 - 60 - row + 1, 15))
     assert {row["reason"] for row in store.rejects} == {"no_audio"}
@@ -129,12 +129,12 @@ def test_the_song_begins_after_the_clip(
     assert WindowDataset(store, fields=("librosa35",), scale=None)[0]["librosa35"].shape == (60, 35)
     cut = store.windows("train", length=30, stride=10)
     assert cut[0].start == -offset
-    assert store.starts("a", 60).start == -offset
-    row, rows = store.rows_within("a", "librosa35")
+    assert store._starts("a", 60).start == -offset
+    row, rows = store["a"].rows_within("librosa35")
     np.testing.assert_array_equal(rows, expected[: len(rows)])
     assert (row, len(rows)) == (-offset, SECONDS * 30 + offset)
     with raises_message(UsageError, "begin", where="clip a"):
-        store.clip("a").read("librosa35")
+        store["a"].read("librosa35")
     with raises_message(UsageError, "begins", where="clip a"):
         store.read(type(windows[0])("a", 0, 60), "librosa35")
 
@@ -142,7 +142,7 @@ def test_the_song_begins_after_the_clip(
 @pytest.mark.parametrize("start", ["-1/2", "-0.51"])
 def test_music_that_begins_later_is_drawn_and_reported(tmp_path: Path, build: Any, start: str) -> None:
     store = build(start)
-    lead, rows = store.rows_within("a", "librosa35")
+    lead, rows = store["a"].rows_within("librosa35")
     beats = np.flatnonzero(rows[:, -1]) + lead
     scenes = Scenes(store)
     rhythm = scenes.scene(scenes.items[0]).rhythm
@@ -163,8 +163,8 @@ def test_music_that_begins_later_is_drawn_and_reported(tmp_path: Path, build: An
 def test_copies_at_another_speed_keep_their_place(tmp_path: Path, build: Any) -> None:
     store = build("1/2", augment={"tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
-    assert store.clip("a__tempo").audio_start == Fraction(2, 5)
-    assert store.music_offset("a__tempo") == Fraction(12, 30)
+    assert store["a__tempo"].audio_start == Fraction(2, 5)
+    assert store["a__tempo"].music_offset == Fraction(12, 30)
 
 
 def test_windows_by_themselves_are_refused(build: Any) -> None:
@@ -237,8 +237,8 @@ def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build
     tempo = {"augment": {"tempo": {"speeds": [0.9, 1.1]}}}
     store = build(start, **tempo)
     places = {"jobs": 1, "cache": cache, "progress": False}
-    plan = dancedata.plan(store.meta["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
-    counts = store.meta["splits"]["train"]
+    plan = dancedata.plan(store.info["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
+    counts = store.info["splits"]["train"]
     assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
     assert plan["left_out"] == reasons(store)
     assert all(units["cached"] == units["of"] > 0 for units in plan["cached"].values())
@@ -256,5 +256,5 @@ def test_exports_of_whole_clips_name_music_that_begins_later(
 def test_a_scaler_over_all_rows_takes_music_that_begins_later(build: Any) -> None:
     store = build("-1")
     scaler = WindowDataset(store, "train", scale=Scale(fields=("librosa35",), over="all")).scaler("librosa35")
-    _, rows = store.rows_within("a", "librosa35")
+    _, rows = store["a"].rows_within("librosa35")
     np.testing.assert_array_equal(scaler.data_max, rows.max(axis=0).astype(np.float64))

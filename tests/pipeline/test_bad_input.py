@@ -172,7 +172,7 @@ def test_every_common_format_is_read(bad: Bad, song: str):
     suffix = FORMATS[song][0]
     path = bad.source / "wavs" / f"{song}.{suffix}"
     with dancedata.open(bad.out) as ds:
-        clip = ds.clip(clip_to(song))
+        clip = ds[clip_to(song)]
         rows = clip.read("librosa35")
         wanted = dancedata.extract("librosa35", path, start_bpm=clip.record.tempo_bpm)
     assert np.array_equal(rows, wanted[: len(rows)])
@@ -192,9 +192,9 @@ def test_the_other_clips_are_unharmed(bad: Bad, built: Path):
         assert {c.id for c in ds.clips} == ids | {clip_to(s) for s in (*FORMATS, "mKR0")}
         for clip in ids:
             for field in ("edge151", "librosa35"):
-                assert ds.clip(clip).read(field).tobytes() == whole.clip(clip).read(field).tobytes()
+                assert ds[clip].read(field).tobytes() == whole[clip].read(field).tobytes()
         for clip in ids:
-            starts = [[w.start for w in s.windows(s.clip(clip).record.split) if w.clip == clip] for s in (ds, whole)]
+            starts = [[w.start for w in s.windows(s[clip].record.split) if w.clip == clip] for s in (ds, whole)]
             assert starts[0] == starts[1] != []
 
 

@@ -178,8 +178,8 @@ def test_another_parameter_of_the_audio_recomputes_no_motion(
     assert len(extracts) == 2
     with dancedata.open(out) as new, dancedata.open(built) as old:
         clip = new.clips[0].id
-        assert np.array_equal(new.clip(clip).read("edge151"), old.clip(clip).read("edge151"))
-        assert not np.array_equal(new.clip(clip).read("librosa35"), old.clip(clip).read("librosa35"))
+        assert np.array_equal(new[clip].read("edge151"), old[clip].read("edge151"))
+        assert not np.array_equal(new[clip].read("librosa35"), old[clip].read("librosa35"))
 
 
 def test_another_contact_rule_recomputes_no_audio(
@@ -189,7 +189,7 @@ def test_another_contact_rule_recomputes_no_audio(
     run_build(corpus, out, set=["motion.edge151.contacts.velocity.max_speed_m_s=1"])
     assert extracts == []
     with dancedata.open(out) as new, dancedata.open(built) as old:
-        contacts = [ds.clip(TRAIN).read("edge151")[:, :4] for ds in (new, old)]
+        contacts = [ds[TRAIN].read("edge151")[:, :4] for ds in (new, old)]
     assert (contacts[0] > contacts[1]).any()
 
 

@@ -126,13 +126,13 @@ def test_codes_of_motion(build: Callable[..., Store], source: Path, scope: str) 
     field = store.field("file.tokens")
     assert (field.kind, field.dtype, field.rate) == ("motion", "int16", Fraction(15, 2))
     assert field.codebook == Codebook("vq", SIZES, "ab" * 32)
-    windows = [(store.clip(window.clip), window) for window in store.windows("train")]
+    windows = [(store[window.clip], window) for window in store.windows("train")]
     assert [c.slice_start + w.start for c, w in windows if c.original == "a"] == [0, 40, 80, 120]
     for clip, window in windows:
         first = (clip.slice_start + window.start) // 4
         np.testing.assert_array_equal(store.read(window, field.name), codes(clip.original)[first : first + 15])
     if scope == "track":
-        np.testing.assert_array_equal(store.clip("g_p1").read(field.name), codes("g_p1"))
+        np.testing.assert_array_equal(store["g_p1"].read(field.name), codes("g_p1"))
     sample = WindowDataset(store, fields=("joints", "file.tokens"))[1]
     assert sample["file.tokens"].dtype.is_floating_point is False
     np.testing.assert_array_equal(sample["file.tokens"], codes("a")[10:25])
@@ -175,7 +175,7 @@ def test_bytes(source: Path, build: Callable[..., Store]) -> None:
     np.save(source / "tokens" / "a.npy", rows.astype(np.uint16))
     book = {"name": "vq", "sizes": list(SIZES), "pad": 255}
     store = build({"dtype": "uint8", "first_codes": [], "codebook": book}, dataset={"coded": {"clips": ["a"]}})
-    read = store.clip("a").read("file.tokens")
+    read = store["a"].read("file.tokens")
     assert read.dtype == np.uint8
     np.testing.assert_array_equal(read, rows)
 
@@ -183,15 +183,15 @@ def test_bytes(source: Path, build: Callable[..., Store]) -> None:
 def test_other_first_codes_are_other_rows(build: Callable[..., Store]) -> None:
     """From one cache: the codebook is part of the key."""
     book = {"codebook": {"name": "vq", "sizes": [size + 1 for size in SIZES]}}
-    np.testing.assert_array_equal(build(book).clip("a").read("file.tokens"), codes("a"))
+    np.testing.assert_array_equal(build(book)["a"].read("file.tokens"), codes("a"))
     one_less = {**book, "first_codes": [first - 1 for first in FIRST]}
-    np.testing.assert_array_equal(build(one_less).clip("a").read("file.tokens"), codes("a") + 1)
+    np.testing.assert_array_equal(build(one_less)["a"].read("file.tokens"), codes("a") + 1)
 
 
 def test_codes_at_the_nearest_row(build: Callable[..., Store]) -> None:
     """Rates are changed by repeating codes, not by averaging them; of two the later."""
     store = build({"fps": 30, "resample": "nearest"})
-    rows = store.clip("a").read("file.tokens")
+    rows = store["a"].read("file.tokens")
     nearest = np.minimum((np.arange(4 * ROWS) + 2) // 4, ROWS - 1)
     np.testing.assert_array_equal(rows[: 4 * ROWS], codes("a")[nearest])
     assert (rows[4 * ROWS :] == -1).all(), "two frames beyond the file"
@@ -204,7 +204,7 @@ def test_files_that_end_before_the_clip(source: Path, build: Callable[..., Store
     store = build(
         {"tolerance_s": "1/2"}, dataset={"coded": {"clips": ["a"]}}, windows={"length_s": 2, "stride_s": "2/15"}
     )
-    rows = store.clip("a").read("file.tokens")
+    rows = store["a"].read("file.tokens")
     np.testing.assert_array_equal(rows, [*codes("a", ROWS - 2), *[[-1] * WIDTH] * 2])
     assert store.windows("train")[-1].start + 60 == 4 * (ROWS - 2)
     assert sum(row["reason"] == "no_audio" for row in store.rejects) == 2
@@ -249,7 +249,7 @@ def test_real_rows_of_motion_last_as_long_as_it(source: Path, build: Callable[..
     real = {"dtype": "float32", "codebook": None, "first_codes": [], "rate": 30, "fps": 30}
     for clip in RECORDS:
         np.save(source / "tokens" / f"{clip}.npy", np.ones((N + (1 if clip == "a" else 0), WIDTH)))
-    assert build(real).clip("a").read("file.tokens").shape == (N, WIDTH)
+    assert build(real)["a"].read("file.tokens").shape == (N, WIDTH)
     np.save(source / "tokens" / "a.npy", np.ones((N - 1, WIDTH)))
     store = build(real)
     assert [(row["clip"], row["reason"]) for row in store.rejects] == [("a", "feature_length")]

@@ -39,7 +39,7 @@ def test_build_prints_its_result(demo: Any) -> None:
     assert demo.summary.startswith("demo: 4 clips, ")
     assert repr(demo) == f"BuildResult({str(demo.path)!r}, 4 clips, 12 windows, 0 left out, built=True)"
     with demo.open() as ds:
-        assert (ds.path, ds.meta["licence"]) == (demo.path, Synthetic.licence)
+        assert (ds.path, ds.info["licence"]) == (demo.path, Synthetic.licence)
 
 
 def test_python_and_the_command_line_make_the_same_dataset(

@@ -70,7 +70,7 @@ def plain(build: Any) -> Store:
 
 
 def starts(store: Store) -> dict[str, list[int]]:
-    return {clip.id: [window.start for window in store.windows_of(clip.id)] for clip in store.clips}
+    return {clip.id: [window.start for window in store[clip.id].windows()] for clip in store.clips}
 
 
 def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> None:
@@ -87,7 +87,7 @@ def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> Non
     assert all(r["numbers"]["spikes"] == pytest.approx(0.2, abs=0.02) for r in rejects)
     assert "5.00 s to 5.02 s" in rejects[0]["detail"]
     # A clip keeps its frames: windows are left out, not columns.
-    assert np.array_equal(store.clip("spike").read("edge151"), plain.clip("spike").read("edge151"))
+    assert np.array_equal(store["spike"].read("edge151"), plain["spike"].read("edge151"))
 
 
 @pytest.mark.parametrize("rates", [(24, 30), (25, 60), (50, 30)])
@@ -98,7 +98,7 @@ def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out
     dataset = {"folder": {**DOCUMENT["dataset"]["folder"], "fps": of_source}}
     keys = {"dataset": dataset, "fps": fps, "windows": {"length_frames": 7, "stride_frames": 1}}
     store, every = build(rules={"curate": {"spikes": True}}, **keys), build(**keys)
-    seconds = np.arange(every.clip("spike").n_frames) / fps
+    seconds = np.arange(every["spike"].n_frames) / fps
     off = np.flatnonzero(np.abs(seconds * of_source - 300) < 1 - 1e-9)  # slerp and lines take two frames
     touched = {start for start in starts(every)["spike"] if np.isin(np.arange(start, start + 7), off).any()}
     assert len(off) > 1 or of_source > fps
@@ -118,7 +118,7 @@ def test_only_named_splits_are_curated(build: Any, plain: Store) -> None:
     store = build(rules={"curate": {"spikes": {"splits": ["val"]}, "frozen": {"splits": "train"}}})
     assert {r["clip"] for r in store.rejects} == {"held"}
     assert starts(store)["spike"] == starts(plain)["spike"]
-    assert "rules.curate.spikes.splits: no clip is in val, of train" in store.meta["source"]["notes"]
+    assert "rules.curate.spikes.splits: no clip is in val, of train" in store.info["source"]["notes"]
 
 
 def test_a_clip_without_windows_is_left_out(build: Any) -> None:
@@ -146,20 +146,20 @@ def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain
     }  # fmt: skip
     position = store.fields["edge151"].slice("translation")
     for clip in plain.clips:
-        before = plain.clip(clip.id).read("edge151")
-        after, original = (store.clip(clip.id).read(name) for name in ("edge151", "edge151.original"))
+        before = plain[clip.id].read("edge151")
+        after, original = (store[clip.id].read(name) for name in ("edge151", "edge151.original"))
         assert np.array_equal(before, original)
         frames = {q.get("frame") for q in store.quality if q["clip"] == clip.id}
         rows = range(len(before)) if None in frames else [f // 2 for f in sorted(frames) if f % 2 == 0]
         differ = np.flatnonzero((before != after)[:, 4:].any(axis=1)).tolist()  # the first four are contacts
         assert set(differ) <= set(rows)
         assert bool(differ) == bool(frames)
-    spike = store.clip("spike").read("edge151")[150, position]
-    assert np.abs(spike - plain.clip("spike").read("edge151")[150, position]).max() == pytest.approx(0.2, abs=0.01)
+    spike = store["spike"].read("edge151")[150, position]
+    assert np.abs(spike - plain["spike"].read("edge151")[150, position]).max() == pytest.approx(0.2, abs=0.01)
     assert "repaired: spike in 1 frame of 1 clip" in run("info", store.path).output
-    assert any("repaired: spikes (0.075 m)" in note for note in store.meta["source"]["notes"])
-    assert store.meta["recipe"]["motion"].keys() == {"edge151"}
-    assert load_recipe(store.meta["recipe"]).sha256 == recipe_hash(store.meta["recipe"])
+    assert any("repaired: spikes (0.075 m)" in note for note in store.info["source"]["notes"])
+    assert store.info["recipe"]["motion"].keys() == {"edge151"}
+    assert load_recipe(store.info["recipe"]).sha256 == recipe_hash(store.info["recipe"])
 
 
 def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_build(
@@ -168,8 +168,8 @@ def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_bui
     store = build(transforms=[{"repair": {"spikes": True, "original": False}}])
     assert list(store.fields) == ["edge151"]
     for clip in ("clean", "held", "sinks"):
-        assert store.clip(clip).read("edge151").tobytes() == plain.clip(clip).read("edge151").tobytes()
-    assert store.clip("spike").read("edge151").tobytes() != plain.clip("spike").read("edge151").tobytes()
+        assert store[clip].read("edge151").tobytes() == plain[clip].read("edge151").tobytes()
+    assert store["spike"].read("edge151").tobytes() != plain["spike"].read("edge151").tobytes()
 
 
 def test_mirrored_copies_are_mirrored_repairs(build: Any, plain: Store) -> None:
@@ -177,11 +177,11 @@ def test_mirrored_copies_are_mirrored_repairs(build: Any, plain: Store) -> None:
         build(augment={"mirror": True}),
         build(transforms=[{"repair": {"spikes": True}}], augment={"mirror": True}),
     )
-    of_plain = mirrored.clip("spike__mirror").read("edge151")
-    assert np.array_equal(store.clip("spike__mirror").read("edge151.original"), of_plain)
-    repaired = store.clip("spike__mirror").read("edge151")
+    of_plain = mirrored["spike__mirror"].read("edge151")
+    assert np.array_equal(store["spike__mirror"].read("edge151.original"), of_plain)
+    repaired = store["spike__mirror"].read("edge151")
     rows = np.flatnonzero((repaired != of_plain).any(axis=1)).tolist()
-    of_clip = store.clip("spike").read("edge151") != store.clip("spike").read("edge151.original")
+    of_clip = store["spike"].read("edge151") != store["spike"].read("edge151.original")
     assert rows == np.flatnonzero(of_clip.any(axis=1)).tolist() == [149, 150]
 
 

@@ -63,7 +63,7 @@ def test_samples_of_the_reader_come_back_as_stored(store: Store) -> None:
     assert [m is not None for m in decoded] == sample["person_mask"].tolist()
     for clip, motion in zip(sample["clips"], decoded, strict=True):
         if motion is not None:
-            stored_rows = store.clip(clip).read("edge151")[sample["start"] :][: motion.n_frames]
+            stored_rows = store[clip].read("edge151")[sample["start"] :][: motion.n_frames]
             plain = dancedata.decode(stored_rows, "edge151", fps=store.fps)
             np.testing.assert_allclose(motion.joints(), plain.joints(), rtol=0, atol=1e-4)
 

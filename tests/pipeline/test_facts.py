@@ -133,16 +133,16 @@ def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
     annotators = {"genre": True, "captions": {"lexicon": str(lexicon)}}
     store = build(tmp_path, cache, annotators=annotators, augment={"mirror": True})
     (genre,) = store.segments("single", "genre")
-    assert (genre.label, genre.end) == ("house", store.grid.seconds(store.clip("single").n_frames))
+    assert (genre.label, genre.end) == ("house", store.grid.seconds(store["single"].n_frames))
     assert store.segments("pair_p0") == []
     assert store.segments("single__mirror", "description")[0].texts == ("dreht sich nach rechts",)
-    assert store.meta["recipe"]["annotators"]["captions"]["lexicon"]["pairs"] == [
+    assert store.info["recipe"]["annotators"]["captions"]["lexicon"]["pairs"] == [
         ["links", "rechts"],
         ["linke", "rechte"],
     ]
-    assert str(tmp_path) not in str(store.meta["recipe"])
-    again = parse_recipe(store.meta["recipe"])
-    assert again.sha256 == recipe_hash(store.meta["recipe"])
+    assert str(tmp_path) not in str(store.info["recipe"])
+    again = parse_recipe(store.info["recipe"])
+    assert again.sha256 == recipe_hash(store.info["recipe"])
 
 
 def test_no_facts_are_asked_for_by_default() -> None:

@@ -94,7 +94,7 @@ def test_results_of_a_build_are_found_and_equal(
         features = FeatureCache(cache)
         if scope == "track":
             rows = features.get("librosa35", song, fps=30, start_bpm=bpm)
-            np.testing.assert_array_equal(rows[:150], ds.clip(VAL).read("librosa35")[:150])
+            np.testing.assert_array_equal(rows[:150], ds[VAL].read("librosa35")[:150])
         else:
             windows = features.get_windows("librosa35", song, fps=30, start_bpm=bpm)
             for clip in (clip for clip in ds.clips if clip.slice_of == VAL):

@@ -100,7 +100,7 @@ def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
 
 def starts_of(store: Store) -> list[int]:
     """First frames of the windows, of slices in the whole clip."""
-    return [store.clip(window.clip).slice_start + window.start for window in store.windows("train")]
+    return [store[window.clip].slice_start + window.start for window in store.windows("train")]
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
@@ -137,7 +137,7 @@ def test_rows_at_another_rate(
 ) -> None:
     np.save(source / "muq" / "a.npy", file)
     store = build(feature)
-    rows = store.clip("a").read("file.muq")
+    rows = store["a"].read("file.muq")
     assert store.field("file.muq").dtype == feature.get("dtype", "float32") == rows.dtype
     np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-5 if feature["resample"] == "linear" else 0)
 
@@ -165,7 +165,7 @@ def test_a_clip_between_two_rows_needs_a_rule(source: Path, build: Callable[...,
     with raises_message(StoreError, "between_rows", where="source"):
         build(keys, {"start": "0.51"})
     store = build({**keys, "resample": "linear"}, {"start": "0.51"})
-    np.testing.assert_allclose(store.clip("a").read("file.muq")[:3, 0], [12.75, 13.75, 14.75], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(store["a"].read("file.muq")[:3, 0], [12.75, 13.75, 14.75], rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("origin", "starts"), [("-1/3", [0, 30, 60, 90]), ("1/2", [30, 60, 90, 120])])
@@ -243,18 +243,18 @@ def test_names_that_are_no_names_of_files(source: Path, build: Callable[..., Sto
 
 def test_the_content_is_the_key(source: Path, build: Callable[..., Store], tmp_path: Path, cache: Path) -> None:
     np.save(source / "muq" / "a.npy", ramp(150))
-    before = build({"fps": 25}).clip("a").read("file.muq")
+    before = build({"fps": 25})["a"].read("file.muq")
     (source / "other").mkdir()
     (source / "muq" / "a.npy").rename(source / "other" / "a.npy")
     moved = {"fps": 25, "path": "other/{clip}.npy"}
     assert plan_of(source, cache, moved).cached["file.muq"].to_json() == {"unit": "files", "cached": 0, "of": 1}
-    np.testing.assert_array_equal(build(moved).clip("a").read("file.muq"), before)
+    np.testing.assert_array_equal(build(moved)["a"].read("file.muq"), before)
     assert plan_of(source, cache, moved).cached["file.muq"].to_json() == {"unit": "files", "cached": 1, "of": 1}
     np.save(source / "other" / "a.npy", ramp(150) + 1)
     assert plan_of(source, cache, moved).cached["file.muq"].cached == 0
     with pytest.raises(StoreError, match="another source"):
         dancedata.build(document(moved), source, tmp_path / "out", jobs=1, cache=cache, progress=False)
-    np.testing.assert_array_equal(build(moved).clip("a").read("file.muq"), ramp(150) + 1)
+    np.testing.assert_array_equal(build(moved)["a"].read("file.muq"), ramp(150) + 1)
 
 
 def plan_of(source: Path, cache: Path, feature: dict[str, Any]) -> Plan:
@@ -265,7 +265,7 @@ def test_a_plan_counts_what_a_build_stores(source: Path, build: Callable[..., St
     np.save(source / "muq" / "a.npy", ramp(148))
     plan = plan_of(source, cache, {"fps": 25})
     store = build({"fps": 25})
-    counts = store.meta["splits"]["train"]
+    counts = store.info["splits"]["train"]
     assert plan.to_json()["splits"]["train"]["windows"] == counts["windows"] == 4
     assert plan.to_json()["left_out"] == reasons(store) == {"no_audio": 1}
     assert plan.to_json()["bytes"] == sum(

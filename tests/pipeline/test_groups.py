@@ -118,10 +118,10 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
         ("a_p0", "a", 0, ""), ("a_p1", "a", 1, ""), ("a_p2", "a", 2, ""),
         ("b_p0", "b", 0, "leader"), ("b_p1", "b", 1, "follower"),
     ]  # fmt: skip
-    assert store.clip("b_p1").columns == {"video": "b", "level": 1}
+    assert store["b_p1"].columns == {"video": "b", "level": 1}
     # The largest trim of the group, at the store's rate; the rows of one song.
     assert {c.trim_start for c in store.clips if c.group == "a"} == {1}
-    assert len({store.locate(store.windows_of(c)[0], "librosa35").first for c in ("a_p0", "a_p1", "a_p2")}) == 1
+    assert len({store._locate(store[c].windows()[0], "librosa35").first for c in ("a_p0", "a_p1", "a_p2")}) == 1
     source_roots = np.load(source / "a.npz")["trans"][:, ::2]
     offset = np.asarray(SMPL24.offsets)[0] if np.ndim(SMPL24.offsets) == 2 else 0.0
     np.testing.assert_allclose(distances(roots(store, "a")), distances(source_roots + offset), atol=1e-5)
@@ -204,8 +204,8 @@ def test_one_floor_keeps_a_lifted_partner_in_the_air(tmp_path: Path, cache: Path
     source = tmp_path / "source"
     write(source, "a", 2)
     store = build(source, tmp_path / "out", cache, motion={"lodge139": {}, "joints": {}})
-    heights = [store.clip(f"a_p{k}").read("lodge139")[:, 5] for k in range(2)]  # 4 contacts, then x y z
-    joints = [store.clip(f"a_p{k}").read("joints")[:, 1] for k in range(2)]
+    heights = [store[f"a_p{k}"].read("lodge139")[:, 5] for k in range(2)]  # 4 contacts, then x y z
+    joints = [store[f"a_p{k}"].read("joints")[:, 1] for k in range(2)]
     np.testing.assert_allclose(heights[1] - heights[0], joints[1] - joints[0], atol=1e-5)
 
 
@@ -246,7 +246,7 @@ def test_a_spike_of_one_dancer_is_repaired_or_leaves_out_the_windows_of_all(tmp_
     spoilt[1, 180, 1] += 0.3
     write(tmp_path / "source", "a", 2, poses=poses, trans=spoilt)
     curated = build(tmp_path / "source", tmp_path / "out", cache, rules={"curate": {"spikes": True}})
-    windows = {clip.id: [w.start for w in curated.windows_of(clip.id)] for clip in curated.clips}
+    windows = {clip.id: [w.start for w in curated[clip.id].windows()] for clip in curated.clips}
     assert windows == {"a_p0": [0, 30, 120], "a_p1": [0, 30, 120]}
     assert {(r["clip"], r["window"]) for r in curated.rejects} == {(c, s) for c in windows for s in (60, 90)}
     assert "of partner a_p1" in next(r["detail"] for r in curated.rejects if r["clip"] == "a_p0")
@@ -272,7 +272,7 @@ def test_segments_come_back_and_go_with_copies(tmp_path: Path, cache: Path) -> N
     write(tmp_path / "source", "a", 2)
     store = build(tmp_path / "source", tmp_path / "out", cache, augment={"mirror": True, "tempo": {"speeds": [1.25]}})
     assert verify_store(tmp_path / "out") == []
-    assert {layer["name"]: layer["rows"] for layer in store.meta["layers"]} == {"moves": 6, "words": 4}
+    assert {layer["name"]: layer["rows"] for layer in store.info["layers"]} == {"moves": 6, "words": 4}
     (reject,) = (row for row in store.rejects if row["reason"] == "unmirrored_words")
     assert "2 segments of 2 clips: layer words, language fr" in reject["detail"]
     plain, mirrored, faster = (store.segments(f"a_p0{copy}") for copy in ("", "__mirror", "__tempo"))
@@ -305,7 +305,7 @@ def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomp
     places = {"jobs": 1, "cache": cache, "progress": False}
     plan = dancedata.plan(document, source, tmp_path / "out", **places)
     store = dancedata.build(document, source, tmp_path / "out", **places).open()
-    planned, counts = plan.to_json()["splits"]["train"], store.meta["splits"]["train"]
+    planned, counts = plan.to_json()["splits"]["train"], store.info["splits"]["train"]
     assert planned == {name: counts[name] for name in planned}
     # Words are of no concern to a plan.
     left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"] and r["reason"] != "unmirrored_words"}
@@ -320,7 +320,7 @@ def test_columns_without_places_with_places_beside_them(tmp_path: Path, cache: P
     write(source, "a", 2)
     store = build(source, tmp_path / "out", cache, fps=20, motion={"humanml263": {}, "root_place": {}})
     assert verify_store(tmp_path / "out") == []
-    places = [store.clip(clip).read("root_place")[0] for clip in ("a_p0", "a_p1")]
+    places = [store[clip].read("root_place")[0] for clip in ("a_p0", "a_p1")]
     pelves = Ensemble().scan(source).clips
     true = [Ensemble().load(ref).joints()[0, 0] for ref in pelves]
     np.testing.assert_allclose(places[1][:3] - places[0][:3], true[1] - true[0], atol=1e-5)

@@ -54,7 +54,7 @@ def lodge(corpus: Path, run_build, tmp_path_factory: pytest.TempPathFactory) -> 
 def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodge: Path, names: list[str]) -> None:
     store = dancedata.open(lodge)
     assert [p for p in verify_store(lodge) if p.severity == "error"] == []
-    rows = store.clip(names[0]).read("lodge139")
+    rows = store[names[0]].read("lodge139")
     starts = range(0, len(rows) - 63, 32)
     wanted = [k for k in starts if rows[k : k + 64].std(axis=0).mean() > 0.07]
     assert [w.start for w in store.windows("train") if w.clip == names[0]] == wanted
@@ -74,9 +74,9 @@ def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
     store = dancedata.open(lodge)
     finder = KEYMOTIONS.get("lodge")()
     for record in store.clips:
-        rows = store.clip(record.id).read("lodge")
+        rows = store[record.id].read("lodge")
         assert rows.shape == (record.n_frames, finder.columns.width)
-        motion = dancedata.decode(store.clip(record.id).read("lodge139"), "lodge139")
+        motion = dancedata.decode(store[record.id].read("lodge139"), "lodge139")
         # float32 columns move the curve by about 1e-7 m; the minima are those of the clip.
         np.testing.assert_allclose(finder.analyse(motion)[:, 0], rows[:, 0], atol=1e-6)
 
@@ -101,7 +101,7 @@ def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
     assert sorted(train) == sorted([c.id for c in plain] + [f"{c.id}__mirror" for c in plain])
     assert all(not c.source for c in store.clips if c.split != "train")
     for record in plain:
-        one, two = store.clip(record.id), store.clip(f"{record.id}__mirror")
+        one, two = store[record.id], store[f"{record.id}__mirror"]
         assert two.record.source == record.id
         for field in ("edge151", "lodge139", "lodge"):
             mirror = store.fields[field].mirror
@@ -127,7 +127,7 @@ def test_a_mirrored_copy_of_columns_with_hands(run_build, tmp_path: Path) -> Non
         other_side[left], other_side[right] = right, left
     for record in copies:
         for field in ("lodge319", "finedance319"):
-            one, two = (dancedata.decode(store.clip(c).read(field), field) for c in (record.source, record.id))
+            one, two = (dancedata.decode(store[c].read(field), field) for c in (record.source, record.id))
             plain = forward_kinematics(body, one.rotations, one.translation)
             copy = forward_kinematics(body.mirrored(), two.rotations, two.translation)
             np.testing.assert_allclose(copy[:, other_side] * [-1, 1, 1], plain, atol=1e-5)

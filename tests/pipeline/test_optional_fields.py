@@ -70,8 +70,8 @@ def mixed(captures: Path, cache: Path, tmp_path_factory: pytest.TempPathFactory)
 
 def test_a_clip_that_one_field_cannot_take_is_kept_for_the_others(mixed: Path, captures: Path, cache: Path) -> None:
     ds = open_store(mixed)
-    assert {clip.id for clip in ds if not clip.has_field(FIELD)} == WITHOUT
-    assert all(clip.has_field("edge151") and clip["edge151"].shape == (120, 151) for clip in ds)
+    assert {clip.id for clip in ds if FIELD not in clip} == WITHOUT
+    assert all(("edge151" in clip) and clip["edge151"].shape == (120, 151) for clip in ds)
     rejects = {row["clip"]: row for row in ds.rejects}
     assert set(rejects) == WITHOUT
     assert {row["reason"] for row in ds.rejects} == {"no_field"}
@@ -104,9 +104,9 @@ def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     assert ds.read(window, "edge151").shape == (30, 151)
     out = np.zeros((30, 319), np.float32)
     reads = [
-        lambda: ds.read(window, FIELD), lambda: ds.read_into(window, FIELD, out), lambda: ds.locate(window, FIELD),
-        lambda: ds["bvh_1"][FIELD], lambda: ds.rows_within("bvh_1", FIELD),
-        lambda: ds.window_rows(ds.windows("train", fields=("edge151",)), FIELD), lambda: ds["bvh_1"].motion(FIELD),
+        lambda: ds.read(window, FIELD), lambda: ds.read(window, FIELD, out), lambda: ds._locate(window, FIELD),
+        lambda: ds["bvh_1"][FIELD], lambda: ds["bvh_1"].rows_within(FIELD),
+        lambda: ds._window_rows(ds.windows("train", fields=("edge151",)), FIELD), lambda: ds["bvh_1"].motion(FIELD),
     ]  # fmt: skip
     for read in reads:
         with pytest.raises(UsageError, match=f"no rows of field {FIELD}|no field of motion"):
@@ -122,8 +122,8 @@ def test_windows_are_of_clips_that_have_their_fields(mixed: Path, options: dict[
         assert len(every) == 2
         for fields in (None, (FIELD,), ("edge151", FIELD)):
             assert {w.clip for w in ds.windows(split, fields=fields, **options)} == every - WITHOUT
-    assert len(ds.starts("bvh_1", 30)) == 0
-    assert len(ds.starts("bvh_1", 30, fields=("edge151",))) == 91
+    assert len(ds._starts("bvh_1", 30)) == 0
+    assert len(ds._starts("bvh_1", 30, fields=("edge151",))) == 91
 
 
 def test_readers_leave_such_clips_out_with_a_reason(mixed: Path) -> None:
@@ -184,7 +184,7 @@ def test_check_report_view_and_tables_know_it(mixed: Path, captures: Path) -> No
     ds = open_store(mixed)
     table = ds.to_pandas().set_index("id")["without"]
     assert table.to_dict() == {clip.id: [FIELD] if clip.id in WITHOUT else [] for clip in ds}
-    assert len(ds.to_pandas("windows")) == sum(split["windows"] for split in ds.meta["splits"].values())
+    assert len(ds.to_pandas("windows")) == sum(split["windows"] for split in ds.info["splits"].values())
     assert {clip: numbers.seconds for clip, numbers in measure(ds).clips.items()} == {clip.id: 4.0 for clip in ds}
     scenes = Scenes(ds, FIELD)
     drawn = {item.clip.id: scenes.scene(item) for item in scenes.items}
@@ -222,7 +222,7 @@ def test_evaluation_names_the_clips_that_it_leaves_out(mixed: Path, cache: Path)
 def test_copies_lack_what_their_clip_lacks(captures: Path, cache: Path, tmp_path: Path) -> None:
     dancedata.build({**RECIPE, "augment": {"mirror": True}}, captures, tmp_path / "out", cache=cache)
     ds = open_store(tmp_path / "out")
-    assert {clip.id for clip in ds if not clip.has_field(FIELD)} == {*WITHOUT, "bvh_1__mirror"}
+    assert {clip.id for clip in ds if FIELD not in clip} == {*WITHOUT, "bvh_1__mirror"}
     assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
 
 
@@ -242,7 +242,7 @@ def test_augmentations_do_not_see_rows_that_are_not_there(captures: Path, cache:
         built = dancedata.build({**RECIPE, "augment": {"fragile": True}}, captures, tmp_path / "out", cache=cache)
     finally:
         del AUGMENTATIONS._classes["fragile"]
-    assert not built.open().clip("bvh_1__fragile").has_field(FIELD)
+    assert FIELD not in built.open()["bvh_1__fragile"]
 
 
 def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -261,7 +261,7 @@ def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch
     assert not [p for p in verify_store(out) if p.severity == "error"]
     ds = open_store(out)
     assert ds.optional_fields == ("lodge",)
-    assert {clip.id for clip in ds if not clip.has_field("lodge")} == WITHOUT
+    assert {clip.id for clip in ds if "lodge" not in clip} == WITHOUT
     details = {row["clip"]: row["detail"] for row in ds.rejects if row["reason"] == "no_field"}
     assert set(details) == WITHOUT
     assert details["bvh_1"].startswith("kept without lodge: a motion on skeleton smpl24:bvh-")
@@ -295,7 +295,7 @@ def test_a_skeleton_that_a_field_refuses_is_an_error_of_its_file(captures: Path,
     recipe = {**RECIPE, "dataset": dataset, "motion": {"edge151": {}, "lda61": {"optional": True}}, "audio": {}}
     dancedata.build(recipe, captures, tmp_path / "out", cache=tmp_path / "cache", jobs=1)
     ds = open_store(tmp_path / "out")
-    assert not any(clip.has_field("lda61") for clip in ds)
+    assert not any(("lda61" in clip) for clip in ds)
     assert "kept without lda61: lda61 needs the joints of Motorica" in ds.rejects[0]["detail"]
     with pytest.raises(UsageError, match=r"a\.bvh: lda61 needs the joints of Motorica"):
         dancedata.build(

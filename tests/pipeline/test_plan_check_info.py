@@ -248,7 +248,7 @@ def test_features_like_a_dataset_are_the_rows_that_it_holds(
         (about,) = as_json(*args)
         rows = np.load(tmp_path / about["file"])
         assert about["scope"] == scope
-        windows = [(clip.slice_start, window) for clip in clips for window in ds.windows_of(clip.id)]
+        windows = [(clip.slice_start, window) for clip in clips for window in ds[clip.id].windows()]
         assert len(windows) == 3
         for first, window in windows:
             of_song = rows[window.start : window.start + window.length]

@@ -42,7 +42,7 @@ def hashes(folder: Path) -> dict[str, str]:
 
 def empty(store: Store) -> int:
     """How many segments cover no frame."""
-    return sum(layer["empty"] for layer in store.meta["layers"])
+    return sum(layer["empty"] for layer in store.info["layers"])
 
 
 def described(store: Store) -> dict[str, list[str]]:

@@ -83,7 +83,7 @@ def test_a_cache_entry_that_was_not_inspected(
     with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
     with open_store(tmp_path / "before") as one, open_store(tmp_path / "after") as two:
-        assert np.array_equal(one.read_clip("take", "edge151"), two.read_clip("take", "edge151"))
+        assert np.array_equal(one["take"].read("edge151"), two["take"].read("edge151"))
         assert (one.quality, len(two.quality)) == ([], 1)
 
 

@@ -124,7 +124,7 @@ def test_a_dataset_without_a_record(tmp_path: Path):
 
 def test_the_record_is_small(built: Path):
     with dancedata.open(built) as ds:
-        assert ds.meta["source"]["clips"] == {}
+        assert ds.info["source"]["clips"] == {}
         assert {len(clip.made_of) for clip in ds.clips} == {36}
     most = {str(number): "" for number in range(MAX_CLIPS + 1)}
     assert SourceRecord(most).to_json(()) == {}

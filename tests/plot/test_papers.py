@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.plot.motion_axes import places_of
 from dancedata.report import write_report
-from dancedata.store import ClipView
+from dancedata.store import Clip
 from dancedata.viewer import Scenes
 from dancedata.viewer.scene_list import HIT_S
 from tests.messages import raises_message
@@ -22,7 +22,7 @@ from tests.messages import raises_message
 pytest.importorskip("matplotlib")
 
 
-def motion_of(clip: ClipView) -> Motion:
+def motion_of(clip: Clip) -> Motion:
     return dancedata.decode(clip.read("edge151"), "edge151", fps=30)
 
 
@@ -80,7 +80,7 @@ def test_paths_have_one_scale(demo: Path) -> None:
     ways = [line for line in plot.paths(ds, ids).lines if line.get_label() == "_path"]
     assert len(ways) == 3
     for clip, way in zip(ids, ways, strict=True):
-        root = motion_of(ds.clip(clip)).joints()[:, 0]
+        root = motion_of(ds[clip]).joints()[:, 0]
         drawn = np.stack(way.get_data(), axis=1)
         np.testing.assert_allclose(drawn - drawn[0], (root - root[0])[:, [0, 2]] * (1, -1), atol=1e-6)
     motion = motion_of(ds.clips[0])

@@ -206,8 +206,8 @@ def test_terms_of_clips(tmp_path: Path) -> None:
     assert verify_store(path) == []
     with open_store(path) as store:
         assert store.licences == (Licence("CC BY 4.0", "Anna, 2026"), Licence("all rights reserved"))
-        assert [store.clip(f"train_c{k:02d}").licence for k in range(4)] == [0, 1, -1, 0]
-        assert store.meta["licences"][0] == {
+        assert [store[f"train_c{k:02d}"].licence for k in range(4)] == [0, 1, -1, 0]
+        assert store.info["licences"][0] == {
             "licence": "CC BY 4.0", "citation": "Anna, 2026", "may_share": True,
         }  # fmt: skip
         assert not may_share_audio(store)

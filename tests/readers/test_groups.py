@@ -45,22 +45,22 @@ def raw(store: Store, **options: Any) -> GroupDataset:
 
 def test_the_store_is_sound_and_groups_are_whole(folder: Path, store: Store) -> None:
     assert verify_store(folder) == []
-    assert store.meta["splits"]["train"]["groups"] == 4
-    assert store.meta["splits"]["train"]["scene_hours"] < store.meta["splits"]["train"]["hours"]
+    assert store.info["splits"]["train"]["groups"] == 4
+    assert store.info["splits"]["train"]["scene_hours"] < store.info["splits"]["train"]["hours"]
     tables = store.tables
     assert len(tables.shard_begin) > 3
     assert [(tables.groups["id"][k], int(tables.groups["count"][k])) for k in range(4)] == [
         ("train0", 2), ("train1", 3), ("train2", 5), ("train3", 3),
     ]  # fmt: skip
-    clip = store.clip("train2_p3")
+    clip = store["train2_p3"]
     assert (clip.group, clip.member, clip.role) == ("train2", 3, "dancer 3")
-    assert store.clip("alone").group == ""
+    assert store["alone"].group == ""
 
 
 def test_a_sample_holds_the_rows_of_all_dancers(store: Store) -> None:
     dataset = raw(store)
     assert dataset.persons == 5
-    assert len(dataset) == sum(len(store.windows_of(f"train{k}_p0")) for k in range(4))
+    assert len(dataset) == sum(len(store[f"train{k}_p0"].windows()) for k in range(4))
     for index in range(len(dataset)):
         sample = dataset[index]
         n = int(sample["person_mask"].sum())
@@ -68,10 +68,10 @@ def test_a_sample_holds_the_rows_of_all_dancers(store: Store) -> None:
         assert sample["roles"][:n] == [f"dancer {k}" for k in range(n)]
         assert sample["clips"] == [f"{sample['group']}_p{k}" for k in range(n)] + [""] * (5 - n)
         for person in range(n):
-            rows = store.clip(sample["clips"][person]).read("joints")[sample["start"] :][:LENGTH]
+            rows = store[sample["clips"][person]].read("joints")[sample["start"] :][:LENGTH]
             np.testing.assert_array_equal(sample["joints"][person], rows)
         assert not sample["joints"][n:].any()
-        music = store.clip(sample["clips"][0]).read("tune")[sample["start"] :][:LENGTH]
+        music = store[sample["clips"][0]].read("tune")[sample["start"] :][:LENGTH]
         np.testing.assert_array_equal(sample["tune"], music)
         assert sample["id"] == f"{sample['group']}@{sample['start']}+{LENGTH}"
         assert not {"clip", "dancer"} & sample.keys()
@@ -104,7 +104,7 @@ def test_absent_dancers_are_the_middle_of_the_scaler(store: Store) -> None:
     dataset = GroupDataset(store, fields=("edge151",))
     sample = dataset[0]
     assert not sample["edge151"][~sample["person_mask"]].any()
-    scaled = dataset.scaler("edge151").normalize(store.clip("train0_p1").read("edge151")[:LENGTH])
+    scaled = dataset.scaler("edge151").normalize(store["train0_p1"].read("edge151")[:LENGTH])
     np.testing.assert_array_equal(sample["edge151"][1], scaled)
 
 

@@ -58,7 +58,7 @@ def repacked(store: Store, *names: str) -> Store:
 
 def assert_reads_as_the_store(store: Store, windows: WindowList, **options: Any) -> None:
     for field in store.fields:
-        rows = store.window_rows(windows, field, **options)
+        rows = store._window_rows(windows, field, **options)
         out = np.empty(rows.shape, dtype=rows.dtype)
         for place, window in enumerate(windows):
             out.fill(7)
@@ -77,7 +77,7 @@ def test_windows_equal_those_of_the_store(store: Store, mapped: bool) -> None:
     assert_reads_as_the_store(store, windows, mapped=mapped)
     shuffled = windows.take(np.random.default_rng(0).permutation(len(windows)))
     assert_reads_as_the_store(store, shuffled, mapped=mapped)
-    assert store.window_rows(windows, "tune", mapped=mapped).unmapped == ("" if mapped else "mapped=False")
+    assert store._window_rows(windows, "tune", mapped=mapped).unmapped == ("" if mapped else "mapped=False")
 
 
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (10_000, 30), (7, 30), (0, 29), (0, 0), (130, 30)])
@@ -86,7 +86,7 @@ def test_a_window_that_the_store_does_not_have(store: Store, start: int, length:
     odd = replace(known, start=known.start.copy(), length=np.full(len(known), length))
     odd.start[3] = start
     found: list[str] = []
-    for read in (lambda: store.window_rows(odd, "pose"), lambda: [store.locate(w, "pose") for w in odd]):
+    for read in (lambda: store._window_rows(odd, "pose"), lambda: [store._locate(w, "pose") for w in odd]):
         try:
             read()
         except DanceDataError as error:
@@ -101,9 +101,9 @@ def test_windows_of_several_lengths_and_no_windows(store: Store) -> None:
     windows = store.windows("train")
     odd = replace(windows, length=windows.length - (np.arange(len(windows)) == 1))
     with pytest.raises(StoreError, match="differ in length"):
-        store.window_rows(odd, "pose")
+        store._window_rows(odd, "pose")
     with pytest.raises(UsageError, match="no windows"):
-        store.window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
+        store._window_rows(windows.take(np.zeros(0, dtype=np.int64)), "pose")
 
 
 @pytest.mark.parametrize("mapped", [True, False])
@@ -116,8 +116,8 @@ def test_a_table_that_points_outside_its_shard(store: Store, wrong: int, mapped:
     first[windows.clip[0]] = wrong
     tables.spans = {**tables.spans, "fast": replace(spans, first=first)}
     with pytest.raises(StoreError, match=rf"outside the shard.*rows {wrong} to"):
-        store.window_rows(windows, "fast", mapped=mapped)
-    assert store.window_rows(windows, "pose", mapped=mapped).shape == (30, 21)
+        store._window_rows(windows, "fast", mapped=mapped)
+    assert store._window_rows(windows, "pose", mapped=mapped).shape == (30, 21)
 
 
 def test_compressed_fields_are_read_and_named(tmp_path: Path, store: Store, caplog: pytest.LogCaptureFixture) -> None:
@@ -140,7 +140,7 @@ def test_compressed_fields_are_read_and_named(tmp_path: Path, store: Store, capl
     messages = [r.getMessage() for r in caplog.records if r.name.startswith("dancedata")]
     assert len(messages) == 2
     assert "field pose is not read from mapped files: /motion/pose of train-00000" in messages[0]
-    assert not store.window_rows(windows, "fast").unmapped
+    assert not store._window_rows(windows, "fast").unmapped
 
 
 def test_a_compressed_field_that_is_broken(tmp_path: Path, store: Store) -> None:
@@ -179,18 +179,18 @@ def test_a_file_system_that_maps_nothing(
 def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, store: Store) -> None:
     store = copy_of(store, tmp_path)
     windows = store.windows("train")
-    shard = store.locate(windows[0], "tune").shard
+    shard = store._locate(windows[0], "tune").shard
     layout = shard.layout("tune")
     assert layout.offset is not None
     with shard.path.open("r+b") as file:
         file.truncate(layout.offset + layout.n_rows * layout.row_bytes - 10)
     with pytest.raises(StoreError, match="not those that the build wrote"):
-        store.window_rows(windows, "tune")
+        store._window_rows(windows, "tune")
 
 
 def test_mapped_rows_stay_readable_after_closing(store: Store) -> None:
     store = open_store(store.path)
-    rows = store.window_rows(store.windows("train"), "pose")
+    rows = store._window_rows(store.windows("train"), "pose")
     store.close()
     rows.read_ahead([0, 1])
     out = np.empty(rows.shape, dtype=rows.dtype)

@@ -146,7 +146,7 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
     np.testing.assert_array_equal(scaler.data_max, high.astype(np.float64))
     for k in (0, 35, 45):
         sample = mix[k]
-        plain = stores[sample["source"]].clip(sample["clip"]).read(name)[sample["start"] :][:40]
+        plain = stores[sample["source"]][sample["clip"]].read(name)[sample["start"] :][:40]
         np.testing.assert_array_equal(sample[name].numpy(), scaler.normalize(plain).astype(np.float32))
     alone = WindowDataset(stores["small"], scale=mix)
     torch.testing.assert_close(alone[0][name], mix[42][name], rtol=0, atol=0)

@@ -38,11 +38,11 @@ def train_clips(store: Store) -> list[Any]:
 
 def rows_of(store: Store, sample: dict[str, Any]) -> np.ndarray:
     start = int(sample["start"])
-    return store.read_clip(sample["clip"], "beats")[start : start + int(sample["length"])]
+    return store[sample["clip"]].read("beats")[start : start + int(sample["length"])]
 
 
 def downbeats_of(store: Store, clip: str) -> np.ndarray:
-    return np.flatnonzero(store.read_clip(clip, "beats")[:, 1])
+    return np.flatnonzero(store[clip].read("beats")[:, 1])
 
 
 @pytest.mark.parametrize("fields", [FIELDS, ("edge151", "librosa35"), ("edge151",)])
@@ -53,12 +53,12 @@ def test_a_tempo_that_is_not_stated_is_that_of_the_beats(store: Store, fields: t
     column = store.fields[field].slice("beat").start
     estimated = 0
     for sample in data.samples(range(len(data))):
-        stated = store.clip(sample["clip"]).tempo_bpm
+        stated = store[sample["clip"]].tempo_bpm
         assert sample["tempo_estimated"] == (stated is None)
         if stated is not None:
             assert sample["tempo_bpm"] == stated
             continue
-        gaps = np.diff(np.flatnonzero(store.read_clip(sample["clip"], field)[:, column]))
+        gaps = np.diff(np.flatnonzero(store[sample["clip"]].read(field)[:, column]))
         middle = np.median(gaps)
         mean = gaps[(gaps >= 0.75 * middle) & (gaps <= 1.25 * middle)].mean()
         assert sample["tempo_bpm"] == pytest.approx(60 * 30 / mean)
@@ -75,7 +75,7 @@ def test_samples_have_labels(store: Store, scale: Any) -> None:
         assert np.array_equal(sample["beat"], rows[:, 0] == 1)
         assert np.array_equal(sample["downbeat"], rows[:, 1] == 1)
     whole = ClipDataset(store, "train", FIELDS, scale=scale)[1]
-    assert np.array_equal(whole["downbeat"], store.read_clip(whole["clip"], "beats")[:, 1] == 1)
+    assert np.array_equal(whole["downbeat"], store[whole["clip"]].read("beats")[:, 1] == 1)
 
 
 def test_batches_have_labels(store: Store) -> None:
@@ -114,7 +114,7 @@ def test_windows_begin_at_beats(store: Store, at: str) -> None:
     expected = {
         (clip.id, start)
         for clip in train_clips(store)
-        for start in np.flatnonzero(store.read_clip(clip.id, "beats")[:, column]).tolist()
+        for start in np.flatnonzero(store[clip.id].read("beats")[:, column]).tolist()
         if start + 120 <= len(clip.read("edge151"))
     }
     assert {(w.clip, w.start) for w in windows.windows} == expected
@@ -160,7 +160,7 @@ def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
 
 def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_clips(store)[0].id
-    read = Store.read_clip
+    read = Store._read_clip
 
     def silent(self: Store, clip: str, field: str) -> np.ndarray:
         rows = read(self, clip, field)
@@ -168,7 +168,7 @@ def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.
             rows[:, :2] = 0
         return rows
 
-    monkeypatch.setattr(Store, "read_clip", silent)
+    monkeypatch.setattr(Store, "_read_clip", silent)
     for made in (
         WindowDataset(store, "train", FIELDS, windows=Windows(start_at="downbeat")),
         ClipDataset(store, "train", FIELDS, windows=Windows(length_s=3, start_at="downbeat")),

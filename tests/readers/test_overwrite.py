@@ -93,7 +93,7 @@ def of_clips(out: Path) -> Callable[[], Rows]:
     windows = ds.windows("train")
 
     def read() -> Rows:
-        clips = {w.clip: [ds.clip(w.clip).read(f) for f in FIELDS] for w in windows}
+        clips = {w.clip: [ds[w.clip].read(f) for f in FIELDS] for w in windows}
         return {(w.clip, w.start): np.hstack([r[w.start : w.start + 30] for r in clips[w.clip]]) for w in windows}
 
     return read

@@ -78,16 +78,16 @@ def groups(store: Store, words: Text | Segments, **options: Any) -> GroupDataset
 
 
 def test_a_window_has_the_segments_that_it_overlaps(store: Store) -> None:
-    placed = store.segments_in(Window("train0_p1", 20, 20))
+    placed = store.segments(Window("train0_p1", 20, 20))
     assert [(p.segment.layer.name, p.start, p.end, p.share) for p in placed] == [
         ("description", 0, 10, 0.5), ("french", 0, 20, 1.0), ("description", 0, 20, 1.0),
         ("description", 0, 20, 1.0), ("moves", 5, 8, 0.15),
     ]  # fmt: skip
     assert placed[3].segment.texts == ("all in a line",)
-    assert [p.segment.label for p in store.segments_in(Window("train0_p1", 27, 20), "moves")] == ["left turn"]
-    assert store.segments_in(Window("train0_p1", 28, 20), "moves") == []
+    assert [p.segment.label for p in store.segments(Window("train0_p1", 27, 20), "moves")] == ["left turn"]
+    assert store.segments(Window("train0_p1", 28, 20), "moves") == []
     with raises_message(UsageError, "french"):
-        store.segments_in(Window("train0_p1", 0, 20), "move")
+        store.segments(Window("train0_p1", 0, 20), "move")
 
 
 def test_the_mask_of_a_layer(store: Store) -> None:
@@ -99,7 +99,7 @@ def test_the_mask_of_a_layer(store: Store) -> None:
 def test_samples_and_batches_keep_lists(store: Store) -> None:
     dataset = windows(store, Segments())
     sample = dataset[0]
-    assert sample["segments"] == store.segments_in(Window(sample["clip"], sample["start"], LENGTH))
+    assert sample["segments"] == store.segments(Window(sample["clip"], sample["start"], LENGTH))
     batch = next(iter(BatchLoader(dataset, 4)))
     assert batch["segments"] == [dataset[k]["segments"] for k in range(4)]
     (loaded,) = DataLoader(dataset, 4, sampler=range(4), collate_fn=WindowDataset.collate)
@@ -175,7 +175,7 @@ def test_arguments_are_checked(store: Store) -> None:
 
 def test_windows_moved_by_crop_are_asked_anew(store: Store) -> None:
     for sample in windows(store, Segments(), augment=["crop"]).samples(range(20), 0):
-        assert sample["segments"] == store.segments_in(Window(sample["clip"], sample["start"], sample["length"]))
+        assert sample["segments"] == store.segments(Window(sample["clip"], sample["start"], sample["length"]))
 
 
 def test_a_group_has_a_text_for_each_dancer_and_one_for_all(store: Store) -> None:
@@ -248,7 +248,7 @@ def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplo
         opened = dancedata.open(folder, segments=[more])
     assert "made for another dataset" in opened.overlay.notes[0]
     assert opened.overlay.notes[0] in caplog.text
-    clip = opened.clip("train0_p1")
+    clip = opened["train0_p1"]
     assert opened.overlay.segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
 
 

@@ -107,15 +107,13 @@ def test_windows_begin_after_the_trim(store: Store) -> None:
     assert [w.start for w in dataset.windows if w.clip == "train_c04"] == list(range(130, N - LENGTH + 1, 60))
     assert [w.start for w in dataset.windows if w.clip == "train_c03"] == list(range(0, N - LENGTH + 1, 60))
     index = next(k for k, w in enumerate(dataset.windows) if w.clip == "train_c04")
-    np.testing.assert_array_equal(
-        dataset[index]["lodge139"].numpy(), store.clip("train_c04").read("lodge139")[130:250]
-    )
+    np.testing.assert_array_equal(dataset[index]["lodge139"].numpy(), store["train_c04"].read("lodge139")[130:250])
 
 
 def test_still_windows_are_left_out_of_train_alone(store: Store) -> None:
     dataset = _read(store, select=Select(filter=Movement(field="lodge139")))
     still = [r for r in dataset.rejects if r.reason == "still"]
-    rows = store.clip("train_c03").read("lodge139")
+    rows = store["train_c03"].read("lodge139")
     wanted = [k for k in range(0, N - LENGTH + 1, 60) if not rows[k : k + LENGTH].std(axis=0).mean() > 0.07]
     assert [(r.clip, r.window) for r in still] == [("train_c03", k) for k in wanted]
     assert len(dataset) + len(still) == len(_read(store))
@@ -174,7 +172,7 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, wanted.data_min)
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_max, wanted.data_max)
     everything = WindowDataset(store, fields=("lodge139",), scale=Scale(over="all")).scaler("lodge139")
-    rows = np.concatenate([store.clip(c.id).read("lodge139") for c in store.clips])
+    rows = np.concatenate([store[c.id].read("lodge139") for c in store.clips])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
     with raises_message(UsageError, "zscore"):
         WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))
@@ -242,7 +240,7 @@ def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
     assert [w.start for w in both][:6] == [8, 18, 28, 38, 48, 58]
     alone = store.windows("train", fields=("fast",), trim=True, length=20, stride=10)
     assert [w.start for w in alone][:6] == [7, 17, 27, 37, 47, 57]
-    rows = store.clip(both[0].clip).read("slow")
+    rows = store[both[0].clip].read("slow")
     np.testing.assert_array_equal(store.read(both[0], "slow"), rows[4:14])
 
 

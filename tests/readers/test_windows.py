@@ -130,7 +130,7 @@ def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Sto
         dataset = WindowDataset(store, split)
         assert dict(dataset.genre_ids) == {"break": 0, "house": 1}
         for sample in dataset.__getitems__(range(0, len(dataset), 40)):
-            assert sample["genre_id"] == genres.index(store.clip(sample["clip"]).genre)
+            assert sample["genre_id"] == genres.index(store[sample["clip"]].genre)
 
 
 @pytest.mark.parametrize("names", [("lodge139", "librosa35"), ("edge151", "half"), ("lodge139",)])

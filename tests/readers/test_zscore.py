@@ -28,7 +28,7 @@ def rows(store: Store) -> np.ndarray:
     for clip in store.clips:
         if clip.split == "train":
             mask = np.zeros(clip.n_frames, dtype=bool)
-            for window in store.windows_of(clip.id):
+            for window in store[clip.id].windows():
                 mask[window.start : window.start + window.length] = True
             covered.append(clip.read(FIELD)[mask])
     return np.concatenate(covered)
@@ -43,7 +43,7 @@ def test_batches_are_numpys_z_scores(store: Store, rows: np.ndarray) -> None:
     train = WindowDataset(store, "train", fields=[FIELD], scale=scaler)
     batch = next(iter(BatchLoader(train, 16)))
     for sample, clip, start in zip(batch[FIELD].numpy(), batch["clip"], batch["start"], strict=True):
-        raw = store.clip(clip).read(FIELD)[start : start + 150]
+        raw = store[clip].read(FIELD)[start : start + 150]
         np.testing.assert_array_equal(sample, (raw - scaler.mean.astype(np.float32)) / divisor)
     whole = np.concatenate([sample[FIELD].numpy() for sample in ClipDataset(store, fields=[FIELD], scale=scaler)])
     alive = ~scaler.constant

@@ -64,7 +64,7 @@ def test_instances_are_built_together(
         # The first four columns are contacts: fewer where the limit on the speed is lower.
         assert rows["edge151.strict"][:, :4].sum() < rows["edge151"][:, :4].sum()
         np.testing.assert_array_equal(rows["edge151.strict"][:, 4:], rows["edge151"][:, 4:])
-        clip = ds.clip(window.clip)
+        clip = ds[window.clip]
         song = corpus / "wavs" / f"{clip.music}.wav"
         if scope == "track":
             whole = dancedata.extract("librosa35", song, fps=60, tightness=50, start_bpm=clip.tempo_bpm)

@@ -99,7 +99,7 @@ def test_processes_compute_with_a_file_and_a_change_computes_its_field_again(cor
     there.mkdir()
     assert np.array_equal(values(built(local(there), corpus, there, jobs=2)), values(here))
     with dancedata.open(here) as ds:
-        stated = ds.meta["versions"]["plugins"]
+        stated = ds.info["versions"]["plugins"]
     sha256 = load_recipe(tmp_path / "recipe.yaml").document["audio"]["loudness"]["plugin_sha256"]
     assert stated == {"audio loudness": {"file": "loudness.py", "sha256": sha256}}
     before = computed(tmp_path)

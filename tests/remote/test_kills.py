@@ -74,7 +74,7 @@ def test_pushes_that_are_killed(
                 stored = sum(map(len, hub.storage.values()))
                 if there:
                     with dancedata.open(WHERE) as remote, open_store(small) as local:
-                        assert remote.meta["self_sha256"] == local.meta["self_sha256"]
+                        assert remote.info["self_sha256"] == local.info["self_sha256"]
                 assert before >= at
             assert ran(processes, children.push, environment, small, WHERE)
             if k == 0:

@@ -302,7 +302,7 @@ def test_a_bucket_that_lies(published: Path, monkeypatch: pytest.MonkeyPatch) ->
         assert _row("s3://store") is not None
         store = dancedata.open("s3://store")
         window = store.windows("val")[0]
-        shard = store.locate(window, "pose").shard.path.name
+        shard = store._locate(window, "pose").shard.path.name
 
         def elsewhere(handler: Handler, data: bytes) -> bool:
             _head(handler, 206, Content_Length="10", Content_Range=f"bytes 3-12/{len(data)}", **fixed)

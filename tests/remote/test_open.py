@@ -29,7 +29,7 @@ def _errors(address: str) -> list[str]:
 def test_a_store_of_an_address_is_that_of_the_disk(server: Server, published: Path) -> None:
     with dancedata.open(f"{server.url}/store") as remote, dancedata.open(published) as local:
         assert server.requests == {"dataset.json": 1}
-        assert len(remote.shards("train")) > 2
+        assert len(remote._shards("train")) > 2
         for window in local.windows("train"):
             for field in local.fields:
                 np.testing.assert_array_equal(remote.read(window, field), local.read(window, field))

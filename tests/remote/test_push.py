@@ -72,7 +72,7 @@ def test_the_card_states_terms_sizes_columns_and_hashes(uploads: UploadHub, publ
     with open_store(published) as store:
         about = head["dancedata"]
         assert about["columns"] == {name: store.field(name).columns.width for name in store.fields}
-        assert about["self_sha256"] == store.meta["self_sha256"]
+        assert about["self_sha256"] == store.info["self_sha256"]
         assert about["bytes"] == sum(p.stat().st_size for p in published.glob("*-of-*.h5"))
     assert (about["address"], about["rights"], head["license"]) == (pushed.address, RIGHTS, "cc0-1.0")
     assert "accept the terms" in head["extra_gated_prompt"]
@@ -131,7 +131,7 @@ def test_another_dataset_replaces_what_was_published_and_keeps_files_of_others(
     assert {tag.partition("-")[0] for tag in uploads.tags} == {"dataset"}
     assert len(uploads.tags) == 2
     with open_store(other) as store:
-        assert dancedata.open(second.address).meta["self_sha256"] == store.meta["self_sha256"]
+        assert dancedata.open(second.address).info["self_sha256"] == store.info["self_sha256"]
 
 
 def test_files_of_others_are_not_replaced(uploads: UploadHub, published: Path) -> None:
@@ -159,7 +159,7 @@ def test_branches_and_folders(uploads: UploadHub, published: Path) -> None:
     assert all(name.startswith("a/b/") for name in uploads.files("next"))
     tag = next(iter(uploads.tags))
     with dancedata.open(f"{WHERE}@{tag}/a/b") as remote, open_store(published) as local:
-        assert remote.meta["self_sha256"] == local.meta["self_sha256"]
+        assert remote.info["self_sha256"] == local.info["self_sha256"]
 
 
 def of_dataset(random_store: Callable[..., Any], out: Path, name: str, *, music: bool = True, **writer: Any) -> Path:

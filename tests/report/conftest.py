@@ -58,8 +58,8 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
         with open_store(demo) as store:
             clips = [replace(_stored(store, k), **names(k)) for k in range(len(store.clips))]
             kept = ("name", "licence", "citation", "recipe", "versions", "source")
-            about = {**{key: store.meta[key] for key in kept if key in store.meta}, **(meta or {})}
-            length, stride = store.meta["windows"]["length"], store.meta["windows"]["stride"]
+            about = {**{key: store.info[key] for key in kept if key in store.info}, **(meta or {})}
+            length, stride = store.info["windows"]["length"], store.info["windows"]["stride"]
             fields = tuple(store.field(name) for name in store.fields)
             header = StoreHeader(store.grid.rate, length, stride, fields, store.skeleton, meta=about)
             write_store(out, header, clips, **writer)

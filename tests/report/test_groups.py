@@ -31,7 +31,7 @@ def report(duets: Path) -> Report:  # noqa: F811
 def joints(duets: Path) -> np.ndarray:  # noqa: F811
     """Of the duet, (2, T, 24, 3)."""
     with open_store(duets) as store:
-        return np.stack([store.clip(f"{DUET}_0{k}").read("joints").reshape(-1, 24, 3) for k in (0, 1)]).astype(float)
+        return np.stack([store[f"{DUET}_0{k}"].read("joints").reshape(-1, 24, 3) for k in (0, 1)]).astype(float)
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def test_impossible_distances_are_found(moved: Any) -> None:
 
 def test_one_dancer_tracked_twice_is_found(duets: Path, moved: Any) -> None:  # noqa: F811
     with open_store(duets) as store:
-        follower, leader = (store.clip(f"{DUET}_0{k}").read("joints")[0, :3] for k in (0, 1))
+        follower, leader = (store[f"{DUET}_0{k}"].read("joints")[0, :3] for k in (0, 1))
     near = findings(write_report(moved(lambda k: k * (follower - leader))).numbers)
     assert any(f.text.startswith("two dancers are in one place, less than 10 cm apart, in ") for f in near)
 

@@ -142,7 +142,7 @@ def test_a_clip_of_train_in_test_is_found(demo: Path, relabelled: Callable[..., 
     with open_store(demo) as store:
         rows = [np.array(clip.read("edge151")) for clip in store.clips]
         splits = [clip.split for clip in store.clips]
-        ids, starts = [clip.id for clip in store.clips], [len(store.windows_of(clip.id)) for clip in store.clips]
+        ids, starts = [clip.id for clip in store.clips], [len(store[clip.id].windows()) for clip in store.clips]
     copied, to = splits.index("train"), splits.index("test")
     turned = rows[copied].copy()
     turned[:, 4:7] += np.float32([2.0, 0.0, -1.0])  # at another place of the floor

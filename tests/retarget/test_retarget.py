@@ -309,7 +309,7 @@ def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> N
     built = dancedata.build("demo", overrides=overrides, jobs=1, progress=False, **places)
     assert any("retargeted to smpl24" in note for note in built.notes)
     with dancedata.open(built.path) as store:
-        joints = store.clip("a").read("joints").reshape(-1, 24, 3)
+        joints = store["a"].read("joints").reshape(-1, 24, 3)
     thighs = np.linalg.norm(joints[:, 4] - joints[:, 1], axis=1)
     assert np.abs(thighs - np.linalg.norm(SMPL24.offsets[4])).max() < 1e-4
 

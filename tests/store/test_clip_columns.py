@@ -128,7 +128,7 @@ def test_free_columns_come_back_with_their_types(tmp_path: Path) -> None:
         assert types == {
             "x/level": "int", "x/indoors": "bool", "x/bpm": "float", "x/tags": "texts", "x/beats": "ints",
         }  # fmt: skip
-        first, second, third = (store.clip(c.id).columns for c in made.clips)
+        first, second, third = (store[c.id].columns for c in made.clips)
     assert first == of_clip[0]
     assert second == {name: value for name, value in of_clip[1].items() if value != ()}
     assert third == {}

@@ -22,9 +22,40 @@ def test_a_store_is_a_collection_of_clips(store: Store) -> None:
     assert ids == [clip.id for clip in store.clips]
     assert ids[0] in store
     assert "nobody" not in store
-    np.testing.assert_array_equal(store[ids[0]]["edge151"], store.clip(ids[0]).read("edge151"))
+    np.testing.assert_array_equal(store[ids[0]]["edge151"], store[ids[0]].read("edge151"))
     with pytest.raises(UsageError, match="no clip named"):
         store["nobody"]
+
+
+def test_clips_of_a_split_and_of_values(store: Store) -> None:
+    train = store.clips("train")
+    assert train.ids == [clip.id for clip in store if clip.split == "train"]
+    genre = train[0].genre
+    chosen = train(genre=(genre, "none"))
+    assert chosen.ids == [clip.id for clip in train if clip.genre == genre]
+    assert (len(chosen), chosen[:1].ids, chosen[-1].id) == (len(chosen.ids), chosen.ids[:1], chosen.ids[-1])
+    assert chosen.ids[0] in chosen
+    assert chosen[0] in train
+    assert store.clips("test")[0] not in train
+    assert "nobody" not in train
+    assert store.clips(clip=chosen.ids).ids == chosen.ids
+    with pytest.raises(UsageError, match="no split named"):
+        store.clips("trian")
+    with pytest.raises(UsageError, match="genre"):
+        store.clips(gnere="x")
+    pytest.importorskip("pandas")
+    assert train.to_pandas()["id"].tolist() == train.ids
+
+
+def test_a_clip_has_fields_and_windows(store: Store) -> None:
+    clip = store.clips("train")[0]
+    assert "edge151" in clip
+    assert list(clip.windows()) == [w for w in store.windows("train") if w.clip == clip.id]
+    out = np.zeros((150, 151))
+    assert store.read(clip.windows()[0], "edge151", out) is out
+    np.testing.assert_array_equal(out, clip["edge151"][:150])
+    with pytest.raises(UsageError, match="no field named"):
+        assert "edge" in clip
 
 
 def test_motion_joints_and_beats(store: Store) -> None:
@@ -54,7 +85,7 @@ def test_tables_of_pandas(store: Store) -> None:
     assert clips["id"].tolist() == [clip.id for clip in store.clips]
     assert clips["n_frames"].tolist() == [clip.n_frames for clip in store.clips]
     np.testing.assert_allclose(clips["seconds"], clips["n_frames"] / 30)
-    assert set(clips["licence"]) == {store.meta["licence"]}
+    assert set(clips["licence"]) == {store.info["licence"]}
     windows = store.to_pandas("windows")
     assert isinstance(windows, pandas.DataFrame)
     assert windows.groupby("split").size().to_dict() == {split: len(store.windows(split)) for split in store.splits}

@@ -118,7 +118,7 @@ def test_shards_keep_to_their_size(make_store: Any) -> None:
     assert [s["file"] for s in shards] == [f"train-{i:05d}-of-{len(shards):05d}.h5" for i in range(len(shards))]
     store = open_store(made.path)
     sizes = []
-    for shard in store.shards("train"):
+    for shard in store._shards("train"):
         sizes.append(sum(shard.layout(f).n_rows * shard.layout(f).row_bytes for f in store.fields))
         assert sizes[-1] <= 20_000 or shard.n_clips == 1
     assert len(sizes) > 2

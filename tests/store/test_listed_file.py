@@ -63,7 +63,7 @@ def test_every_way_to_a_file_looks_at_it(make_store: Any, what: str) -> None:
     store = open_store(made.path)
     if what in ("read", "map"):
         window = store.windows("train")[0]
-        shard = store.locate(window, "pose").shard
+        shard = store._locate(window, "pose").shard
     pickled = pickle.dumps(store)
     shutil.rmtree(made.path)
     shutil.copytree(other.path, made.path)

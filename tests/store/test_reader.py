@@ -37,7 +37,7 @@ def test_repr_of_a_store(make_store: Any) -> None:
     assert store.fields["pose"] == made.header.fields[0].columns
     assert store.field("fast") == made.header.fields[1]
     assert store.skeleton.to_json() == made.header.skeleton.to_json()
-    assert store.meta["recipe"] == {"name": "random"}
+    assert store.info["recipe"] == {"name": "random"}
     assert store.rejects == []
     assert store.quality == []
 
@@ -86,15 +86,15 @@ def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
     window = store.windows("train")[1]
     wanted = made.rows(window.clip, "layer", window.start, 30)
     batch = np.zeros((4, 30, 3), np.float32)
-    store.read_into(window, "layer", batch[2])
+    store.read(window, "layer", batch[2])
     np.testing.assert_array_equal(batch[2], wanted.astype(np.float32))
     strided = np.zeros((30, 6), np.float16)
-    store.read_into(window, "layer", strided[:, ::2])
+    store.read(window, "layer", strided[:, ::2])
     np.testing.assert_array_equal(strided[:, ::2], wanted)
     assert not strided[:, 1::2].any()
     assert not batch[[0, 1, 3]].any()
     with raises_message(UsageError, "array"):
-        store.read_into(window, "layer", np.zeros((29, 3)))
+        store.read(window, "layer", np.zeros((29, 3)))
 
 
 def test_windows_are_by_clip_and_start(make_store: Any) -> None:
@@ -108,9 +108,9 @@ def test_windows_of_a_clip(make_store: Any) -> None:
     for split in store.splits:
         for clip in {window.clip for window in store.windows(split)}:
             of_clip = [window for window in store.windows(split) if window.clip == clip]
-            assert store.windows_of(clip) == tuple(sorted(of_clip, key=lambda window: window.start))
+            assert store[clip].windows() == tuple(sorted(of_clip, key=lambda window: window.start))
     with pytest.raises(UsageError, match="no clip named"):
-        store.windows_of("nobody")
+        store["nobody"].windows()
 
 
 def test_fields_with_groups_of_columns(make_store: Any) -> None:
@@ -171,11 +171,11 @@ def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
     # Left to the motion alone, the windows go on; frame 99 has only one of its two rows at 60 a second.
     assert [w.start for w in store.windows("train", stride=10, fields=("pose",))][-1] == 70
     assert [w.start for w in store.windows("train", stride=10, fields=("pose", "fast"))][-1] == 60
-    assert store.clip("c").read("music").shape == (60, 5)
-    assert store.clip("c").read_song("music").shape == (60, 5)
-    with raises_message(UsageError, "read_clip", where="out"):
-        store.clip("c").read_song("pose")
-    assert store.clip("c").read("layer").shape == (100, 3)
+    assert store["c"].read("music").shape == (60, 5)
+    assert store["c"].read_song("music").shape == (60, 5)
+    with raises_message(UsageError, "clip.read", where="out"):
+        store["c"].read_song("pose")
+    assert store["c"].read("layer").shape == (100, 3)
     with raises_message(UsageError, "ends", where="clip c"):
         store.read(Window("c", 40, 30), "music")
 
@@ -200,7 +200,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
         lambda: store.read(window, "poze"),
         lambda: store.field("musik"),
         lambda: store.scaler("fas"),
-        lambda: store.clip("train_c0"),
+        lambda: store["train_c0"],
         lambda: store.read(Window("train_x00", 0, 30), "pose"),
         lambda: store.windows("train", stride=1, fields=("posse",)),
     ):

@@ -63,7 +63,7 @@ def test_clip_reads_whole_motion_and_its_part_of_the_song(make_store: Any) -> No
     made = make_store(n_frames=(41, 55))
     store = open_store(made.path)
     for clip in made.clips:
-        view = store.clip(clip.id)
+        view = store[clip.id]
         for name in ("split", "genre", "music", "dancer", "tempo_bpm", "source", "n_flags", "lists", "n_frames"):
             assert getattr(view, name) == getattr(view.record, name) == getattr(clip, name), name
         for name in ("pose", "fast"):
@@ -77,11 +77,11 @@ def test_one_kind_of_clip(make_store: Any) -> None:
     store = open_store(made.path)
     assert len(store.clips) == 5
     for number, clip in enumerate(store.clips):
-        assert clip == store.clip(clip.id) == store.clips[number] == store.clips[number - 5]
+        assert clip == store[clip.id] == store.clips[number] == store.clips[number - 5]
         for column in fields(ClipRecord):
             assert getattr(clip, column.name) == getattr(clip.record, column.name), column.name
         for name in ("pose", "music"):
-            np.testing.assert_array_equal(clip.read(name), store.read_clip(clip.id, name))
+            np.testing.assert_array_equal(clip.read(name), store[clip.id].read(name))
         again = pickle.loads(pickle.dumps(clip))
         np.testing.assert_array_equal(again.read("pose"), clip.read("pose"))
     assert [clip.id for clip in store.clips[1:3]] == [clip.id for clip in store.clips][1:3]
@@ -108,7 +108,7 @@ def test_unicode_ids_and_texts(tmp_path: Path) -> None:
     store = open_store(out)
     assert sorted(r.id for r in store.clips) == sorted(ids)
     for i, name in enumerate(ids):
-        view = store.clip(name)
+        view = store[name]
         assert (view.read("pose") == i).all()
         assert (view.record.genre, view.record.music, view.record.source) == ("Street Jazz é", "π", "ü")
         assert view.record.lists == ("liste é", "b, c")
@@ -119,17 +119,17 @@ def test_unicode_ids_and_texts(tmp_path: Path) -> None:
 def test_shared_timeline_is_stored_once_a_shard(make_store: Any) -> None:
     one = make_store(clips={"train": 6}, clips_per_song=6)
     many = make_store(clips={"train": 6}, clips_per_song=6, shard_bytes=1)
-    [shard] = open_store(one.path).shards("train")
+    [shard] = open_store(one.path)._shards("train")
     timeline = one.clips[0].audio["music"][0].array
     assert shard.layout("music").n_rows == timeline.shape[0]
-    shards = open_store(many.path).shards("train")
+    shards = open_store(many.path)._shards("train")
     assert len(shards) == 6
     assert all(s.layout("music").n_rows == timeline.shape[0] for s in shards)
 
 
 def test_slices_share_equal_blocks(make_store: Any) -> None:
     made = make_store(slices=True, clips={"train": 3}, clips_per_song=3, n_frames=(90, 90))
-    [shard] = open_store(made.path).shards("train")
+    [shard] = open_store(made.path)._shards("train")
     n_windows = len(made.clips) // 3
     assert shard.layout("music").n_rows == n_windows * 30
     assert shard.layout("pose").n_rows == 3 * n_windows * 30
@@ -160,8 +160,8 @@ def test_clips_without_windows_are_kept(make_store: Any) -> None:
     assert short, "the seed should give a short clip"
     store = open_store(made.path)
     assert {w.clip for w in store.windows("train")}.isdisjoint(short)
-    assert store.clip(short[0]).n_frames == made.clip(short[0]).n_frames
-    assert len(store.clip(short[0]).read("pose")) == made.clip(short[0]).n_frames
+    assert store[short[0]].n_frames == made.clip(short[0]).n_frames
+    assert len(store[short[0]].read("pose")) == made.clip(short[0]).n_frames
     assert verify_store(made.path) == []
 
 

@@ -33,11 +33,11 @@ def folder(tmp_path: Path) -> Path:
 
 def test_equal_mirrored_words_are_not_stored_twice(folder: Path) -> None:
     store = open_store(folder)
-    table = store.segment_table
+    table = store._segment_table
     assert table is not None
     assert list(table.columns["texts_mirrored"]) == [("one", "right"), ()] * 3
     assert [s.texts_mirrored for s in store.segments("train0_p0")] == [("one", "right"), ("same",)]
-    assert [(layer["rows"], layer["empty"]) for layer in store.meta["layers"]] == [(6, 3)]
+    assert [(layer["rows"], layer["empty"]) for layer in store.info["layers"]] == [(6, 3)]
     assert verify_store(folder) == []
 
 

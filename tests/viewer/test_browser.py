@@ -170,7 +170,7 @@ def test_joints_in_the_page_are_the_decoded_ones(browser: Browser, served: str, 
     store = dancedata.open(odd)
     for clip in ("wav", "mp3"):
         browser.open(at(served, clip))
-        wanted = dancedata.decode(store.clip(clip).read("edge151"), "edge151", fps=30).joints()
+        wanted = dancedata.decode(store[clip].read("edge151"), "edge151", fps=30).joints()
         assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
 
 
@@ -218,7 +218,7 @@ def colour_count(browser: Browser, name: str) -> int:
 
 
 def test_the_camera_comes_nearer_to_dancers_on_the_floor(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=30).joints()
+    joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=30).joints()
     np.save(tmp_path / "lying.npy", joints[..., [0, 2, 1]])
     with serving(ViewRequest(odd, "wav", compare=(tmp_path / "lying.npy",))) as address:
         browser.open(f"{address}&with=lying.npy")
@@ -341,7 +341,7 @@ def test_the_dancer_jumps_with_the_click(served: str, odd: Path) -> None:
 
 
 def test_a_comparison_that_has_ended_has_no_distance(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "wav.npz", joints=joints[: 2 * FPS], fps=FPS)
     clock = "return document.querySelector('[data-dd=clock]').textContent"
     with serving(ViewRequest(odd, "wav", compare=(tmp_path / "wav.npz",))) as address:
@@ -365,7 +365,7 @@ def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source:
 
 def test_a_clip_in_a_notebook_plays(browser: Browser, odd: Path, tmp_path: Path) -> None:
     page = tmp_path / "notebook.html"
-    page.write_text(f"<!doctype html><meta charset=utf-8>{html_of(dancedata.open(odd).clip('wav'))}")
+    page.write_text(f"<!doctype html><meta charset=utf-8>{html_of(dancedata.open(odd)['wav'])}")
     browser.driver.get(page.as_uri())
     browser.driver.switch_to.frame(0)
     browser.wait("return document.querySelector('[data-dd=root]')?.dataset.ready === '1'")
@@ -386,7 +386,7 @@ def test_another_clip_of_the_dataset_stands_beside(browser: Browser, served: str
     browser.wait(f"return {V}.state.other?.name === 'mp3'")
     with dancedata.open(odd) as store:
         joints = [
-            dancedata.decode(store.clip(name).read("edge151"), "edge151", fps=FPS).joints() for name in ("wav", "mp3")
+            dancedata.decode(store[name].read("edge151"), "edge151", fps=FPS).joints() for name in ("wav", "mp3")
         ]
     apart = 1000 * np.linalg.norm(joints[0] - joints[1], axis=-1).mean(axis=-1)
     assert browser.js(f"return {V}.state.other.mean") == pytest.approx(apart.mean(), abs=0.2)

@@ -60,7 +60,7 @@ def test_all_dancers_are_in_the_payload_at_their_places(groups: Scenes) -> None:
     scene = groups.scene(groups.find(SEVEN))
     payload = json.loads(json.dumps(scene_payload(scene)))
     for k, member in enumerate(payload["members"]):
-        wanted = dancedata.decode(groups.store.read_clip(f"{SEVEN}_p{k}", "edge151"), "edge151", fps=30).joints()
+        wanted = dancedata.decode(groups.store[f"{SEVEN}_p{k}"].read("edge151"), "edge151", fps=30).joints()
         assert np.abs(unpacked(member["figure"]) - wanted).max() <= 0.0005 + 1e-6
         assert (member["clip"], member["member"], member["part"]) == (f"{SEVEN}_p{k}", k, str(k))
         assert {"speed", "keys", "flags"} <= set(member)
@@ -204,7 +204,7 @@ def test_a_group_and_a_dancer_are_exported(crowd: Path, tmp_path: Path) -> None:
 
 
 def test_a_dancer_shows_himself_in_a_notebook(crowd: Path) -> None:
-    shown = html_of(dancedata.open(crowd).clip(f"{TWO}_p1"))
+    shown = html_of(dancedata.open(crowd)[f"{TWO}_p1"])
     assert "&quot;members&quot;" not in shown
     assert f"{TWO}_p1" in shown
 

@@ -245,7 +245,7 @@ def test_a_window_under_the_pointer_is_named_and_a_click_loops_it(browser: Brows
 def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[int, str]]:
     """Addresses of a clip beside 8 and 11 comparisons, by the number of dancers."""
     folder = tmp_path_factory.mktemp("walls")
-    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=FPS).joints()
     for k in range(11):
         (folder / f"model-{k}").mkdir()
         np.savez(folder / f"model-{k}" / "wav.npz", joints=joints, fps=FPS)

@@ -46,7 +46,7 @@ def test_marks_are_kept_and_saved(browser: Browser, served: str, odd: Path, tmp_
     assert ds.segments("wav", "mark")[1].texts == ("the arm jumps",)
     train = WindowDataset(ds, "train", select=Select(ignore=("mark:reject",)))
     assert "flac" not in {window.clip for window in train.windows}
-    assert len(train) == len(WindowDataset(ds, "train")) - len(ds.windows_of("flac"))
+    assert len(train) == len(WindowDataset(ds, "train")) - len(ds["flac"].windows())
     browser.js("localStorage.clear()")
     assert browser.log() == []
 

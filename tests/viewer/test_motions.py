@@ -219,7 +219,7 @@ def test_a_wall_of_the_clips_of_a_song() -> None:
 
 def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, tmp_path: Path) -> None:
     ds = dancedata.open(odd)
-    truth = dancedata.decode(ds.clip("wav").read("edge151"), "edge151", fps=FPS)
+    truth = dancedata.decode(ds["wav"].read("edge151"), "edge151", fps=FPS)
     joints = np.add(truth.joints(), (0.0, 0.5, 2.0))  # elsewhere, which a wall does not count
     joints[:, 15] += [0.024, 0, 0]
     for name, n in (("mine", 180), ("short", 60)):
@@ -260,7 +260,7 @@ def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path
 
 
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:
-    joints = dancedata.decode(dancedata.open(odd).clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "mine.npz", joints=np.add(joints, (0.0, 0.0, 0.01)), fps=FPS)
     request = ViewRequest(odd, "wav", compare=(tmp_path / "mine.npz",), window=1, mirrored=True, overlay=True, up="y")
     page = document(export_page(request, tmp_path / "page.html"))
@@ -305,7 +305,7 @@ def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_i
     odd: Path, tmp_path: Path
 ) -> None:
     ds = dancedata.open(odd)
-    joints = dancedata.decode(ds.clip("wav").read("edge151"), "edge151", fps=FPS).joints()
+    joints = dancedata.decode(ds["wav"].read("edge151"), "edge151", fps=FPS).joints()
     (tmp_path / "mine").mkdir()
     np.savez(tmp_path / "mine" / "wav.npz", joints=np.add(joints[:60], (0.0, 0.0, 0.01)), fps=FPS)
     said: list[str] = []
@@ -336,7 +336,7 @@ def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, 
 
 
 def test_clips_of_a_dataset_are_played_beside_motions(odd: Path) -> None:
-    clip = dancedata.open(odd).clip("wav")
+    clip = dancedata.open(odd)["wav"]
     page = document(view_motions({"truth": clip, "mine": dance()}, wall=True).page)
     assert [member["part"] for member in page["clips"]["0"]["members"]] == ["truth", "mine"]
     figure = motion_scenes_of(clip).scene(motion_scenes_of(clip).items[0]).figure

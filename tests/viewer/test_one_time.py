@@ -143,7 +143,7 @@ def test_dancers_of_a_study_meet_at_one_second(stores: dict[str, Path], a: str, 
 
 def test_a_song_of_a_window_needs_its_second(stores: dict[str, Path], tmp_path: Path) -> None:
     store = open_store(stores["cut"])
-    rows = store.clip("part").read("edge151")
+    rows = store["part"].read("edge151")
     np.save(tmp_path / "part@30+150.npy", rows[30:180])
     options: dict[str, Any] = {"like": store, "normalized": False, "metrics": ["bas"], "bootstrap": 0}
     (tmp_path / "songs.csv").write_text("clip,song\npart@30+150,song.wav\n")
@@ -154,7 +154,7 @@ def test_a_song_of_a_window_needs_its_second(stores: dict[str, Path], tmp_path: 
         listed = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", source=source, **options)
         given = dancedata.evaluate(tmp_path, music_of={"part@30+150": ("song", "5.2")}, source=source, **options)
         motion = dancedata.decode(rows[30:180], "edge151")
-        beats = store.clip("part").beats()
+        beats = store["part"].beats()
         mine = MusicBeats.of(np.round((beats[beats >= 1] - 1) * 30).astype(int), store.grid)
         own = dancedata.evaluate({"x": motion}, beats={"x": mine}, metrics=["bas"], bootstrap=0)
         assert listed["bas"].value == given["bas"].value == pytest.approx(own["bas"].value, abs=0.03)

@@ -89,7 +89,7 @@ def test_names_are_data(scenes) -> None:
 
 def test_a_clip_shows_itself(scenes) -> None:
     dataset = scenes("thirty")
-    shown = html_of(dataset.store.clip(dataset.items[0].id))
+    shown = html_of(dataset.store[dataset.items[0].id])
     read = Reader(shown)
     ((tag, attrs),) = read.tags
     assert tag == "iframe"

@@ -44,9 +44,7 @@ def test_drawn_joints_are_the_decoded_ones(scenes, recipe: str, field: str) -> N
     dataset = scenes(recipe)
     plugin_decodes = dataset.readers[field].representation.decodes
     for item in dataset.items[:3]:
-        rows = (
-            dataset.store.read_clip(item.id, field) if item.window is None else dataset.store.read(item.window, field)
-        )
+        rows = dataset.store[item.id].read(field) if item.window is None else dataset.store.read(item.window, field)
         if plugin_decodes:
             wanted = dancedata.decode(rows, field, fps=dataset.store.field(field).rate).joints()
         else:
@@ -76,7 +74,7 @@ def test_stored_contacts_are_drawn_and_missing_ones_computed(scenes) -> None:
     stored, computed = dataset.scene(item, "edge151"), dataset.scene(item, "joints")
     assert stored.figure.contacts_stored
     assert not computed.figure.contacts_stored
-    assert (stored.figure.contacts == (dataset.store.read_clip(item.id, "edge151")[:, :4] > 0.5)).all()
+    assert (stored.figure.contacts == (dataset.store[item.id].read("edge151")[:, :4] > 0.5)).all()
     assert not any("contacts" in note for note in stored.notes)
     assert any("velocity" in note for note in computed.notes)
     assert stored.movement.stored == "lodge"
@@ -102,7 +100,7 @@ def test_columns_of_contacts_go_by_their_names(scenes) -> None:
 def test_beats_are_the_stored_ones_a_row_earlier(scenes) -> None:
     dataset = scenes("thirty")
     item = dataset.items[0]
-    rows, column = dataset.store.read_clip(item.id, "librosa35"), dataset.store.fields["librosa35"].slice("beat")
+    rows, column = dataset.store[item.id].read("librosa35"), dataset.store.fields["librosa35"].slice("beat")
     late = np.flatnonzero(rows[:, column].ravel()) / 30 - dataset.scene(item).rhythm.beats
     assert 0.5 / 30 - 1e-9 <= late.min() <= late.max() <= 1.5 / 30 + 1e-9
     envelope = rows[:, dataset.store.fields["librosa35"].slice("onset_envelope")].ravel()
@@ -176,7 +174,7 @@ def test_music_begins_where_the_clip_begins(scenes, dances: Path) -> None:
     dataset = scenes("slices")
     clip_source = ClipSource(dataset.store, dances)
     item = next(item for item in dataset.items if item.clip.slice_start == 30)
-    whole = clip_source.music.load(dataset.store.clip(item.clip.id))
+    whole = clip_source.music.load(dataset.store[item.clip.id])
     sound = clip_source.sound(item)
     first = whole.sample_rate
     assert np.array_equal(sound.signal.samples, whole.samples[first : first + 2 * whole.sample_rate])
@@ -190,14 +188,14 @@ def test_music_offset_of_a_clip_in_its_song(tmp_path: Path) -> None:
     store = dancedata.open(written.path)
     offsets = {clip.id: clip.audio["music"][0].offset for clip in written.clips}
     assert any(offsets.values())
-    assert {clip.id: store.music_offset(clip.id) * 30 for clip in store.clips} == offsets
+    assert {clip.id: store[clip.id].music_offset * 30 for clip in store.clips} == offsets
 
 
 def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> None:
     dataset = scenes("thirty")
     copy = next(item for item in dataset.items if item.id.endswith("__tempo"))
     clip_source = ClipSource(dataset.store, dances)
-    original = clip_source.music.load(dataset.store.clip(copy.clip.source))
+    original = clip_source.music.load(dataset.store[copy.clip.source])
     sound = clip_source.sound(copy)
     assert copy.n_frames < dataset.find(copy.clip.source).n_frames
     assert sound.signal.n_samples == round(float(dataset.store.grid.seconds(copy.n_frames)) * original.sample_rate)
@@ -256,7 +254,7 @@ def test_files_are_compared_with_their_clips(scenes, tmp_path: Path) -> None:
 def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
     dataset = scenes("thirty")
     item = dataset.items[0]
-    rows = dataset.store.read_clip(item.id, "edge151")
+    rows = dataset.store[item.id].read("edge151")
     np.savez(tmp_path / "generated.npz", columns=dataset.store.scaler("edge151").normalize(rows))
     form = file_format(dataset.store, representation="edge151", normalized=True)
     comparison = comparison_of(tmp_path / "generated.npz", dataset, form)

@@ -69,7 +69,7 @@ class StoreClip(ClipInput):
     def _rows(self) -> npt.NDArray[Any]:
         store = _opened(*self.reference)
         if self.window is None:
-            return store.read_clip(self.id, self.field)
+            return store[self.id].read(self.field)
         rows = store.read(self.window, self.field)
         mirror = store.field(self.field).columns.mirror if self.mirrored else None
         return rows if mirror is None else mirror.apply(rows)
@@ -101,7 +101,7 @@ def store_clips(
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
     stride = _stride_of_slices(store, protocol, role) if store.has_slices else 1
-    records = [c for c in store.clips if c.split in splits and not c.source and c.has_field(name)]
+    records = [c for c in store.clips if c.split in splits and not c.source and (name in c)]
     records = [c for c in records if c.slice_start % stride == 0]
     clips = tuple(
         StoreClip(
@@ -112,7 +112,7 @@ def store_clips(
     )  # fmt: skip
     if not protocol.of_groups:
         return clips
-    lacking = {c.group for c in store.clips if c.group and not c.has_field(name)}
+    lacking = {c.group for c in store.clips if c.group and name not in c}
     groups: dict[str, list[tuple[bool, int, StoreClip]]] = {}
     for record, clip in zip(records, clips, strict=True):
         if record.group and record.group not in lacking:
@@ -131,7 +131,7 @@ def without_field(
         return ()
     name, _ = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
-    lacking = [c for c in store.clips if c.split in splits and not c.source and not c.has_field(name)]
+    lacking = [c for c in store.clips if c.split in splits and not c.source and name not in c]
     return tuple((c.id, f"kept without {name}") for c in lacking)
 
 
@@ -157,7 +157,7 @@ def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | Non
                 window=window, mirrored=of.mirrored,
             )
             for clip, window in zip(sample.clips, sample.windows, strict=True)
-            if clip.has_field(name)
+            if name in clip
         )  # fmt: skip
         if members:
             first = members[0]
@@ -172,7 +172,7 @@ def _stride_of_slices(store: Store, protocol: Protocol, role: Role) -> int:
     """Return the distance of the slices that are the protocol's pieces; UsageError if none are."""
     pieces = protocol.pieces(role)
     length, stride = pieces.frames(store.grid)
-    stored = store.meta["windows"]["length"]
+    stored = store.info["windows"]["length"]
     if length != stored or stride is None or pieces.skip:
         raise UsageError("slices are not the pieces of the protocol", where=str(store.path),
                          found=f"slices of {stored} frames; {protocol.name} measures {pieces}",

@@ -17,7 +17,7 @@ from dancedata.execution.progress import Progress
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
     from dancedata.pipeline.source_music import SourceMusic
-    from dancedata.store import ClipView, Store
+    from dancedata.store import Clip, Store
 
 T = TypeVar("T")
 
@@ -66,7 +66,7 @@ class ExportJob:
     progress: Progress = field(default_factory=lambda: Progress(quiet=True))
     fields: tuple[str, ...] = ()
 
-    def clips(self, *splits: str) -> list[ClipView]:
+    def clips(self, *splits: str) -> list[Clip]:
         """Return the clips of some splits that have `fields`, by id; of all splits if none is named."""
         chosen = splits or self.store.splits
         clips = (c for c in self.store.clips if c.split in chosen and c.id not in self.without)
@@ -77,7 +77,7 @@ class ExportJob:
         """By clip that is left out, those of `fields` that it, or a dancer of its group, does not have."""
         left_out: dict[str, tuple[str, ...]] = {}
         for unit in self.store.clips.units() if self.fields else ():
-            names = tuple(name for name in self.fields if not all(clip.has_field(name) for clip in unit))
+            names = tuple(name for name in self.fields if not all((name in clip) for clip in unit))
             left_out |= {clip.id: names for clip in unit if names}
         return left_out
 
@@ -98,7 +98,7 @@ class ExportJob:
                 advance(1)
 
 
-def record_json(clip: ClipView) -> dict[str, Any]:
+def record_json(clip: Clip) -> dict[str, Any]:
     """Return the attributes of a clip as plain JSON data; group, offsets and free columns only where it has them."""
     values = {
         key: value for key, value in vars(clip.record).items() if key not in _OPTIONAL or value != _OPTIONAL[key]

@@ -12,7 +12,7 @@ from dancedata.core.text import listed, quoted
 from dancedata.exports.base.job import ExportJob, Missing
 
 if TYPE_CHECKING:
-    from dancedata.store import ClipView
+    from dancedata.store import Clip
 
 _SOURCE = "give --source DIR, the folder with the music"
 
@@ -80,7 +80,7 @@ def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
     return [Missing(problem, fix)]
 
 
-def needs_music_from_start(clips: Sequence[ClipView], *, exactly: bool = False) -> list[Missing]:
+def needs_music_from_start(clips: Sequence[Clip], *, exactly: bool = False) -> list[Missing]:
     """Check that music is there from each clip's first frame; with `exactly`, that its file begins there."""
     beside = [clip.id for clip in clips if (clip.audio_start if exactly else clip.audio_start < 0)]
     if not beside:
@@ -90,7 +90,7 @@ def needs_music_from_start(clips: Sequence[ClipView], *, exactly: bool = False) 
     return [Missing(problem, "a source whose music files begin with the motion")]
 
 
-def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
+def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
     """Check that --source has the music of clips."""
     if job.source is None:
         return [Missing("the music itself is needed, which no dataset holds", _SOURCE)]
@@ -98,7 +98,7 @@ def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
         missing = job.music.missing(clips)
     except DanceDataError as error:
         return [Missing(str(error), _SOURCE)]
-    stretched = [c.id for c in clips if c.source and c.n_frames != job.store.clip(c.source).n_frames]
+    stretched = [c.id for c in clips if c.source and c.n_frames != job.store[c.source].n_frames]
     if stretched:
         problem = f"copies at another tempo, whose music no source holds: {listed(stretched)}"
         return [Missing(problem, "a recipe without copies at another tempo under augment")]
@@ -107,7 +107,7 @@ def needs_music(job: ExportJob, clips: list[ClipView]) -> list[Missing]:
     return [Missing(f"no music below {job.source} for {listed(missing)}", _SOURCE)]
 
 
-def needs_names(clips: Iterable[ClipView], is_read_right: Callable[[str], bool], form: str) -> list[Missing]:
+def needs_names(clips: Iterable[Clip], is_read_right: Callable[[str], bool], form: str) -> list[Missing]:
     """Check that the loader does not misread the names of clips; `form` describes the names that it reads."""
     bad = [quoted(clip.id) for clip in clips if not is_read_right(clip.id)]
     if not bad:

@@ -26,7 +26,7 @@ _TEXT = 5000
 
 def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
     """Return the README: files, use, notes and origin."""
-    name = shown(job.store.meta.get("name", job.store.path.name))
+    name = shown(job.store.info.get("name", job.store.path.name))
     reads = f" Files as `{target.reference}` reads them." if target.reference else ""
     listed = ", ".join(f"`{folder}/`" for folder in target.listed_folders)
     parts = [
@@ -46,7 +46,7 @@ def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
 
 def licence_text(store: Store) -> str:
     """Return the licence and the citations of the source; "" if they are unknown."""
-    licence, citation = (shown(store.meta.get(key) or "", _TEXT) for key in ("licence", "citation"))
+    licence, citation = (shown(store.info.get(key) or "", _TEXT) for key in ("licence", "citation"))
     if not licence:
         return ""
     return (
@@ -56,7 +56,7 @@ def licence_text(store: Store) -> str:
 
 
 def _origin(store: Store) -> str:
-    licence, citation = (shown(store.meta.get(key) or "unknown", _TEXT) for key in ("licence", "citation"))
+    licence, citation = (shown(store.info.get(key) or "unknown", _TEXT) for key in ("licence", "citation"))
     return f"## Origin\n\nLicence of the data: {licence}\n\nCite: {citation}\n{_terms(store)}"
 
 
@@ -256,12 +256,12 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         "version": target.version,
         "parameters": document_of(target),
         "reference": target.reference,
-        "name": str(job.store.meta.get("name", job.store.path.name)),
-        "dataset": {"self_sha256": None, "recipe_sha256": None, **dataset_hashes(job.store.meta)},
+        "name": str(job.store.info.get("name", job.store.path.name)),
+        "dataset": {"self_sha256": None, "recipe_sha256": None, **dataset_hashes(job.store.info)},
         **({} if job.store.origin is None else {"address": job.store.origin.address}),
         "clips": {split: len(job.clips(split)) for split in job.store.splits},
-        "licence": job.store.meta.get("licence"),
-        **({"licences": job.store.meta["licences"]} if job.store.licences else {}),
+        "licence": job.store.info.get("licence"),
+        **({"licences": job.store.info["licences"]} if job.store.licences else {}),
         "notes": list(folder.notes),
     }
     write_about(folder, record)
