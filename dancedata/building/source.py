@@ -13,7 +13,6 @@ from dancedata.building.rejects import attempt
 from dancedata.building.sources import SourceClip, Sources
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -60,20 +59,25 @@ def takes_of(
 
 
 def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | Reject:
-    """Return the time of a clip's motion, loaded once until its file changes; a Reject where it cannot be loaded."""
-    motion = attempt(lambda: _load(cache, reader, ref, sha256), ref.motion_path, ref.id)
-    if isinstance(motion, Reject):
-        return motion
-    time = Time(motion.n_frames, motion.grid.rate, motion.trim_start)
+    """Return the time of a clip's motion, measured once until its file changes; a Reject where it cannot be read."""
+    time = attempt(lambda: _measured(cache, reader, ref, sha256), ref.motion_path, ref.id)
+    if isinstance(time, Reject):
+        return time
     cache.put_json("times", _time_key(reader, ref, sha256), [time.n_frames, str(time.rate), time.trim])
     return time
 
 
-def _load(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Motion:
-    """Load a clip's motion; DataError if the file is not the one that was hashed."""
-    motion = reader.dataset.load(ref)
+def _measured(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time:
+    """Measure a clip's motion; DataError if the file is not the one that was hashed.
+
+    A dancer of a group is loaded: the take is formed without those that cannot be.
+    """
+    stated = None if ref.group else reader.dataset.time_of(ref)
+    if stated is None:
+        motion = reader.dataset.load(ref)
+        stated = motion.n_frames, motion.grid.rate, motion.trim_start
     Recording(reader, ((ref, sha256),)).check(cache)
-    return motion
+    return Time(*stated)
 
 
 def known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:

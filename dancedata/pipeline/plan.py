@@ -180,15 +180,14 @@ def make_plan(
         sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
         takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
         results = cut(expand(takes, parts.transforms), parts.fields, parts.windows)
-        results = whole(results, groups)
+        results = whole(_examined(cache, results, jobs, progress), groups)
         rejects = (*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects))
         kept = [result for result in results if result.starts]
         cached = {field.name: _in_cache(cache, field, kept) for field in parts.fields}
-        roots = [result for result in kept if result.take.parent is None]
-        examined = compute(cache, roots, [Vitals()], jobs=jobs, progress=progress)
         flags = [
             {"clip": result.take.dancers[k].id, **flag}
-            for result in examined
+            for result in kept
+            if result.take.parent is None
             for k in result.stay
             for flag in result.made[VITALS][k][1:]
             if flag["kind"] in IMPLAUSIBLE
@@ -196,6 +195,13 @@ def make_plan(
         return Plan(recipe, source, sources.scan, tuple(kept), rejects, cached, tuple(flags))
 
     return with_lost_entries(store_cache, run, progress)
+
+
+def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Progress) -> list[Result]:
+    """Return results with the flags of motion; without takes that cannot be loaded, nor their copies."""
+    roots = [result for result in results if result.take.parent is None]
+    done = {r.take.place: r for r in compute(cache, roots, [Vitals()], jobs=jobs, progress=progress)}
+    return [done.get(r.take.place, r if done[r.take.root.place].starts else r.left_out(())) for r in results]
 
 
 def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:

@@ -86,6 +86,10 @@ class Dataset(Plugin):
     def load(self, ref: ClipRef) -> Motion:
         """Read one clip: metres, radians, +Y up. DataError, with a reject's code, for anything wrong with it."""
 
+    def time_of(self, ref: ClipRef) -> tuple[int, Fraction, int] | None:
+        """Return frames, frames per second and trim_start of what `load` returns, by a header; None: load it."""
+        return None
+
     def load_group(self, refs: Sequence[ClipRef]) -> list[Motion]:
         """Read the dancers of one group into one world; by default each by itself."""
         return [self.load(ref) for ref in refs]

@@ -43,7 +43,7 @@ from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_model, gender_of
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
 from dancedata.formats.bvh.kinematics import stretch, world
-from dancedata.formats.bvh.parse import Bvh, read_bvh
+from dancedata.formats.bvh.parse import Bvh, read_bvh, read_bvh_header
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of
 from dancedata.formats.video_pose import PersonArrays
 from dancedata.retarget.rest import SMPL_REST, rest_positions
@@ -236,6 +236,12 @@ def _betas(arrays: ArrayFile) -> Floats:
     return np.asarray(rows[0])
 
 
+def bvh_time(path: Path, reading: Reading) -> tuple[int, Fraction]:
+    """Return frames and rate of a BVH file by its header; errors of it as `load_motion`."""
+    header = read_bvh_header(path)
+    return header.n_frames, _bvh_rate(header, reading).value
+
+
 def _load_bvh(path: Path, reading: Reading) -> Motion:
     bvh = read_bvh(path)
     facts, rig = bvh_facts(bvh, reading)
@@ -256,8 +262,7 @@ def _load_bvh(path: Path, reading: Reading) -> Motion:
 _CONVENTION = "BVH's convention, as nothing is declared"
 
 
-def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
-    """Return the facts about a BVH file, and its rig; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
+def _bvh_rate(bvh: Bvh, reading: Reading) -> Fact[Fraction]:
     rate = rate_of_period(bvh.frame_time)
     stated = None if rate is None else Fact(rate, f"Frame Time: {bvh.frame_time}")
     rate_fact = decide(reading.manifest.rate, stated, reading.recipe.rate)
@@ -265,6 +270,12 @@ def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
         raise DataError("the frame time is outside the range of motion capture", reason="bad_rate",
                         where=str(bvh.path), found=f"Frame Time: {bvh.frame_time}", allowed="0.0001 to 1 s",
                         fix="declare fps for this file in the manifest, or correct Frame Time")  # fmt: skip
+    return rate_fact
+
+
+def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
+    """Return the facts about a BVH file, and its rig; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
+    rate_fact = _bvh_rate(bvh, reading)
     up = decide(reading.manifest.up, None, reading.recipe.up) or Fact("y", _CONVENTION)
     joints = map_joints(bvh.path, bvh.joints, reading.joint_map)
     rig = make_rig(bvh, joints, UPRIGHT[up.value].T @ np.array([0.0, 1.0, 0.0]))

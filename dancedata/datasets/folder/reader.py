@@ -28,6 +28,7 @@ from dancedata.datasets.folder.load import (
     Reading,
     array_facts,
     bvh_facts,
+    bvh_time,
     fitting_note,
     load_motion,
     motion_of,
@@ -232,6 +233,13 @@ class Folder(Dataset):
         A BVH is retargeted to SMPL's 24 joints with its own bone lengths, see `formats.bvh.retarget`.
         """
         return part_of(load_motion(ref.motion_path, self._reading(ref)), ref)
+
+    @override
+    def time_of(self, ref: ClipRef) -> tuple[int, Fraction, int] | None:
+        is_part = ref.source_start is not None or ref.source_end is not None
+        if ref.motion_path.suffix.lower() != ".bvh" or is_part:
+            return None
+        return *bvh_time(ref.motion_path, self._reading(ref)), 0
 
     def of_arrays(self, arrays: ArrayFile, ref: ClipRef) -> Motion:
         """Return the motion of arrays that are part of a file, as `load` does of a whole one."""
