@@ -60,7 +60,6 @@ def test_listing_is_light():
     names = modules("-m", "dancedata", "list")
     assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "rich", "pydantic"}) == set()
     rest = {name for name in names if name.startswith("dancedata.audio.hf.families")}
-    rest |= {"dancedata.execution.cache"}
     rest |= {f"dancedata.datasets.{dataset}.load" for dataset in ("aistpp", "finedance")}
     assert names & rest == set()
 

@@ -13,7 +13,6 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Segment
 from dancedata.recipes.fields import WindowSpec
-from dancedata.store.schema import slice_name
 
 
 @TRANSFORMS.register("slices")
@@ -56,6 +55,8 @@ class Slices(Transform):
 
     def _slice(self, take: Take, k: int, at: FrameGrid) -> Take:
         """Return a slice, cut at a rate."""
+        from dancedata.store.schema import slice_name  # with h5py, which lists of plug-ins do without
+
         (dancer,), first = take.dancers, self.windows.start(k)
         start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))
         whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate)
