@@ -146,6 +146,10 @@ class Maker(ABC):
         return Ask(take.recording, Cache.key(self.stage, **of), (steps, dancer), within=within)
 
 
+#: Of the kinds of fields: the attribute of `StoredClip` with their rows.
+_SIDES = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
+
+
 class Field(Maker):
     """A field: rows on a grid.
 
@@ -178,6 +182,15 @@ class Field(Maker):
     def place(self) -> str:
         """What tells it from all other makers of a recipe."""
         return f"field {self.name}"
+
+    @property
+    def side(self) -> str:
+        """Where a clip has it in the dataset, key motions beside motion: an attribute of `StoredClip`."""
+        return _SIDES[self.kind]
+
+    @abstractmethod
+    def block(self, rows: Any, take: Take, dancer: int, grid: FrameGrid) -> Any:
+        """Return what is stored of a dancer's `Rows`, or `Nothing`; `grid` is that of the recipe."""
 
     @property
     def dtype(self) -> DType:
@@ -277,6 +290,14 @@ class Annotator(Plugin, Maker):
     def annotate(self, scene: Scene) -> list[list[Any]]:
         """Return JSON rows of each dancer."""
 
+    def flags(self, rows: Sequence[Any]) -> Sequence[dict[str, Any]]:
+        """Return the quality flags among a dancer's JSON rows, as JSON."""
+        return ()
+
+    def measured(self, rows: Sequence[Any]) -> Mapping[str, Any]:
+        """Return what a dancer's JSON rows say of the clip: attributes of `StoredClip`."""
+        return {}
+
     @abstractmethod
     def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
         """Return segments of a dancer's JSON rows; of none, where nothing is asked for."""
@@ -297,7 +318,7 @@ class Seen:
 
     def field(self, name: str) -> Field:
         """Return a field by its name."""
-        return next(f for f in self.fields if f.name == name)
+        return {field.name: field for field in self.fields}[name]
 
     def rows(self, chosen: Field, dancer: int) -> npt.NDArray[Any]:
         """Return the rows of a field, as they are stored."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dancedata.building.annotators.vitals import Vitals
-from dancedata.building.fields.files import FileField
+from dancedata.building.fields.files import audio_field
 from dancedata.building.fields.motion import MotionRows
-from dancedata.building.fields.music import MusicRows
 from dancedata.building.plugins import Field
 from dancedata.building.spine import Parts
-from dancedata.building.transforms.copy import Copy
 from dancedata.building.transforms.slices import Slices
 from dancedata.recipes.recipe import Recipe
 
@@ -16,20 +13,13 @@ from dancedata.recipes.recipe import Recipe
 def parts_of(recipe: Recipe) -> Parts:
     """Return the parts of a checked recipe; annotators whose segments a rule reads are there without being named."""
     needed = (annotator for rule in recipe.rules for annotator in rule.annotators)
-    annotators = {annotator.name: annotator for annotator in (*recipe.annotators, Vitals(), *needed)}
-    copies = [Copy(spec, tuple(recipe.skeleton.other_side.items())) for spec in recipe.augment]
+    annotators = {annotator.name: annotator for annotator in (*recipe.annotators, *needed)}
     slices = [Slices(recipe.windows)] if recipe.scope == "window" else []
-    return Parts(
-        (*(step.on(recipe.grid) for step in recipe.transforms), *slices, *copies),
-        _fields(recipe),
-        [*annotators.values()],
-        recipe.rules,
-        recipe.windows,
-    )
+    chain = [*(step.on(recipe.grid) for step in recipe.transforms), *slices, *recipe.augment]
+    return Parts(chain, _fields(recipe), [*annotators.values()], recipe.rules, recipe.windows)
 
 
 def _fields(recipe: Recipe) -> list[Field]:
     motion = [MotionRows(f, f.without) for f in recipe.motion]
     keys = [MotionRows(f) for f in recipe.keymotion]
-    audio = [FileField(job) if job.feature.from_files else MusicRows(job) for job in recipe.audio]
-    return [*motion, *keys, *audio]
+    return [*motion, *keys, *map(audio_field, recipe.audio)]

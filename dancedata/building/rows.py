@@ -60,10 +60,8 @@ class PlacedRows:
         return np.asarray(out, dtype=dtype)
 
 
-def stored_rows(rows: Rows | Nothing, field: Field, take: Take, dancer: int, grid: FrameGrid) -> LazyArray:
+def stored_rows(rows: Rows | Nothing, field: Field, take: Take, dancer: int) -> LazyArray:
     """Return the rows of a field that a dancer has of his own, as they are stored."""
     if isinstance(rows, Nothing):
         return np.empty((0, field.columns.width), field.dtype)
-    if field.from_files:
-        return PlacedRows(rows.array, rows.offset, take.time.frames_on(grid), grid, field)
     return ChangedRows(rows.array, field, take, dancer) if take.row_steps else rows.array

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from dancedata.building.annotators.vitals import VITALS
 from dancedata.building.plugins import Annotator, Field
 from dancedata.building.result import Nothing, Result
-from dancedata.building.rows import stored_rows
 from dancedata.building.segments import unmirrored
 from dancedata.core.clip import Reject
 from dancedata.core.grid import FrameGrid
 from dancedata.core.licence import Licence
-from dancedata.store import AudioBlock, Signal, StoredClip
+from dancedata.store import Signal, StoredClip
 
 
 class Clips(NamedTuple):
@@ -41,11 +39,10 @@ class _Place(NamedTuple):
         """Id to store it under."""
         return self.result.take.dancers[self.k].id
 
-    @property
-    def flags(self) -> list[dict[str, Any]]:
-        """Quality flags of motion and music; of a copy those of its source."""
+    def flags(self, annotators: Sequence[Annotator]) -> list[dict[str, Any]]:
+        """Return the quality flags of motion and music; of a copy those of its source."""
         take = self.root.take
-        _, *of_motion = self.root.made[VITALS][self.k]
+        of_motion = [flag for a in annotators for flag in a.flags(self.root.made[a.place][self.k])]
         return [*of_motion, *take.dancers[self.k].music.flags(take.time.seconds)]
 
 
@@ -70,7 +67,7 @@ def stored(
             *(reject for place in places for reject in _without(place, fields)),
             *unmirrored(results, annotators),
         ],
-        [{"clip": p.id, **flag} for p in places if p.result is p.root for flag in p.flags],
+        [{"clip": p.id, **flag} for p in places if p.result is p.root for flag in p.flags(annotators)],
     )
 
 
@@ -85,7 +82,10 @@ def _clip(
     take, dancer = result.take, result.take.dancers[k]
     ref, music, is_copy = dancer.ref, dancer.music, result is not root
     signal = music.signal if music.is_file else None
-    made = [(f, result.made[f.place][k]) for f in fields]
+    sides: dict[str, dict[str, Any]] = {"motion": {}, "audio": {}}
+    for field in fields:
+        sides[field.side][field.name] = field.block(result.made[field.place][k], take, k, grid)
+    measured = {name: value for a in annotators for name, value in a.measured(result.made[a.place][k]).items()}
     return StoredClip(
         id=dancer.id,
         split=ref.split,
@@ -94,15 +94,14 @@ def _clip(
         dancer=ref.dancer,
         tempo_bpm=music.bpm,
         source=root.take.dancers[k].id if is_copy else "",
-        n_flags=len(place.flags),
+        n_flags=len(place.flags(annotators)),
         trim_start=take.time.trim_on(grid),
-        height_m=result.made[VITALS][k][0],
         source_rate=str(root.take.time.rate),
         lists=ref.lists,
         n_frames=take.time.frames_on(grid),
         starts=result.starts,
-        motion={f.name: stored_rows(rows, f, take, k, grid) for f, rows in made if f.kind != "audio"},
-        audio={f.name: (AudioBlock(r.key, r.array, r.offset),) for f, r in made if f.kind == "audio"},
+        motion=sides["motion"],
+        audio=sides["audio"],
         group=take.group,
         member=ref.member,
         role=ref.role,
@@ -119,6 +118,7 @@ def _clip(
         columns={**dict(ref.keys), **dict(ref.columns)},
         segments=tuple(s for a in annotators if a.stored for s in result.segments[a.name][k]),
         group_size=sizes.get(ref.group, 0),
+        **measured,
     )
 
 

@@ -232,8 +232,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
             "layout": sources.scan.layout,
             "notes": [
                 *sources.scan.notes,
-                *([] if recipe.retarget is None else [recipe.retarget.note()]),
-                *recipe.curation.notes({ref.split for ref in sources.scan.clips}),
+                *recipe.notes({ref.split for ref in sources.scan.clips}),
             ],
             "clips": dict(left_out),
             "content": sources.content,

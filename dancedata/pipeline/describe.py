@@ -155,8 +155,8 @@ def dataset_card(
     counts = Counter(r.reason for r in computed.rejects)
     reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
     flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
-    if recipe.curation.repairs:
-        changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
+    changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
+    if changed:
         flags = f"{len(computed.quality)} quality flags among the segments, {changed} of them of repaired frames."
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",

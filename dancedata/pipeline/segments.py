@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
@@ -17,7 +18,6 @@ from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.formats.segment_files import write_segment_file
 from dancedata.pipeline.out_folder import check_out, locked, new_dataset
-from dancedata.recipes.copies import CopySpec, copied_segment
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote import local_folder
 from dancedata.store import Clip, Store, open_store
@@ -161,7 +161,7 @@ def layer_id(layer: Layer) -> tuple[str, str, str]:
 
 
 def _of_clip(
-    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, augment: Mapping[str, CopySpec]
+    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, augment: Mapping[str, Copy]
 ) -> Sequence[Segment]:
     """Return the segments of a file for a clip; of a copy without rows those of its clip, changed like the copy."""
     if clip.id in stated or clip.source not in stated:
@@ -170,18 +170,19 @@ def _of_clip(
     if spec is None:
         raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
                          where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
-    unit, sides = store[clip.source].group or clip.source, store.skeleton.other_side
-    segments = (copied_segment(segment, spec, unit, sides) for segment in stated[clip.source])
+    unit = store[clip.source].group or clip.source
+    segments = (spec.segment_of(segment, unit) for segment in stated[clip.source])
     return [segment for segment in segments if segment is not None]
 
 
-def _recipe(store: Store) -> tuple[Mapping[str, CopySpec], Sequence[Lexicon]]:
+def _recipe(store: Store) -> tuple[Mapping[str, Copy], Sequence[Lexicon]]:
     """Return the augmentations and lexicons of a dataset's recipe; without them if a plug-in is not installed."""
     try:
         recipe = parse_recipe(store.info.get("recipe", {}))
     except RecipeError:
         return {}, (ENGLISH,)
-    return {spec.name: spec for spec in recipe.augment}, recipe.segments.lexicons
+    lexicons = dict.fromkeys(lexicon for annotator in recipe.annotators for lexicon in annotator.lexicons)
+    return {copy.name: copy for copy in recipe.augment}, [*lexicons]
 
 
 def _link(folder: Path, out: Path, store: Store) -> None:

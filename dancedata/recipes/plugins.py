@@ -45,7 +45,7 @@ SLOTS: dict[str, Registry[Any]] = {
     "rules": RULES,
 }
 #: Annotators that every build has, with their defaults.
-ALWAYS = ("captions",)
+ALWAYS = ("captions", "vitals")
 #: Slots whose plug-ins an unknown key may be.
 _ADDED = ("transforms", "augment", "annotators", "rules")
 #: Keys of a slot in addition to the plug-in's.

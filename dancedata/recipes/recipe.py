@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
@@ -12,21 +12,17 @@ from typing import Any, Literal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
-from dancedata.core.plugins import Dataset, Plugin, WindowFilter
+from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
-from dancedata.recipes.copies import CopySpec
-from dancedata.recipes.curation import CurateRule, CurationSpec, Repairs
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
-from dancedata.recipes.retarget import RetargetSpec
-from dancedata.recipes.segments import FactsSpec, SegmentSpec
 
 
 @dataclass(frozen=True)
 class Recipe:
     """A checked recipe, its plug-ins made.
 
-    `transforms`, `annotators`, `rules`: Of the bases in `building`, which imports this.
+    `transforms`, `augment` (copies), `annotators`, `rules`: Of the bases in `building`, which imports this.
     """
 
     name: str
@@ -39,7 +35,7 @@ class Recipe:
     motion: tuple[MotionField, ...]
     audio: tuple[FeatureJob, ...]
     keymotion: tuple[KeyMotionField, ...]
-    augment: tuple[CopySpec, ...]
+    augment: tuple[Any, ...]
     annotators: tuple[Any, ...]
     rules: tuple[Any, ...]
     shard_mb: int
@@ -80,41 +76,9 @@ class Recipe:
         """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
         return replace(self, audio=())
 
-    # What the stages of `pipeline` read of transforms, annotators and rules, as long as they are there.
-
-    @cached_property
-    def retarget(self) -> RetargetSpec | None:
-        """The transform, if the recipe has it."""
-        step: Any = next((step for step in self.transforms if step.name == "retarget"), None)
-        if step is None:
-            return None
-        names = None if step.joint_map == "auto" else step.joint_map
-        return RetargetSpec(step.skeleton, names, None if step.scale == "auto" else step.scale, step.feet)
-
-    @cached_property
-    def curation(self) -> CurationSpec:
-        """The limits of the rule `curate`, and of the transform `repair`."""
-        step: Any = next((step for step in self.transforms if step.name == "repair"), None)
-        rule: Any = next((rule for rule in self.rules if rule.name == "curate"), None)
-        limits = {} if rule is None else rule.limits
-        return CurationSpec(
-            tuple(CurateRule(score, of.limit, of.leave_out, of.splits) for score, of in limits.items()),
-            Repairs() if step is None else Repairs(**step.limits, original=step.original),
-        )
-
-    @cached_property
-    def segments(self) -> SegmentSpec:
-        """The annotators."""
-        named: dict[str, Any] = {annotator.name: annotator for annotator in self.annotators}
-        facts = named.get("facts")
-        spec = None if facts is None else FactsSpec(facts.kinds, facts.turn_degrees, facts.flight_s, facts.travel_m)
-        return SegmentSpec(spec, "genre" in named, named["captions"].lexicon)
-
-    @cached_property
-    def filter(self) -> WindowFilter | None:
-        """The window filter, if there is one."""
-        chosen = (rule.parameters for rule in self.rules if isinstance(rule.parameters, WindowFilter))
-        return next(chosen, None)
+    def notes(self, splits: Collection[str]) -> list[str]:
+        """Return what its transforms and rules do, for a source with these splits."""
+        return [note for part in (*self.transforms, *self.rules) for note in part.notes(splits)]
 
     @property
     def plugin_files(self) -> dict[str, PluginFile]:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS, Annotator, WindowRule
 from dancedata.building.rules.filtered import Filtered
 from dancedata.building.take import Transform
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import unknown_plugin
@@ -24,8 +25,8 @@ from dancedata.core.registry import (
     REPRESENTATIONS,
     Registry,
 )
+from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
-from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField, WindowSpec
 from dancedata.recipes.plugins import ALWAYS, SLOT_KEYS, Problems, frame_grid, make_plugin, named_entries, one_of
 from dancedata.store.motion_fields import ORIGINAL
@@ -44,7 +45,7 @@ class Slots:
     motion: tuple[MotionField, ...]
     keymotion: tuple[KeyMotionField, ...]
     audio: tuple[FeatureJob, ...]
-    augment: tuple[CopySpec, ...]
+    augment: tuple[Copy, ...]
     annotators: tuple[Annotator, ...]
     rules: tuple[WindowRule, ...]
 
@@ -69,7 +70,7 @@ def make_slots(
     motion = _motion_fields(document.get("motion"), any_grid, problems)
     keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
     audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
-    augment = _copies(document.get("augment"), problems)
+    augment = _copies(document.get("augment"), motion, problems)
     annotators = _annotators(document.get("annotators"), problems)
     rules = _rules(document.get("rules"), problems)
     for slot, plugins in (("transforms", transforms), ("augment", augment), ("rules", rules)):
@@ -79,7 +80,7 @@ def make_slots(
     if windows is not None:
         for field in (*motion, *audio):
             problems.catch(partial(field.require_whole, windows))
-    timed = [copy.name for copy in augment if copy.augmentation.changes == "time"]
+    timed = [copy.name for copy in augment if not copy.keeps_time]
     for job in audio:
         if timed and job.feature.from_files:
             problems.append(
@@ -195,11 +196,12 @@ def _transforms(slot: Any, problems: Problems) -> tuple[Transform, ...]:
     return tuple(step for _, step in _switched((TRANSFORMS,), "transforms", named, problems))
 
 
-def _copies(slot: Any, problems: Problems) -> tuple[CopySpec, ...]:
+def _copies(slot: Any, motion: Sequence[MotionField], problems: Problems) -> tuple[Copy, ...]:
+    body = max((field.representation.skeleton for field in motion), key=lambda s: s.n_joints, default=SMPL24)
     copies = []
     for name, augmentation in _switched((AUGMENTATIONS,), "augment", slot, problems, several=True):
         if isinstance(augmentation, CopyAugmentation):
-            copies.append(CopySpec(name, augmentation))
+            copies.append(Copy(name, augmentation, tuple(body.other_side.items())))
         else:
             problems.append(
                 f"augment.{name}: it makes no copies: it changes samples when a dataset is read; "
@@ -213,7 +215,7 @@ def _annotators(slot: Any, problems: Problems) -> tuple[Annotator, ...]:
     problems += [
         f"annotators.{name}: its segments are not stored; fix: leave it out: what needs them has it by itself"
         for name, annotator in named.items()
-        if not annotator.stored
+        if not annotator.stored and name not in ALWAYS
     ]
     return _by_name([*named.values(), *(ANNOTATORS.make(name, {}) for name in ALWAYS if name not in named)])
 

@@ -23,6 +23,7 @@ import numpy.typing as npt
 from dancedata.audio.hf.feature import HuggingFace
 from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.codebook import DType
@@ -46,7 +47,6 @@ from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.rejects import BY_CHOICE
-from dancedata.recipes.copies import CopySpec
 from dancedata.testing.building_checks import check_annotator, check_rule, check_transform
 from dancedata.testing.dataset_checks import check_dataset, recipe_with
 from dancedata.testing.examples import (
@@ -259,7 +259,7 @@ def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
 
 
 def _check_makes_copies(cls: type[CopyAugmentation], folder: Path) -> None:
-    augmentation, spec = cls(), CopySpec(cls.name, cls())
+    augmentation, spec = cls(), Copy(cls.name, cls())
     fields = [field for field in example_fields() if _accepts(augmentation, field.columns)]
     motions = [field.name for field in fields if field.kind == "motion"]
     require(bool(motions), "`check` accepts the columns of a representation")
@@ -337,7 +337,7 @@ def _accepts(plugin: CopyAugmentation | WindowFilter, columns: Columns) -> bool:
     return True
 
 
-def _check_changed_motion(spec: CopySpec, motion: Motion) -> None:
+def _check_changed_motion(spec: Copy, motion: Motion) -> None:
     before = motion.translation.copy(), motion.rotations.copy()
     one, two = spec.motion_of(motion, "clip"), spec.motion_of(motion, "clip")
     equal = np.array_equal(one.translation, two.translation) and np.array_equal(one.rotations, two.rotations)
@@ -349,7 +349,7 @@ def _check_changed_motion(spec: CopySpec, motion: Motion) -> None:
     require(spec.motion_of(motion.part(0, 1), "clip").n_frames == 1, "a motion of one frame can be copied")
 
 
-def _check_copies(spec: CopySpec, motion: str, scope: str, folder: Path) -> None:
+def _check_copies(spec: Copy, motion: str, scope: str, folder: Path) -> None:
     from dancedata.pipeline.build import build
     from dancedata.store import open_store, verify_store
 

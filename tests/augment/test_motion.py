@@ -15,6 +15,7 @@ from dancedata.augment.noise import JointNoise
 from dancedata.augment.root_offset import RootOffset
 from dancedata.augment.tempo import Tempo
 from dancedata.augment.yaw import Yaw
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.bodies import SMPLX55, has_body
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
@@ -25,7 +26,6 @@ from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.spatial import Placement, Spatial, moved
-from dancedata.recipes.copies import CopySpec
 from dancedata.testing.examples import FPS, contact_rule_of, example_fields, random_motion
 from tests.messages import raises_message
 
@@ -189,7 +189,7 @@ def test_fields_are_dropped_with_the_probability_together_or_not(p: float) -> No
 @pytest.mark.parametrize("made", [Yaw(), RootOffset(), JointNoise(), Tempo()], ids=lambda made: made.name)
 def test_copies_are_a_function_of_seed_and_clip(made) -> None:
     def copy(seed: int, clip: str) -> tuple[bytes, Fraction]:
-        spec = CopySpec(made.name, replace(made, seed=seed))
+        spec = Copy(made.name, replace(made, seed=seed))
         motion = spec.motion_of(MOTION, clip)
         return motion.joints().tobytes(), motion.grid.rate
 
@@ -201,7 +201,7 @@ def test_copies_are_a_function_of_seed_and_clip(made) -> None:
 @few
 @given(st.sampled_from([Fraction(4, 5), Fraction(9, 10), Fraction(11, 10), Fraction(5, 4), Fraction(2)]))
 def test_a_motion_at_another_speed_is_where_it_was_at_the_same_place_of_the_dance(speed: Fraction) -> None:
-    spec = CopySpec("tempo", Tempo(speeds=(float(speed),)))
+    spec = Copy("tempo", Tempo(speeds=(float(speed),)))
     at_60 = random_motion(SMPL24, 120, turn_rad=0.6, step_m=0.01)
     source = Motion(at_60.translation, at_60.rotations, FrameGrid.of(60), SMPL24, trim_start=30)
     copy = spec.motion_of(source, "clip").resampled(FPS)
@@ -264,7 +264,7 @@ def test_a_speed_that_is_not_possible_is_refused(of_copy: Fraction) -> None:
             return of_copy
 
     with raises_message(UsageError, "possible", where="clip clip"):
-        CopySpec("odd", Odd()).motion_of(MOTION, "clip")
+        Copy("odd", Odd()).motion_of(MOTION, "clip")
 
 
 def test_numbers_of_a_draw() -> None:

@@ -12,6 +12,7 @@ import dancedata
 from dancedata.audio.signal import load_audio
 from dancedata.audio.stretch import stretched, stretched_length
 from dancedata.augment.tempo import Tempo
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError
 from dancedata.core.grid import FrameGrid
@@ -22,7 +23,6 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.build import build
 from dancedata.pipeline.part import Part, build_part
 from dancedata.pipeline.plan import make_plan
-from dancedata.recipes.copies import CopySpec
 from dancedata.recipes.parse import parse_recipe
 from dancedata.report.numbers import splits
 from dancedata.store import verify_store
@@ -98,7 +98,7 @@ def dance(place: np.ndarray) -> Motion:
 
 
 def at_speed(motion: Motion, speed: Fraction) -> Motion:
-    return CopySpec("tempo", Tempo(speeds=(float(speed),))).motion_of(motion, "clip").resampled(FPS)
+    return Copy("tempo", Tempo(speeds=(float(speed),))).motion_of(motion, "clip").resampled(FPS)
 
 
 @pytest.mark.parametrize("speed", SPEEDS, ids=str)

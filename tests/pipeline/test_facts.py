@@ -148,7 +148,7 @@ def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
 def test_no_facts_are_asked_for_by_default() -> None:
     plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"annotators": {"facts": False}}))
     assert plain.sha256 == empty.sha256
-    assert plain.document["annotators"] == {"captions": {"lexicon": None}}
+    assert plain.document["annotators"] == {"captions": {"lexicon": None}, "vitals": {}}
     assert parse_recipe(plain.document).sha256 == plain.sha256
 
 

@@ -73,15 +73,15 @@ def test_mirrored_arrays_are_flagged(mirrored: Path, tmp_path: Path) -> None:
 def test_a_cache_entry_that_was_not_inspected(
     mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, cache = recipe(tmp_path), tmp_path / "cache"
+    cache = tmp_path / "cache"
     with monkeypatch.context() as before:
         before.setattr(vitals.Vitals, "version", 0)
         before.setattr(vitals, "quality_flags", lambda motion: [])
-        build(made, mirrored, tmp_path / "before", cache=cache, strict=True)
+        build(recipe(tmp_path), mirrored, tmp_path / "before", cache=cache, strict=True)
     monkeypatch.setattr(MotionRows, "make", None)  # what was encoded stays
-    build(made, mirrored, tmp_path / "after", cache=cache)
+    build(recipe(tmp_path), mirrored, tmp_path / "after", cache=cache)
     with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
-        build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
+        build(recipe(tmp_path), mirrored, tmp_path / "strict", cache=cache, strict=True)
     with open_store(tmp_path / "before") as one, open_store(tmp_path / "after") as two:
         assert np.array_equal(one["take"].read("edge151"), two["take"].read("edge151"))
         assert (one.quality, len(two.quality)) == ([], 1)

@@ -97,6 +97,19 @@ def test_all_problems_are_listed_at_once():
         ),
         ({"audio": {"librosa35.low": {"fps": 10}}}, "audio.librosa35.low: librosa35 cannot be computed"),
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
+        ({"transforms": {"repair": {}}}, "transforms: must be a list"),
+        ({"transforms": ["repair", {"repair": {}}]}, "transforms: a transform is named twice"),
+        ({"transforms": ["repare"]}, "unknown transform 'repare'. Did you mean 'repair'?"),
+        ({"transforms": [{"repair": {"spike": 1}}]}, "transforms.repair.spike: unknown key; did you mean 'spikes'?"),
+        ({"transforms": [{"repair": {"gaps": "long"}}]}, "transforms.repair.gaps: must be true, false or a number"),
+        ({"transforms": [{"retarget": {"scale": 0}}]}, "transforms.retarget.scale: must be auto or a number"),
+        ({"annotators": ["facts"]}, "annotators: must be a mapping such as {facts: true}"),
+        ({"annotators": {"facts": {"flight_s": -1}}}, "annotators.facts.flight_s: must be a number above 0"),
+        ({"annotators": {"faults": {}}}, "annotators.faults: its segments are not stored"),
+        ({"rules": {"movment": {}}}, "unknown window rule 'movment'. Did you mean 'movement'?"),
+        ({"rules": {"movement": {}}}, "rules.movement.field: no such field in motion or keymotion: lodge139"),
+        ({"rules": {"curate": {"slidin": 1}}}, "rules.curate.slidin: unknown key; did you mean 'sliding'?"),
+        ({"repair": {"gaps": True}}, "repair: unknown key; did you mean 'transforms.repair'?"),
     ],
 )
 def test_a_problem_says_what_is_wrong(changes: dict[str, Any], message: str):
@@ -157,6 +170,28 @@ def test_overrides_reach_every_level(tmp_path: Path):
     assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
     assert recipe.audio[0].feature.tightness == 50
     assert recipe.motion[0].contacts.max_speed_m_s == 0.2
+
+
+def test_overrides_reach_the_transforms_of_a_list(tmp_path: Path):
+    chain = ["retarget", {"repair": {"spikes": True, "original": False}}]
+    recipe = load(
+        tmp_path, "transforms.repair.spikes=0.2", "transforms.retarget.feet=false",
+        transforms=chain,
+    )  # fmt: skip
+    assert [step.name for step in recipe.transforms] == ["retarget", "repair"]
+    retarget, repair = recipe.transforms
+    assert (retarget.feet, repair.limits) == (False, {"spikes": 0.2})
+    without = load(tmp_path, "transforms.repair=false", transforms=chain)
+    assert [step.name for step in without.transforms] == ["retarget"]
+    other_order = parse_recipe(document(transforms=[*reversed(chain)]))
+    assert other_order.sha256 != parse_recipe(document(transforms=chain)).sha256
+
+
+def test_the_motion_before_a_transform_that_keeps_it_is_a_field_of_its_own(tmp_path: Path):
+    recipe = load(tmp_path, "transforms.repair.gaps=true", motion={"edge151": {}, "joints": {}})
+    assert [field.name for field in recipe.motion] == ["edge151", "edge151.original", "joints", "joints.original"]
+    assert [field.without for field in recipe.motion] == [(), ("repair",)] * 2
+    assert {*recipe.document["motion"]} == {"edge151", "joints"}
 
 
 def test_a_length_in_seconds_takes_the_place_of_one_in_frames_and_the_other_way_round(tmp_path: Path):

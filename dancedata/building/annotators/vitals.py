@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -35,6 +35,14 @@ class Vitals(Annotator):
         """Return height and flags of each dancer."""
         pairs = zip(scene.motions, scene.flags, strict=True)
         return [[vertical_extent(m), *(f.to_json() for f in [*quality_flags(m), *done])] for m, done in pairs]
+
+    def flags(self, rows: Sequence[Any]) -> Sequence[dict[str, Any]]:
+        """Return the flags."""
+        return rows[1:]
+
+    def measured(self, rows: Sequence[Any]) -> Mapping[str, Any]:
+        """Return the height."""
+        return {"height_m": rows[0]}
 
     def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
         """Return no segments."""

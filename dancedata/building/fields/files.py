@@ -12,9 +12,12 @@ from typing import Any, ClassVar, Literal
 import numpy.typing as npt
 
 from dancedata.audio.file import FileRows, Placed
+from dancedata.building.fields.music import MusicRows
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Ask, Field, Reach
 from dancedata.building.rejects import attempt, reject_of
+from dancedata.building.result import Rows
+from dancedata.building.rows import PlacedRows
 from dancedata.building.take import Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
@@ -23,6 +26,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.cache import Cache
 from dancedata.recipes.fields import FeatureJob
+from dancedata.store import AudioBlock
 
 #: Raised by hand when the stage gives other numbers for the same input.
 _STAGE = 1
@@ -81,6 +85,12 @@ class FileField(Field):
         if not isinstance(self.job.feature, FileRows):
             raise UsageError("a feature without files was taken for one with files", where=self.name)
         return self.job.feature
+
+    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
+        """Return the rows: of music those of the file, of motion those from frame 0 to the last."""
+        if self.kind == "audio":
+            return (AudioBlock(rows.key, rows.array, rows.offset),)
+        return PlacedRows(rows.array, rows.offset, take.time.frames_on(grid), grid, self)
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: the rows of his file."""
@@ -192,3 +202,8 @@ class FileField(Field):
         except DataError:
             return False  # told of by itself
         return grid.rows_down(time.frames_on(grid), of=self.grid) > placed.first + placed.n_rows
+
+
+def audio_field(job: FeatureJob) -> Field:
+    """Return the field of an entry of `audio`: rows of files, or of music."""
+    return FileField(job) if job.feature.from_files else MusicRows(job)

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.plugins import Ask, Field, Reach, maker_hash
-from dancedata.building.result import Nothing
+from dancedata.building.result import Nothing, Rows
+from dancedata.building.rows import stored_rows
 from dancedata.building.take import Take
 from dancedata.core.bodies import CROSSING, SMPLX52
 from dancedata.core.columns import Columns
@@ -19,6 +20,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.recipes.fields import KeyMotionField, MotionField
+from dancedata.store.stored_clip import LazyArray
 
 _FINGERS = frozenset(SMPLX52.joints[22:])
 #: Raised by hand when the stage gives other numbers for the same motion.
@@ -68,6 +70,10 @@ class MotionRows(Field):
         """Hash of all that shapes the rows of a motion."""
         plugin = self.spec.plugin.name
         return maker_hash(_STAGE, CROSSING, plugin, self.spec.version, self.spec.document(), str(self.grid))
+
+    def block(self, rows: Rows | Nothing, take: Take, dancer: int, grid: FrameGrid) -> LazyArray:
+        """Return the rows as they are stored."""
+        return stored_rows(rows, self, take, dancer)
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer."""

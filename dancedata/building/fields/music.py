@@ -13,6 +13,7 @@ import numpy.typing as npt
 from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.result import Rows
 from dancedata.building.signals import FeatureKeys, SignalId, timeline_of, window_samples
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
@@ -21,6 +22,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.recipes.fields import FeatureJob
+from dancedata.store import AudioBlock
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,10 @@ class MusicRows(Field):
     def sha256(self) -> str:
         """Hash of all that shapes the rows of a song, its tempo not known."""
         return self._keys.track(None, "")
+
+    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> tuple[AudioBlock, ...]:
+        """Return the rows of the song, which clips share."""
+        return (AudioBlock(rows.key, rows.array, rows.offset),)
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: the rows of his song, or of a slice of it."""

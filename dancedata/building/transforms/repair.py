@@ -67,7 +67,7 @@ class Repair(Transform):
     @property
     def not_for_groups(self) -> str:  # type: ignore[override]
         """Why the floor of groups cannot be repaired."""
-        return "" if self.floor is None else "each dancer would get a floor of his own: leave out repair.floor"
+        return "" if self.floor is None else "each dancer would get a floor of his own (floor)"
 
     @override
     def scene(self, scene: Scene) -> Scene:
