@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
-from dancedata.store.clip_columns import FREE
-from dancedata.store.clip_view import Clip, Clips
+from dancedata.store.clip_columns import FREE, ClipRecord
 from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def table_of(store: SegmentQueries, clips: Clips, name: str) -> DataFrame:
+def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> DataFrame:
     """Return a table of `Store.to_pandas`; UsageError for an unknown one, or without pandas."""
     if name not in _TABLES:
         raise UsageError(f"no table named {name!r}", fix=did_you_mean(name, _TABLES))
@@ -36,16 +35,17 @@ def free_types(store: SegmentQueries) -> dict[str, str]:
     return dict(store.tables.types)
 
 
-def clip_row(store: SegmentQueries, clip: Clip, free: Iterable[str]) -> dict[str, Any]:
+def clip_row(store: SegmentQueries, clip: ClipRecord, free: Iterable[str]) -> dict[str, Any]:
     """Return a clip's row of the table of clips; `free` has the names of the free columns."""
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
-    row |= {name: _plain(value) for name, value in asdict(clip.record).items() if name not in {*row, "columns"}}
+    names = [each.name for each in fields(ClipRecord) if each.name not in {*row, "columns"}]
+    row |= {name: _plain(getattr(clip, name)) for name in names}
     row["licence"] = _licence(store, clip)
     row |= {"without": list(store._without(clip.id, store.fields))} if store.optional_fields else {}
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
-def _licence(store: SegmentQueries, clip: Clip) -> str:
+def _licence(store: SegmentQueries, clip: ClipRecord) -> str:
     return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.info.get("licence") or "")
 
 
@@ -56,12 +56,12 @@ def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, A
             "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
 
 
-def _clips(store: SegmentQueries, clips: Clips) -> Iterator[dict[str, Any]]:
+def _clips(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
     free = free_types(store)
     return (clip_row(store, clip, free) for clip in clips)
 
 
-def _windows(store: SegmentQueries, clips: Clips) -> Iterator[dict[str, Any]]:
+def _windows(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
     fields = store.required_fields  # windows of clips without an optional field as well
     return (
         window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
@@ -75,7 +75,7 @@ def _plain(value: Any) -> Any:
     return float(value) if hasattr(value, "numerator") and not isinstance(value, int) else value
 
 
-_TABLES: Mapping[str, Callable[[SegmentQueries, Clips], Iterator[dict[str, Any]]]] = {
+_TABLES: Mapping[str, Callable[[SegmentQueries, Iterable[ClipRecord]], Iterator[dict[str, Any]]]] = {
     "clips": _clips,
     "windows": _windows,
     "rejects": lambda store, clips: iter(store.rejects),
