@@ -228,7 +228,11 @@ def parts() -> dict[str, Trip]:
         n for n in ast.walk(found[1]) if isinstance(n, ast.Assign) and isinstance(n.targets[0], ast.Tuple)
     )
     names = [n.id for n in unpacked.targets[0].elts if isinstance(n, ast.Name)]
-    return {name: walk("dancedata.building.spine", "build_clips", name) for name in ("takes", *names)}
+    together = {"fields": ("fields", "made")}  # those that are computed are some of the recipe's
+    return {
+        name: walk("dancedata.building.spine", "build_clips", *together.get(name, (name,)))
+        for name in ("takes", *names)
+    }
 
 
 if __name__ == "__main__":

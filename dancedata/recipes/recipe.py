@@ -9,6 +9,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from dancedata.building.plugins import Annotator, WindowRule
+from dancedata.building.take import Transform
+from dancedata.building.transforms.copy import Copy
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
@@ -20,10 +23,7 @@ from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, Moti
 
 @dataclass(frozen=True)
 class Recipe:
-    """A checked recipe, its plug-ins made.
-
-    `transforms`, `augment` (copies), `annotators`, `rules`: Of the bases in `building`, which imports this.
-    """
+    """A checked recipe, its plug-ins made."""
 
     name: str
     description: str
@@ -31,13 +31,13 @@ class Recipe:
     grid: FrameGrid
     scope: Literal["track", "window"]
     windows: WindowSpec
-    transforms: tuple[Any, ...]
+    transforms: tuple[Transform, ...]
     motion: tuple[MotionField, ...]
     audio: tuple[FeatureJob, ...]
     keymotion: tuple[KeyMotionField, ...]
-    augment: tuple[Any, ...]
-    annotators: tuple[Any, ...]
-    rules: tuple[Any, ...]
+    augment: tuple[Copy, ...]
+    annotators: tuple[Annotator, ...]
+    rules: tuple[WindowRule, ...]
     shard_mb: int
     incomplete_groups: Literal["set_aside", "keep"] = "set_aside"
 
@@ -78,7 +78,8 @@ class Recipe:
 
     def notes(self, splits: Collection[str]) -> list[str]:
         """Return what its transforms and rules do, for a source with these splits."""
-        return [note for part in (*self.transforms, *self.rules) for note in part.notes(splits)]
+        parts: list[Transform | WindowRule] = [*self.transforms, *self.rules]
+        return [note for part in parts for note in part.notes(splits)]
 
     @property
     def plugin_files(self) -> dict[str, PluginFile]:

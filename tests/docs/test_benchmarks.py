@@ -26,6 +26,7 @@ SMALLEST = {
     "million": "--clips 100 --processes 1",
     "pages": "--clips 3",
     "quality": "--planted 1 --clips 2",
+    "ratios": "{root} {root} ratios demo --rounds 1",
     "reading": "--quick --rounds 1 --wide 0",
     "remote": "--quick --rounds 1 --shards 1",
     "retarget": "{bvh}",
@@ -38,7 +39,7 @@ SMALLEST = {
     "writing": "aist++ {corpus} cache writing",
 }
 #: Modules of others; what writes a page here, which test_history.py reads; what reads checkouts of other projects.
-NOT_RUN = {"metric_loops", "reading_peers", "history", "splits"}
+NOT_RUN = {"metric_loops", "reading_peers", "history", "splits", "value_cases", "ensemble"}
 
 
 def test_no_script_hides_a_package_from_what_it_imports() -> None:
