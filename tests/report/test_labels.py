@@ -1,7 +1,6 @@
 """Words next to figures: what is measured, in which field and unit, and numbers that are not cut."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,6 @@ from dancedata.core.columns import Columns, Group
 from dancedata.pipeline import describe
 from dancedata.report import write_report
 from dancedata.report.document import ColumnRange
-from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures
-from dancedata.report.findings import findings
 from dancedata.report.heat import heat_map
 from dancedata.report.svg import strips
 from dancedata.store import open_store
@@ -44,21 +41,6 @@ def test_names_next_to_a_heat_map_have_room() -> None:
     assert int(height) / 35 >= 12
     (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 32)), Columns((Group("layer7", 32, "1"),)), "x"))
     assert int(height) == 7 * 32
-
-
-def test_figures_say_what_is_measured(demo: Path) -> None:
-    numbers = write_report(demo).numbers
-    floor = replace(numbers.movement.floor_m, min=-0.17701, max=-0.17699)
-    numbers = replace(numbers, movement=replace(numbers.movement, floor_m=floor))
-    drawing = Drawing(numbers)
-    figures = [*contents_figures(drawing), *movement_figures(drawing, ()), *music_figures(drawing)]
-    notes = {figure.key: figure.note for figure in figures}
-    assert notes["length_s"] == "frames per second of the files: 60 in 8 clips"
-    assert notes["speed_m_s"].startswith("% of frames; mean over 22 joints of edge151; ")
-    assert notes["floor_m"].startswith("% of clips; soles of toes in contact: −0.18 m; feet from 0.55")
-    assert notes["contact"].startswith("share of frames")
-    assert notes["bas"].startswith("mean over clips, beats of librosa35; ")
-    assert any(f.text.startswith("the floor of edge151 is not at 0") for f in findings(numbers))
 
 
 def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_path: Path) -> None:
