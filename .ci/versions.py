@@ -46,7 +46,7 @@ HERE = "dancedata build demo --quiet"
 EXTRAS = {
     "torch": f"{PYTEST} tests/readers/test_windows.py tests/frozen",
     "jukebox": f"{PYTEST} tests/jukebox/test_feature.py",
-    "hf": f"{PYTEST} tests/hf/test_loading.py",
+    "hf": f"{PYTEST} tests/hf",
     "beats": f"{PYTEST} tests/audio/test_beats.py",
     "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": f"{PYTEST} tests/fault/test_workers.py -k dask_gives_the_same_bytes",
