@@ -61,14 +61,17 @@ class Texts(Sequence[str]):
 
     def _raw(self, row: int) -> bytes:
         if self.offset is None:
-            return bytes(self._values[row])
-        return self._values[between(self.offset, row, len(self._values), self._where)].tobytes()
+            raw: bytes = self._values[row]
+            return raw
+        if not -len(self) <= row < len(self):
+            raise IndexError(row)
+        return self._values[between(self.offset, row % len(self), len(self._values), self._where)].tobytes()
 
-    def _decoded(self, raw: bytes) -> str:
+    def _decoded(self, raw: Iterable[bytes]) -> list[str]:
         try:
-            return raw.decode()
+            return [text.decode() for text in raw]
         except UnicodeDecodeError as error:
-            raise broken(self._where, "a text that is not valid UTF-8", quoted(raw[:60])) from error
+            raise broken(self._where, "a text that is not valid UTF-8", quoted(error.object[:60])) from error
 
     def __len__(self) -> int:
         return len(self._values) if self.offset is None else len(self.offset) - 1
@@ -77,17 +80,18 @@ class Texts(Sequence[str]):
     def __getitem__(self, row: int) -> str: ...
 
     @overload
-    def __getitem__(self, row: slice) -> list[str]: ...
+    def __getitem__(self, row: slice | Sequence[int]) -> list[str]: ...
 
-    def __getitem__(self, row: int | slice) -> str | list[str]:
-        if isinstance(row, slice):
-            return [self._decoded(self._raw(k)) for k in range(*row.indices(len(self)))]
-        if not -len(self) <= row < len(self):
-            raise IndexError(row)
-        return self._decoded(self._raw(row % len(self)))
+    def __getitem__(self, row: int | slice | Sequence[int]) -> str | list[str]:
+        if not isinstance(row, (slice, Sequence)):
+            return self._decoded((self._raw(row),))[0]
+        if self.offset is None:
+            return self._decoded(self._values[row].tolist())
+        rows = range(*row.indices(len(self))) if isinstance(row, slice) else row
+        return self._decoded(map(self._raw, rows))
 
     def __iter__(self) -> Iterator[str]:
-        return map(self._decoded, self.values.tolist())
+        return iter(self._decoded(self.values.tolist()))
 
     def isin(self, texts: Iterable[str]) -> npt.NDArray[np.bool_]:
         """Return which of the texts (N,) are one of some texts."""

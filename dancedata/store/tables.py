@@ -123,7 +123,9 @@ class Tables:
         """Return an attribute of `ClipRecord` of some clips; reads its column alone."""
         if name == "columns":
             return [self.free(row) for row in rows]
-        column = _COLUMNS[name]
+        column, values = _COLUMNS[name], self.columns.get(name)
+        if isinstance(values, Texts):
+            return list(map(column.decode, values[rows]))
         return [self.value(column, row) for row in rows]
 
     def value(self, column: ClipColumn, row: int) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, overload
 
 import numpy as np
@@ -46,9 +46,9 @@ class WindowList(Sequence[Window]):
     @classmethod
     def joined(cls, split: str, lists: Sequence[WindowList]) -> WindowList:
         """Return the windows of several lists of one dataset, one after another, under the name of a split."""
-        clip, start, length = (np.concatenate([getattr(p, n) for p in lists]) for n in ("clip", "start", "length"))
         if len(lists) == 1:
-            return cls(split, lists[0].clip_ids, lists[0].clip, lists[0].start, lists[0].length)
+            return replace(lists[0], split=split)
+        clip, start, length = (np.concatenate([getattr(p, n) for p in lists]) for n in ("clip", "start", "length"))
         return cls(split, lists[0].clip_ids, clip, start, length)
 
     def __len__(self) -> int:
@@ -73,8 +73,8 @@ class WindowList(Sequence[Window]):
         elif places.all() and places.shape == self.clip.shape:
             return self
         clip, start = self.clip[places], self.start[places]
-        if len(self) and self.length.strides == (0,):
-            return self.equally_long(self.split, self.clip_ids, clip, start, int(self.length[0]))
+        if self.length.strides == (0,) and len(clip) <= len(self):
+            return WindowList(self.split, self.clip_ids, clip, start, self.length[: len(clip)])
         return WindowList(self.split, self.clip_ids, clip, start, self.length[places])
 
     def __eq__(self, other: object) -> bool:
