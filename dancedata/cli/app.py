@@ -187,12 +187,15 @@ def check(
         raise typer.Exit(1)
 
 
+AS_HELP = "What its columns are: edge151, ...; default: what save_samples wrote states."
+
+
 @errors_to_exit_codes
 def decode(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=OUTPUT_HELP)],
-    representation: Annotated[str, typer.Option("--as", metavar="NAME", help="What its columns are: edge151, ...")],
     to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays), smplx, glb or obj.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")],
+    representation: Annotated[str | None, typer.Option("--as", metavar="NAME", help=AS_HELP)] = None,
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="The trainer's dataset: scaler, rate.")] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
@@ -212,7 +215,13 @@ def decode(
     """
     load_plugins(*(plugins or ()))
     from dancedata.pipeline.decode_file import decode_file
+    from dancedata.store.saved_samples import saved_samples
 
+    if (saved := saved_samples(files[0])) is not None:
+        like, scaler = like or saved.dataset, scaler or saved.scaler
+        representation = representation or saved.field
+    if representation is None:
+        raise UsageError("nothing states what these columns are", where=files[0], fix="name it: --as edge151")
     kind: Any = to  # checked there
     written = decode_file(
         files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,

@@ -159,6 +159,7 @@ def report(
     load_plugins(*(plugins or ()))
     from dancedata.report.findings import findings
     from dancedata.report.write import default_path, write_report
+    from dancedata.store.saved_samples import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
     if card:
@@ -173,6 +174,8 @@ def report(
         "--split": split, "--field": field, "--normalized or --not-normalized": normalized, "--scaler": scaler,
         "--clip-values": clip_to_range or None, "--fps": fps, "--music-of": music_of,
     }  # fmt: skip
+    if against is None and (saved := saved_samples(store)) is not None:
+        against = saved.dataset
     if against is not None and store.exists() and not (store / DATASET_FILE).exists():
         if audio != "none" or not clips.isdecimal():
             raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")

@@ -23,12 +23,13 @@ from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, musi
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
-from dancedata.evaluation.samples import Trace, as_numpy, gather_by_torch, sample_lengths
+from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.like import Reader, opened, scaling_of, store_of
 from dancedata.store.normalize import Scaler
 from dancedata.store.samples import Sample, Samples
+from dancedata.store.saved_samples import as_numpy
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -205,13 +206,17 @@ class Evaluator:
         if isinstance(ids, str) or len(ids) != len(batch):
             raise UsageError("ids are not those of the samples", found=shown(ids),
                              allowed=f'{len(batch)}, as batch["id"] has them')  # fmt: skip
-        of_dataset = [self._samples.require(name) for name in ids]
+        of_dataset = [self.sample(name) for name in ids]
         sizes = sample_lengths(batch, ids, None if lengths is None else as_numpy(lengths))
         rows = None if music is None else self._beats(as_numpy(music), batch.shape[1], sizes, lengths is not None)
         for k, sample in enumerate(of_dataset):
             beats, columns = None if rows is None else rows[k], batch[k, : sizes[k]]
             if not self._repeats(str(sample.id), Trace.of(columns, beats)):
                 self._measure(sample, columns, None if beats is None else ClipMusic(beats))
+
+    def sample(self, name: str) -> Sample:
+        """Return what an id names in the dataset; DataError "no_clip" or "outside" if it names nothing."""
+        return self._samples.require(name)
 
     def _repeats(self, name: str, trace: Trace) -> bool:
         """Whether a sample is a repeated one; UsageError if it has the id of another one."""

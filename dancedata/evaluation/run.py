@@ -22,6 +22,7 @@ from dancedata.execution.units import check_backend
 from dancedata.pipeline.commands import folder_of, jobs_of
 from dancedata.store import Store
 from dancedata.store.like import opened, store_of
+from dancedata.store.saved_samples import saved_samples
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
@@ -67,7 +68,7 @@ def evaluate(
     ----------
     what
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
-        a clip, metres, +Y up.
+        a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement.
     protocol
         Name of a protocol, a YAML file with one, or an object of one.
     pool
@@ -138,7 +139,12 @@ def evaluate(
         songs = {clip: _song(song) for clip, song in music_of.items()}
     else:
         songs = {} if music_of is None else read_songs(Path(music_of))
-    named = None if like is None else opened(like)
+    named, saved = None if like is None else opened(like), saved_samples(what)
+    if saved is not None:
+        of = saved.like(None if named is None else store_of(named))
+        named, field = named or of, field or saved.field
+        if scaler is None and isinstance(named, Store):
+            scaler = saved.scaler
     request = Request(
         what=what,
         protocol=with_metrics(_protocol(protocol), metrics),

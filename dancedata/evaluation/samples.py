@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +13,6 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 #: Tolerance of traces of a sample that is generated again: the same network in batches of another size.
 _SAME = 1e-4
@@ -50,11 +47,6 @@ class Trace:
             and self.motion.shape == trace.motion.shape
             and bool(np.allclose(self.motion, trace.motion, rtol=_SAME, atol=_SAME, equal_nan=True))
         )
-
-
-def as_numpy(batch: npt.ArrayLike | Tensor) -> npt.NDArray[Any]:
-    """Return a batch as an array of this process; tensors may be on any device."""
-    return np.asarray(batch.detach().float().cpu().numpy() if hasattr(batch, "detach") else batch)
 
 
 def _torch_distributed() -> Any:

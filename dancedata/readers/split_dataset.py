@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -34,9 +34,13 @@ from dancedata.remote import fetch_soon
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
+from dancedata.store.saved_samples import save_samples
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 # 1 is the stream of orders, 4 that of augmentations.
 _MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
@@ -225,6 +229,26 @@ class SplitDataset(EpochDataset):
         """Return the shape of a sample's rows of a field; rows that differ in number are "T"."""
         field, lengths = self.store.field(name), np.unique(self.lengths)
         return self.store.grid.rows(int(lengths[0]), of=field.grid) if len(lengths) == 1 else "T", field.columns.width
+
+    def save_samples(
+        self, folder: str | Path, ids: Sequence[str], samples: "npt.ArrayLike | Tensor", *, overwrite: bool = False
+    ) -> list[Path]:
+        """Write a model's samples (B, L, D) to ``ID.npz``, for evaluate, view, report and decode without an option.
+
+        They are of the motion field that is read, normalised as it is; padded ones are cut to the length of their id.
+
+        Raises UsageError, DataError: for ids that are not of the dataset or differ in case alone, samples shorter
+            than their ids state or of another width, files that exist, and a folder of samples of another dataset.
+        """
+        names = [name for name in self.fields if self.store.field(name).kind == "motion"]
+        width = np.shape(samples)[-1]
+        fitting = [name for name in names if self.store.field(name).columns.width == width]
+        if len(fitting) != 1:
+            widths = listed(f"{name} ({self.store.field(name).columns.width})" for name in names)
+            raise UsageError("no motion field that is read, or not one alone, has this width", found=str(width),
+                             allowed=widths)  # fmt: skip
+        scaler = self._normalizers.get(fitting[0])
+        return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:

@@ -33,6 +33,7 @@ from dancedata.report.space import Space, poses_of
 from dancedata.report.write import Target
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.saved_samples import saved_samples
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.motions import MotionScenes
 from dancedata.viewer.scene_list import Item
@@ -85,6 +86,9 @@ def write_samples_report(
     with open_store(against) as store:
         store.require_intact()
         named = protocol_named(protocol)
+        if (saved := saved_samples(path)) is not None:
+            saved.like(store)
+            field, scaler = field or saved.field, scaler or saved.scaler
         files = None if source is None else Path(source).expanduser()
         request = Request(
             what=path, protocol=named, like=store, role="generated", split=split, field=field, normalized=normalized,

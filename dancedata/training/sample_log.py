@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from dancedata.core.clip import Window
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.text import counted
 from dancedata.evaluation.evaluator import Evaluator, Gather
 from dancedata.evaluation.report import Report
-from dancedata.evaluation.samples import as_numpy
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.training.sample_page import WindowSample, sample_page
+from dancedata.store.saved_samples import as_numpy
+from dancedata.training.sample_page import Generated, sample_page
 
 if TYPE_CHECKING:
     from accelerate import Accelerator
@@ -90,7 +89,7 @@ class SampleLog:
             raise UsageError("invalid number of samples of a page", found=wall, allowed=f"1 to {_MOST}")
         self.evaluator, self.wall, self.prefix = evaluator, wall, prefix
         self.folder = None if folder is None else Path(folder).expanduser()
-        self._samples: list[WindowSample] = []
+        self._samples: list[Generated] = []
 
     def __repr__(self) -> str:
         return f"SampleLog({self.evaluator!r}, {str(self.folder)!r})"
@@ -115,18 +114,16 @@ class SampleLog:
         UsageError
             As `Evaluator.update`; if the batch is not one of a reader.
         """
-        missing = [key for key in ("id", "clip", "start", "length") if key not in batch]
-        if missing:
-            raise UsageError("this batch is not of a reader of the dataset", found=f"no key {missing[0]!r}",
+        if "id" not in batch:
+            raise UsageError("this batch is not of a reader of the dataset", found="no key 'id'",
                              allowed="batches of WindowDataset, or of ClipDataset with pad_clips")  # fmt: skip
         lengths = batch.get("lengths", {}).get(self.evaluator.field)
         columns = as_numpy(motion)
         self.evaluator.update(columns, batch["id"], lengths=lengths)
-        places = zip(batch["clip"], batch["start"], batch["length"], strict=True)
-        for k, (clip, start, length) in enumerate(places):
+        for k, name in enumerate(batch["id"]):
             if self.folder is not None and len(self._samples) < self.wall:
                 rows = columns[k] if lengths is None else columns[k, : int(lengths[k])]
-                self._samples.append(WindowSample(Window(clip, int(start), int(length)), rows.copy()))
+                self._samples.append(Generated(self.evaluator.sample(name), rows.copy()))
 
     def finish(
         self,

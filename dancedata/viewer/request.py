@@ -15,6 +15,7 @@ from dancedata.evaluation.inputs.files import FileFormat
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.store import Store, open_store
 from dancedata.store.licence import OVERRIDE, require_shareable
+from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
 from dancedata.viewer.comparisons import Comparison, OriginalComparison, comparison_of, file_format
 from dancedata.viewer.motions import MotionScenes, motion_scenes
@@ -23,6 +24,7 @@ from dancedata.viewer.scene_list import Item, SceneList
 from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.source import ClipSource, Sounds
 from dancedata.viewer.wall import Wall, WallSounds
+from dancedata.viewer.windows import SampleScenes, samples_in
 
 #: Attributes of a request whose option has another name.
 _OPTIONS = {
@@ -86,6 +88,15 @@ class ViewRequest:
             return None
         return BodyMesh.read(self.body_model, self.betas)
 
+    def beside_truth(self) -> ViewRequest:
+        """Return the request for samples that say what they are: the dances of their dataset, and they beside."""
+        saved = saved_samples(self.path)
+        if saved is None or self.columns is not None or self.compare or (self.path / DATASET_FILE).exists():
+            return self
+        place = saved.dataset if self.like is None else self.like
+        saved.like(open_store(place))
+        return replace(self, path=place, compare=(self.path,), like=None)
+
     def scenes(self) -> SceneList:
         """Open the dataset, or read the motion files; UsageError if there is nothing to show."""
         if (self.path / DATASET_FILE).exists():
@@ -94,7 +105,9 @@ class ViewRequest:
                 self._refuse(
                     "would have no effect without --compare", _OF_FILES, fix="name the files: --compare FOLDER"
                 )
-            scenes = Scenes(open_store(self.path), self.field)
+            store = open_store(self.path)
+            samples = samples_in(store, [path for path in self.compare if not (path / DATASET_FILE).exists()])
+            scenes = SampleScenes(store, self.field, samples) if samples else Scenes(store, self.field)
             if not scenes.items:
                 raise UsageError("this dataset has no clips to show", where=str(self.path))
             return scenes
@@ -117,7 +130,11 @@ class ViewRequest:
         original = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
         comparisons: list[Comparison] = [*original]
         for path in self.compare:
-            comparisons.append(comparison_of(path, scenes, form))
+            saved = None if self.compare_as or self.columns else saved_samples(path)
+            of_path = form
+            if saved is not None:
+                of_path = replace(self, scaler=self.scaler or saved.scaler)._format(store, scenes.grid, saved.field)
+            comparisons.append(comparison_of(path, scenes, of_path))
             if not matched(comparisons[-1], scenes):
                 raise DataError(
                     "nothing here is named as a clip that is shown", reason="nothing_matched", where=str(path),
@@ -199,6 +216,7 @@ class Shown:
         Raises UsageError, StoreError, SourceError, DataError: if the dataset, the files, the clip or the source
             cannot be used.
         """
+        request = request.beside_truth()
         scenes = request.scenes()
         sounds: Sounds | None = None
         if isinstance(scenes, Scenes):

@@ -98,6 +98,8 @@ class Item:
         Id of the clip, or of the group, that this one is a copy of; else empty.
     called
         What a dancer is called beside the others; "": by number and role.
+    sample
+        Id of the sample that it is the truth of; "" for none.
     """
 
     number: int
@@ -109,6 +111,7 @@ class Item:
     n_source: int = 0
     source: str = ""
     called: str = ""
+    sample: str = ""
 
     @property
     def name(self) -> str:
@@ -117,8 +120,8 @@ class Item:
 
     @property
     def id(self) -> str:
-        """The name; of a window its first frame follows, as in "clip@75"."""
-        return self.name if self.window is None else f"{self.name}@{self.start}"
+        """The name; of a window that of the sample, or its first frame follows, as in "clip@75"."""
+        return self.sample or (self.name if self.window is None else f"{self.name}@{self.start}")
 
     @property
     def part(self) -> str:
@@ -359,7 +362,8 @@ class SceneList(ABC):
         items: dict[str, list[Item]] = {}
         for item in self.items:
             for dancer in item.members or (item,):
-                items.setdefault(dancer.clip.id, []).append(dancer)
+                for name in filter(None, (dancer.clip.id, dancer.sample)):
+                    items.setdefault(name, []).append(dancer)
         # A clip of the same name comes first: commands name clips.
         groups = [item for item in self.items if item.members and item.name not in items]
         for item in groups:

@@ -7,14 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import dancedata
 from dancedata import Evaluator
+from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
 from dancedata.store import Store
 from dancedata.store.samples import Samples
+from dancedata.store.saved_samples import save_samples
+from dancedata.viewer.comparisons import comparison_payload
+from dancedata.viewer.request import Shown, ViewRequest
 from tests.messages import raises_message
 
 OPTIONS: Mapping[str, Any] = {"normalized": False, "bootstrap": 0}
@@ -122,3 +127,63 @@ def test_a_list_of_songs_needs_the_second_of_a_window(store: Store, tmp_path: Pa
     np.save(tmp_path / f"{name}.npy", clip.read("edge151")[105:165])
     with raises_message(UsageError, r"3\.5", where=name):
         dancedata.evaluate(tmp_path, like=store, music_of={name: clip.music}, **OPTIONS)
+
+
+def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from torch.utils.data import DataLoader
+
+    from dancedata.readers import Scale, WindowDataset
+
+    data = WindowDataset(copies, "test", fields=("edge151",), scale=Scale(), augment={"mirror": 0.5}, seed=3)
+    evaluator = Evaluator(data, "edge151")
+    written = []
+    for batch in DataLoader(data, batch_size=4):
+        evaluator.update(batch["edge151"], batch["id"])
+        written += data.save_samples(tmp_path / "gen", batch["id"], batch["edge151"])
+    assert sorted(path.stem for path in written) == sorted(evaluator.compute().clips)
+    assert any("~mirror" in path.stem for path in written)
+    folder = dancedata.evaluate(tmp_path / "gen", bootstrap=0)
+    for score in evaluator.compute().scores:
+        assert folder[score.name].value == pytest.approx(score.value, rel=1e-5), score.name
+    assert any("the dances of the dataset themselves" in warning for warning in folder.warnings)
+    for command in (
+        ["evaluate", "gen", "-q"],
+        ["report", "gen", "-q"],
+        ["decode", "gen", "--to", "bvh", "--out", "x"],
+    ):
+        words = [str(tmp_path / word) if word in ("gen", "x") else word for word in command]
+        words += ["--to", str(tmp_path / "page.html")] if command[0] == "report" else []
+        found = CliRunner().invoke(app, words, catch_exceptions=False)
+        assert found.exit_code == 0, found.output
+    assert {path.stem for path in (tmp_path / "x").iterdir()} == {path.stem for path in written}
+    for wall in (False, True):
+        shown = Shown.of(ViewRequest(tmp_path / "gen", wall=wall))
+        assert len(shown.scenes.items) == len(written)
+        distances = [
+            comparison_payload(shown.comparisons[0], shown.scenes.scene(item))["mean"] for item in shown.scenes.items
+        ] if not wall else [0.0]  # fmt: skip
+        assert max(distances) < 1  # mm: each beside its own truth, mirrored where it is
+    walled = [shown.scenes.scene(item) for item in shown.scenes.items]
+    assert {len(scene.members) for scene in walled} == {2}
+    page = dict(walled[0].members[1].numbers)
+    of_sample = [row for row in folder.per_clip if row["clip"] == shown.scenes.items[0].members[0].sample]
+    assert page["BAS"] == f"{of_sample[0]['bas']:.3f}"
+
+
+def test_samples_of_another_dataset_or_field(copies: Store, store: Store, tmp_path: Path) -> None:
+    name, rows = f"{copies.clips[0].id}@0+150", copies.clips[0].read("edge151")[None, :150]
+    options: dict[str, Any] = {"field": "edge151", "scaler": None}
+    save_samples(copies, tmp_path, [name], rows, **options)
+    with raises_message(DataError, "another dataset", reason="other_dataset"):
+        dancedata.evaluate(tmp_path, like=store, bootstrap=0)
+    for ids, given, message in (
+        ([name], options, "already there"), ([name.replace("+150", "+151")], options, "shorter"),
+        (["nobody@0+150"], options, "no clip"), ([name], {**options, "scaler": copies.scaler("edge151")}, "another"),
+    ):  # fmt: skip
+        with raises_message((UsageError, DataError), message):
+            save_samples(copies, tmp_path, ids, rows, **given)
+    save_samples(copies, tmp_path, [name], rows, overwrite=True, **options)
+    (tmp_path / "samples.json").write_text("{}")
+    with raises_message(UsageError, "say", where="samples.json"):
+        dancedata.evaluate(tmp_path, bootstrap=0)

@@ -101,7 +101,7 @@ def test_a_page_shows_each_sample_beside_its_window(path: Path, store: Store, tm
     assert (page["head"]["clips"], len(page["clips"])) == (2, 2)
     for number, (clip, start) in enumerate(zip(batch["clip"][:2], batch["start"][:2].tolist(), strict=True)):
         payload = page["clips"][str(number)]
-        assert (payload["id"], payload["start"], payload["n"]) == (f"{clip}@{start}", start, 150)
+        assert (payload["id"], payload["start"], payload["n"]) == (f"{clip}@{start}+150", start, 150)
         assert payload["beats"]
         assert [member["part"] for member in payload["members"]] == ["truth", "sample"]
         rows = store.read(store.windows("val")[number], "edge151")
@@ -123,7 +123,7 @@ def test_whole_clips_that_are_padded(path: Path, tmp_path: Path) -> None:
         log.update(batch["edge151"], batch)
         lengths = batch["lengths"]["edge151"]
         plain.update(batch["edge151"], batch["id"], music=batch["librosa35"], lengths=lengths)
-    kept = [(sample.window.length, len(sample.columns)) for sample in log._samples]
+    kept = [(sample.of.length, len(sample.columns)) for sample in log._samples]
     assert kept == [(210, 210), (180, 180)]
     done = log.finish(0)
     assert done.report is not None

@@ -1,0 +1,171 @@
+"""Samples of a model as files that say what they are: for `evaluate`, `view`, `report` and `decode`."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.text import listed, quoted, shown
+from dancedata.core.version import __version__
+from dancedata.files import atomic
+from dancedata.files.strict_json import read_json
+from dancedata.store.dataset import Store, open_store
+from dancedata.store.dataset_json import dataset_hashes
+from dancedata.store.normalize import Scaler
+from dancedata.store.samples import Samples
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+#: What all samples of a folder have in common, and their scaler.
+ABOUT, SCALER = "samples.json", "scaler.json"
+_HASHES = ("self_sha256", "recipe_sha256", "source_sha256")
+_MAX_BYTES = 1 << 20
+
+
+def as_numpy(batch: npt.ArrayLike | Tensor) -> npt.NDArray[Any]:
+    """Return a batch as an array of this process; tensors may be on any device."""
+    return np.asarray(batch.detach().float().cpu().numpy() if hasattr(batch, "detach") else batch)
+
+
+@dataclass(frozen=True)
+class SavedSamples:
+    """What the file samples.json of a folder states.
+
+    `folder`: The folder.
+    `dataset`: Path of the dataset that the samples are of.
+    `hashes`: Of its dataset.json, its recipe and its source.
+    `field`: Motion field that the samples are of.
+    `scaler`: File of the scaler that normalises them; None if they are not normalised.
+    """
+
+    folder: Path
+    dataset: Path
+    hashes: tuple[str, ...]
+    field: str
+    scaler: Path | None
+
+    def like(self, store: Store | None = None) -> Store:
+        """Return the dataset, or another copy of it; DataError "other_dataset" if it is another one."""
+        store = open_store(self.dataset) if store is None else store
+        (own, *sources), (mine, *of_mine) = self.hashes, _hashes(store).values()
+        if own == mine or (all(sources) and sources == of_mine):  # built again, by another version of numpy
+            return store
+        raise DataError("these samples are of another dataset", reason="other_dataset", where=str(self.folder),
+                        found=f"{self.dataset.name} {own[:12]}", allowed=f"{store.path.name} {mine[:12]}",
+                        fix="name the dataset of the training with --like, or delete samples.json")  # fmt: skip
+
+
+def saved_samples(path: object) -> SavedSamples | None:
+    """Return what a folder of samples, or that of a file of one, states; None if it states nothing."""
+    if not isinstance(path, str | Path):
+        return None
+    folder = Path(path).expanduser()
+    folder = folder if folder.is_dir() else folder.parent
+    if not (folder / ABOUT).is_file():
+        return None
+    try:
+        about = read_json(folder / ABOUT, _MAX_BYTES)
+        dataset, field, is_normalized = about["dataset"], about["field"], about["normalized"]
+        place, hashes = str(dataset["path"]), tuple(str(dataset[name]) for name in _HASHES)
+        if not isinstance(field, str) or not isinstance(is_normalized, bool):
+            raise TypeError("field or normalized")
+    except (OSError, ValueError, LookupError, TypeError, UsageError, DataError) as error:
+        raise UsageError("this file does not say what the samples are", where=folder / ABOUT, found=shown(error),
+                         fix="delete it, and state --like and --field") from error  # fmt: skip
+    scaler = folder / SCALER if is_normalized else None
+    return SavedSamples(folder, folder / place, hashes, field, scaler)
+
+
+def save_samples(
+    store: Store,
+    folder: str | Path,
+    ids: Sequence[str],
+    samples: npt.ArrayLike | Tensor,
+    *,
+    field: str,
+    scaler: Scaler | None,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write each sample of a batch (B, L, D) to ``ID.npz``, and once what they are to samples.json.
+
+    `scaler`: Normalises them; None if they are not normalised.
+    Raises UsageError, DataError: for ids that are not of the dataset or differ in case alone, samples shorter than
+        their ids state or of another width, files that exist, and a folder of samples of another dataset or field.
+    Raises StoreError: if they cannot be written.
+    """
+    path, batch, of = Path(folder).expanduser(), as_numpy(samples), store.field(field)
+    if batch.ndim != 3 or len(batch) != len(ids) or batch.shape[2] != of.columns.width:
+        raise UsageError("these are not samples of the field", found=f"shape {batch.shape}, {len(ids)} ids",
+                         allowed=f"(B, L, {of.columns.width}) and B ids")  # fmt: skip
+    finder, files = Samples(store), {}
+    about = _about(store, path, field, scaler)
+    for name, rows in zip(map(str, ids), batch, strict=True):
+        sample = finder.require(name)
+        n = store.grid.rows_up(sample.length, of=of.grid)
+        if n > len(rows):
+            raise DataError("the sample is shorter than its id states", reason="wrong_length", where=name,
+                            found=f"{len(rows)} rows", allowed=f"{n} rows")  # fmt: skip
+        files[path / f"{sample.id}.npz"] = {
+            "samples": rows[:n], "id": str(sample.id), "field": field, "fps": str(of.grid),
+            "normalized": scaler is not None, "scaler_sha256": "" if scaler is None else scaler.sha256,
+        }  # fmt: skip
+    _require_free(path, files, overwrite=overwrite)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if not (path / ABOUT).exists():
+            if scaler is not None:
+                scaler.save(path / SCALER)
+            atomic.write_json(path / ABOUT, about)
+        for file, arrays in files.items():
+            data = io.BytesIO()
+            np.savez(data, allow_pickle=False, **arrays)
+            atomic.write_bytes(file, data.getvalue())
+    except OSError as error:
+        raise StoreError("the samples cannot be written", where=path, found=str(error)) from error
+    return list(files)
+
+
+def _hashes(store: Store) -> dict[str, str]:
+    """Return the hashes of the dataset, its recipe and its source; "" where one is not stated."""
+    stated = dataset_hashes(store.meta)
+    return {name: stated.get(name, "") for name in _HASHES}
+
+
+def _about(store: Store, path: Path, field: str, scaler: Scaler | None) -> dict[str, Any]:
+    """Return the content of samples.json; UsageError if that of the folder is another."""
+    place = os.path.relpath(store.path.absolute(), path.absolute())
+    hashes = _hashes(store)
+    about = {
+        "dancedata": __version__, "dataset": {"name": store.meta.get("name", ""), "path": place, **hashes},
+        "field": field, "normalized": scaler is not None, "scaler_sha256": "" if scaler is None else scaler.sha256,
+    }  # fmt: skip
+    if (path / ABOUT).exists():
+        stated = read_json(path / ABOUT, _MAX_BYTES)
+        differ = [key for key in ("dataset", "field", "scaler_sha256") if stated.get(key) != about[key]]
+        if differ:
+            raise UsageError("the folder holds samples of another dataset, field or scaler", where=path / ABOUT,
+                             found=listed(f"{key} {quoted(stated.get(key))}" for key in differ),
+                             fix="choose another folder")  # fmt: skip
+    return about
+
+
+def _require_free(folder: Path, files: Sequence[Path] | dict[Path, Any], *, overwrite: bool) -> None:
+    names = [file.name for file in files]
+    there = {p.name for p in folder.iterdir()} if folder.is_dir() else set()
+    lower: dict[str, str] = {name.lower(): name for name in there}
+    for name in names:
+        if lower.setdefault(name.lower(), name) != name:
+            raise UsageError("two ids differ in case alone, and are one file on some systems", where=folder,
+                             found=listed([lower[name.lower()], name]), fix="use another folder")  # fmt: skip
+    if existing := [name for name in names if name in there and not overwrite]:
+        raise UsageError("samples are already there", where=folder, found=listed(existing),
+                         fix="choose another folder, or overwrite=True")  # fmt: skip
