@@ -215,13 +215,7 @@ def decode(
     """
     load_plugins(*(plugins or ()))
     from dancedata.pipeline.decode_file import decode_file
-    from dancedata.store.saved_samples import saved_samples
 
-    if (saved := saved_samples(files[0])) is not None:
-        like, scaler = like or saved.dataset, scaler or saved.scaler
-        representation = representation or saved.field
-    if representation is None:
-        raise UsageError("nothing states what these columns are", where=files[0], fix="name it: --as edge151")
     kind: Any = to  # checked there
     written = decode_file(
         files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,

@@ -81,7 +81,7 @@ def evaluate(
     """
     load_plugins(*(plugins or ()))
     from dancedata.evaluation import run as evaluation
-    from dancedata.evaluation.report import TABLES
+    from dancedata.evaluation.tables import TABLES
 
     if table is not None and table not in TABLES:
         raise UsageError("unknown table", found=shown(table), allowed=", ".join(TABLES))
@@ -159,6 +159,6 @@ def _csv_line(cells: Sequence[object]) -> str:
 
 
 def _list(as_json: bool) -> None:
-    from dancedata.evaluation.report import describe_protocols, protocols_json
+    from dancedata.evaluation.protocol_text import describe_protocols, protocols_json
 
     print_result(as_json, protocols_json, describe_protocols)

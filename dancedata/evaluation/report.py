@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,13 +13,15 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.core.version import __version__
-from dancedata.evaluation.measuring import MeasuredClip
+from dancedata.evaluation.inputs.clip import MemoryClip
+from dancedata.evaluation.measuring import MeasuredClip, measure_pose
+from dancedata.evaluation.music import ClipMusic
 from dancedata.evaluation.pool import Pool, one_rate, rows_of
-from dancedata.evaluation.protocol import PROTOCOLS, Protocol
+from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.scores import Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
-from dancedata.recipes.documents import document_of
+from dancedata.store.motion_fields import Pose
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -35,12 +35,6 @@ LABELS = {
 }  # fmt: skip
 _BETTER = {"higher": "higher", "lower": "lower", "closer": "as truth"}
 _NAMED = 3
-#: Characters that mean something in a cell of a Markdown table, and in LaTeX.
-_MARKDOWN = "\\|*`<["
-_LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
-    "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}",
-    ">": r"\textgreater{}", "|": r"\textbar{}",
-}  # fmt: skip
 #: Metrics with more numbers a clip than this are features, which no table of clips shows.
 _FEW = 10
 
@@ -126,7 +120,7 @@ class Report:
     def verdict(self) -> str:
         """What all scores together are worth, in a sentence."""
         void, weak = ([s for s in self.scores if s.verdict == verdict] for verdict in ("void", "weak"))
-        n, of = len(self.scores), _clips_text(self)
+        n, of = len(self.scores), clips_text(self)
         if n and len(void) == n:
             codes = Counter(score.why[0].code for score in void)
             want = "" if codes.most_common(1)[0][0] != "few_clips" else ", mostly for want of clips"
@@ -199,7 +193,7 @@ def _score_row(score: Score) -> dict[str, Any]:
     return {"score": score.name, "value": value, "low": low, "high": high, **row}
 
 
-def _clips_text(report: Report) -> str:
+def clips_text(report: Report) -> str:
     """Return the number of independent clips, and of samples where there are more."""
     n, samples = report.recordings, len(report.clips)
     return counted(n, "clip") if n == samples else f"{counted(samples, 'sample')} of {counted(n, 'clip')}"
@@ -212,7 +206,7 @@ def describe(report: Report) -> str:
     lines = [
         *([report.matched] if report.matched else []),
         f"{report.protocol.label}: {shown(report.source)} as {report.role}",
-        f"  {_clips_text(report)}, {counted(report.pieces, 'piece')}, {report.fps} frames per second, {lengths}",
+        f"  {clips_text(report)}, {counted(report.pieces, 'piece')}, {report.fps} frames per second, {lengths}",
         f"  pool: {_pool_text(report)}" + (f"; truth: {shown(report.truth_source)}" if report.truth_source else ""),
         *score_table(report),
         report.verdict,
@@ -290,68 +284,6 @@ def _undefined_lines(scores: Sequence[Score]) -> list[str]:
     return [f"  undefined: {', '.join(names)}: {text}" for text, names in lines.items()]
 
 
-def markdown(report: Report) -> str:
-    """Return the scores as a Markdown table of two lines, values with their intervals; of a path, its last part.
-
-    A score that means nothing is a dash; a note has the reasons.
-    """
-    head = " | ".join(LABELS.get(s.name, s.name) for s in report.scores)
-    values = " | ".join(_in_table(s, " [{}, {}]", "†") for s in report.scores)
-    rule = "|".join("---:" for _ in report.scores)
-    name, note = _escaped(Path(report.source).name), _escaped(_note(report, "†"))
-    return f"| {report.protocol.name} | {head} |\n|---|{rule}|\n| {name} | {values} |\n\n{note}"
-
-
-def latex(report: Report) -> str:
-    """Return the scores as a LaTeX table with the protocol as its caption; a score that means nothing is a dash."""
-    arrows = {"higher": r"$\uparrow$", "lower": r"$\downarrow$", "closer": r"$\rightarrow$"}
-    head = " & ".join(f"{_latex_name(s.name)} {arrows[s.better]}" for s in report.scores)
-    values = " & ".join(_in_table(s, r" {{\scriptsize [{}, {}]}}", r"\dag") for s in report.scores)
-    return "\n".join(
-        [
-            r"\begin{table}",
-            f"\\begin{{tabular}}{{l{'r' * len(report.scores)}}}",
-            rf"\hline & {head} \\ \hline",
-            rf"{_escaped(Path(report.source).name, latex=True)} & {values} \\ \hline",
-            r"\end{tabular}",
-            rf"\caption{{{_escaped(_note(report, '+'), latex=True).replace('+ ', chr(92) + 'dag{} ')}}}",
-            r"\end{table}",
-        ]
-    )
-
-
-TABLES: dict[str, Callable[[Report], str]] = {"latex": latex, "markdown": markdown}
-
-
-def _in_table(score: Score, form: str, mark: str) -> str:
-    if score.verdict != "ok" or score.interval is None:
-        return {"void": "-", "weak": number_text(score.value) + mark, "ok": number_text(score.value)}[score.verdict]
-    return number_text(score.value) + form.format(number_text(score.interval.low), number_text(score.interval.high))
-
-
-def _note(report: Report, mark: str) -> str:
-    """Return what a table has to say below it: protocol, clips, and the reasons of weak and left out scores."""
-    of_reason: dict[tuple[str, str], list[str]] = {}
-    for score in (score for score in report.scores if score.verdict != "ok"):
-        of_reason.setdefault((score.verdict, score.reason), []).append(LABELS.get(score.name, score.name))
-    marks = {"weak": mark, "void": "-"}
-    reasons = [f"{marks[verdict]} {', '.join(names)}: {reason}" for (verdict, reason), names in of_reason.items()]
-    about = f"Protocol {report.protocol.label}; {_clips_text(report)}, {report.fps} frames per second."
-    return " ".join([about, *(f"{reason}." for reason in reasons)])
-
-
-def _latex_name(name: str) -> str:
-    first, _, last = LABELS.get(name, name).partition("_")
-    return f"${first}_{last}$" if last and len(last) == 1 else LABELS.get(name, name).replace("_", r"\_")
-
-
-def _escaped(text: str, latex: bool = False) -> str:
-    plain = shown(text, 2000)
-    if not latex:
-        return "".join(f"\\{c}" if c in _MARKDOWN else c for c in plain)
-    return "".join(_LATEX.get(c, c) for c in plain)
-
-
 def report_of(
     protocol: Protocol,
     measured: Sequence[MeasuredClip],
@@ -422,6 +354,16 @@ def report_of(
     )
 
 
+def scores_of_clip(protocol: str, pose: Pose, music: ClipMusic | None) -> dict[str, float | None]:
+    """Return the scores of one clip that need no pool, by name; DataError if the protocol cannot measure it."""
+    rules = protocol_named(protocol)
+    numbers = [number for number, measure in enumerate(rules.measures) if not measure.metric.needs_pool]
+    clip = MemoryClip(id="clip", joints=pose.joints, grid=pose.grid)
+    measured = MeasuredClip.of(clip, measure_pose(rules, "generated", numbers, pose, music))
+    report = report_of(rules, [measured], None, role="generated", source="clip", draws=0, numbers=numbers)
+    return {score.name: score.value for score in report.scores}
+
+
 def _same_as(measured: Sequence[MeasuredClip], truth: Sequence[MeasuredClip]) -> list[str]:
     """Return a warning if samples have the numbers of the very dances that they are of."""
     real = {m.id: m for m in truth}
@@ -453,55 +395,3 @@ def per_clip_rows(protocol: Protocol, measured: Sequence[MeasuredClip]) -> list[
                 row |= dict(zip(columns, values, strict=True))
             rows.append(row)
     return rows
-
-
-def protocols_json() -> dict[str, Any]:
-    """Return every protocol with all that its numbers depend on."""
-    return {name: _protocol_json(PROTOCOLS.get(name)()) for name in PROTOCOLS.names()}
-
-
-def _protocol_json(protocol: Protocol) -> dict[str, Any]:
-    rule, music = protocol.motion, protocol.music
-    return {
-        "version": protocol.version,
-        "about": (inspect.getdoc(type(protocol)) or "").split("\n\n")[0].replace("\n", " "),
-        "citation": protocol.citation,
-        "source": protocol.source,
-        "licence": protocol.licence_note,
-        "motion": {"body": rule.body, "fps": rule.fps, "up": rule.up, "pelvis": rule.pelvis},
-        "truth": str(protocol.truth),
-        "generated": str(protocol.generated),
-        "metrics": [{m.metric.name: document_of(m.metric), "fps": m.fps} for m in protocol.measures],
-        "music": None
-        if music is None
-        else {"features": list(music.features), "fps": music.fps, "by_piece": music.by_piece},
-        "published": [
-            {"what": p.what, "values": dict(p.values), "source": p.source, "note": p.note} for p in protocol.published
-        ],
-        "not_computable": dict(protocol.not_computable),
-        "notes": list(protocol.notes),
-    }
-
-
-def describe_protocols() -> str:
-    """Return the output of ``dancedata evaluate --list-protocols``."""
-    lines = []
-    for name, protocol in protocols_json().items():
-        motion = protocol["motion"]
-        rate = f"{motion['fps']} frames per second" if motion["fps"] else "any frame rate"
-        lines += [
-            f"{name}, version {protocol['version']}: {protocol['about']}",
-            f"  {motion['body']}, {rate}, {motion['up']} up",
-        ]
-        lines.append(f"  ground truth: {protocol['truth']}; generated: {protocol['generated']}")
-        metrics = ["".join(_call(n, d) for n, d in m.items() if n != "fps") for m in protocol["metrics"]]
-        lines.append(f"  metrics: {', '.join(metrics)}")
-        for row in protocol["published"]:
-            values = ", ".join(f"{LABELS.get(k, k)} {v:g}" for k, v in row["values"].items())
-            lines.append(f"  published, {row['what']}: {values} ({row['source']})")
-        lines.append(f"  from: {protocol['source']}")
-    return "\n".join(lines)
-
-
-def _call(name: str, parameters: dict[str, Any]) -> str:
-    return f"{name}({', '.join(f'{v}' for v in parameters.values() if isinstance(v, str))})"

@@ -1,6 +1,8 @@
 """Options of an evaluation, and the set, the pool and the music that they name, as clips that can be measured."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from pathlib import Path
@@ -9,14 +11,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
-from dancedata.evaluation.inputs.files import FileFormat, file_clip, folder_clips
+from dancedata.evaluation.inputs.files import FileFormat, columns_width, file_clip, folder_clips
 from dancedata.evaluation.inputs.naming import named_clips
 from dancedata.evaluation.inputs.songs import MusicSources, song_files
 from dancedata.evaluation.inputs.store import named_reader, store_clips, truth_of, without_field
@@ -30,6 +32,7 @@ from dancedata.store import Store, open_store
 from dancedata.store.like import Reader, scaling_of
 from dancedata.store.motion_fields import ColumnsReader, motion_readers
 from dancedata.store.normalize import Scaler
+from dancedata.store.samples import Sample
 from dancedata.store.scaling import Scaling
 from dancedata.store.schema import DATASET_FILE
 
@@ -101,6 +104,8 @@ class Request:
             )
         if self.scaler is not None and self.like is None and self.representation is None:
             raise UsageError("a scaler is of columns", fix="name them: --like STORE, or --representation NAME")
+        if self.field is None and self.like is not None:
+            object.__setattr__(self, "field", self._field_of_width(self.like) or None)
 
     @property
     def numbers(self) -> list[int]:
@@ -148,9 +153,11 @@ class Request:
         nothing = None
         if music is not None and not {*music.songs, *music.beats, *music.files}:
             nothing = named.nothing_matched(clip_set.source, self.like)
+        _require_rate(self.fps, named.samples)
         unknown = [clip for clip in named.unknown if music is None or clip not in music.beats]
         left = f"{counted(len(unknown), 'file')} of {len(named.clips)} without a clip, window or song of "
         warning = [f"{left}{self.like.path.name}, so without music: {listed(unknown)}"] if unknown else []
+        warning += _about_samples(named.samples, of_groups=self.protocol.of_groups)
         return replace(clip_set, matched=named.found(Path(clip_set.source).name, self.like), warnings=tuple(warning),
                        nothing_matched=nothing)  # fmt: skip
 
@@ -238,6 +245,17 @@ class Request:
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.representation, {})
         return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.representation, plugin))
 
+    def _field_of_width(self, like: Store) -> str:
+        """Return the only motion field as wide as the columns of the first file; "" if there are none or several."""
+        path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
+        files = [] if path is None else sorted(path.iterdir()) if path.is_dir() else [path]
+        file = next((file for file in files if file.suffix.lower() in (".npy", ".npz")), None)
+        with suppress(DataError, OSError):
+            width = 0 if file is None else columns_width(file)
+            fields = [name for name in motion_readers(like) if like.field(name).columns.width == width]
+            return fields[0] if len(fields) == 1 else ""
+        return ""
+
     @property
     def scaler_sha256(self) -> str:
         """Hash of the scaler that columns are stated to be normalised by; "" without one."""
@@ -272,6 +290,27 @@ def _as_store(what: MotionInput) -> Store | None:
         if (path / DATASET_FILE).exists():
             return open_store(path)
     return None
+
+
+def _require_rate(fps: Number | None, samples: Mapping[str, Sample]) -> None:
+    """Raise UsageError for windows of a dataset, whose frames their ids count, at another rate."""
+    for name, sample in samples.items():
+        if fps is not None and sample.id.start is not None and FrameGrid.of(fps) != sample.store.grid:
+            raise UsageError("the id of a window counts frames of its dataset, which has another rate", where=name,
+                             found=f"{FrameGrid.of(fps)} frames per second",
+                             allowed=f"{sample.store.grid}, as {sample.store.path.name} has",
+                             fix="leave it out; a model at another rate needs a dataset at that rate")  # fmt: skip
+
+
+def _about_samples(samples: Mapping[str, Sample], *, of_groups: bool) -> list[str]:
+    """Return what is to be known of samples whose truth is not all that was read, and of dancers of groups."""
+    changes = Counter(change for of in samples.values() for change in {*of.id.changes} - {"mirror"})
+    lost = (
+        f"{', '.join(changes)} of {counted(sum(changes.values()), 'sample')} cannot be made again without the reader"
+    )
+    groups = {of.id.clip for of in samples.values() if of.id.dancer is not None or of.clip.group}
+    alone = f"{counted(len(groups), 'group')} measured dancer by dancer; together: --protocol groups"
+    return [f"{lost}; their truth is as stored"] * bool(changes) + [alone] * bool(groups and not of_groups)
 
 
 def _name(what: MotionInput) -> str:

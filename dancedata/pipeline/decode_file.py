@@ -38,7 +38,7 @@ _SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
 
 def decode_file(
     path: str | Path | Sequence[str | Path],
-    representation: str,
+    representation: str | None = None,
     *,
     to: Literal["bvh", "npz", "smpl", "smplx", "glb", "obj"],
     out: str | Path,
@@ -65,7 +65,7 @@ def decode_file(
         (B, P, T, D) are decoded as in `dancedata.decode_group`. A folder of such files, a pattern such as
         ``gen/*.npy``, and several of these are decoded file by file.
     representation, like, normalized, scaler, clip, parameters
-        As in `decode`.
+        As in `decode`. Default of what `WindowDataset.save_samples` wrote: what it states.
     to
         "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
         and "smplx" on SMPL-X, both +Z up. "glb": glTF, an animated skeleton, with `body_model` its skinned mesh.
@@ -125,8 +125,14 @@ def decode_file(
         return written
     (path,) = paths
     from dancedata.datasets.folder import stated_grid
+    from dancedata.store.saved_samples import saved_samples
     from dancedata.store.scaling import stated_in
 
+    if (saved := saved_samples(path)) is not None:
+        like, scaler = saved.dataset if like is None else like, saved.scaler if scaler is None else scaler
+        representation = representation or saved.field
+    if representation is None:
+        raise UsageError("nothing states what these columns are", where=path, fix="name it: --as edge151")
     mesh = _mesh(to, body_model, betas, frames)
     decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
     with open_arrays(path) as arrays:

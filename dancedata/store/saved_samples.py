@@ -136,7 +136,7 @@ def save_samples(
 
 def _hashes(store: Store) -> dict[str, str]:
     """Return the hashes of the dataset, its recipe and its source; "" where one is not stated."""
-    stated = dataset_hashes(store.meta)
+    stated = dataset_hashes(store.info)
     return {name: stated.get(name, "") for name in _HASHES}
 
 
@@ -145,7 +145,7 @@ def _about(store: Store, path: Path, field: str, scaler: Scaler | None) -> dict[
     place = os.path.relpath(store.path.absolute(), path.absolute())
     hashes = _hashes(store)
     about = {
-        "dancedata": __version__, "dataset": {"name": store.meta.get("name", ""), "path": place, **hashes},
+        "dancedata": __version__, "dataset": {"name": store.info.get("name", ""), "path": place, **hashes},
         "field": field, "normalized": scaler is not None, "scaler_sha256": "" if scaler is None else scaler.sha256,
     }  # fmt: skip
     if (path / ABOUT).exists():

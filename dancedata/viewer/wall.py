@@ -12,20 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.dance import Dance, MusicBeats, Undefined
+from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.metrics.beats import BeatAlignment
-from dancedata.metrics.physical_contact import pfc
+from dancedata.evaluation.music import ClipMusic
+from dancedata.evaluation.report import scores_of_clip
+from dancedata.store.motion_fields import Pose
 from dancedata.viewer.comparisons import Comparison
 from dancedata.viewer.figure import Figure
 from dancedata.viewer.scene_list import Item, Rhythm, Scene, SceneList
 from dancedata.viewer.source import ClipSound, Sounds
 
-#: Joints that the beats of a motion are of, those that SMPL and SMPL-X share, as `evaluate` takes them.
-_BODY = 22
+#: Protocol of the numbers of dancers.
+PROTOCOL = "dancedata"
 #: Most dancers on a wall, and in a row of it.
 MOST, ROW = 12, 4
 #: Least and greatest distance of neighbours in a row, and between rows, metres.
@@ -145,6 +146,7 @@ class Wall(SceneList):
         if not takes:
             raise DataError("nothing of this wall can be drawn", reason="missing_joints", found="; ".join(notes))
         truth = takes[0][1] if self.comparisons and takes[0][0].clip.member == 0 else None
+        notes.append(f"BAS and PFC by protocol {PROTOCOL}, as evaluate has them: over pieces of 5 s")
         shifts = places([figure for _, _, figure, _ in takes]) if self._apart else [np.zeros(3)] * len(takes)
         first = late[next(k for k, (one, _) in enumerate(self._takes[item.number][1]) if one is longest.item)]
         rhythm = Rhythm.joined(sorted(parts, key=lambda part: part[1])) if any(late) else longest.rhythm
@@ -189,7 +191,7 @@ class Wall(SceneList):
         end = max(self._second(item) + self.grid.seconds(item.n_frames) for item in items)
         n_frames = self.grid.frames_up(end - begin)
         for k, (item, called) in enumerate(takes[:MOST]):
-            name_of_clip = f"{item.clip.id} {called}" if self.comparisons else item.clip.id
+            name_of_clip = f"{item.sample or item.clip.id} {called}" if self.comparisons else item.clip.id
             clip = replace(item.clip, id=name_of_clip, group=name, member=k, role="")
             members.append(replace(item, number=number, called=called, clip=clip, n_frames=n_frames))
         return replace(members[0], members=tuple(members), n_source=len(takes), called="")
@@ -231,16 +233,16 @@ def places(figures: Sequence[Figure]) -> list[np.ndarray]:
 
 
 def _numbers(figure: Figure, rhythm: Rhythm, truth: Figure | None) -> tuple[tuple[str, str], ...]:
-    """Return the measures of a figure, name and value as text, without undefined ones."""
-    numbers = []
-    with suppress(Undefined, DanceDataError):
-        beats = MusicBeats(np.round(rhythm.beats * 1000).astype(np.int64), FrameGrid.of(1000), rhythm.beats)
-        score = BeatAlignment(joints=_BODY).measure(Dance(figure.joints, figure.grid, beats))[0]
-        numbers.append(("BAS", f"{score:.3f}"))
-    if figure.n_frames > 1:
-        numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s"))
-    with suppress(Undefined, DanceDataError):
-        numbers.append(("PFC", f"{pfc(figure.joints, float(figure.grid.rate)):.3g}"))
+    """Return the measures of a figure, name and value as text, without undefined ones: those of `evaluate`."""
+    beats = MusicBeats(np.round(rhythm.beats * 1000).astype(np.int64), FrameGrid.of(1000), rhythm.beats)
+    scores: dict[str, float | None] = {}
+    with suppress(DanceDataError):
+        pose = Pose(figure.joints, figure.skeleton.joints, figure.grid)
+        scores = scores_of_clip(PROTOCOL, pose, ClipMusic(beats) if rhythm.field else None)
+    numbers = [("BAS", "" if (bas := scores.get("bas")) is None else f"{bas:.3f}")]
+    numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s" if figure.n_frames > 1 else ""))
+    numbers.append(("PFC", "" if (value := scores.get("pfc")) is None else f"{value:.3g}"))
+    numbers = [(name, text) for name, text in numbers if text]
     if truth is not None and figure is not truth:
         distance = truth.shifted(-truth.joints[0, 0]).distance_mm(figure.shifted(-figure.joints[0, 0]))
         if np.isfinite(distance).any():

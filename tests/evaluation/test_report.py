@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError
 from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
-from dancedata.evaluation.report import latex, markdown
+from dancedata.evaluation.tables import latex, markdown
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.store import Store
 from tests.evaluation.test_command import run

@@ -187,3 +187,26 @@ def test_samples_of_another_dataset_or_field(copies: Store, store: Store, tmp_pa
     (tmp_path / "samples.json").write_text("{}")
     with raises_message(UsageError, "say", where="samples.json"):
         dancedata.evaluate(tmp_path, bootstrap=0)
+
+
+def test_a_rate_that_is_not_that_of_the_ids(store: Store, tmp_path: Path) -> None:
+    clip = store.clips[0]
+    np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:150])
+    with raises_message(UsageError, "counts frames", where="150"):
+        dancedata.evaluate(tmp_path, like=store, fps=60, **OPTIONS)
+
+
+def test_the_field_is_that_of_the_width(store: Store, tmp_path: Path) -> None:
+    """The first of the dataset's fields is edge151; samples of lodge139 are read as such."""
+    clip = store.clips[0]
+    np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("lodge139")[:150])
+    plain = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
+    assert plain["pfc"].value == dancedata.evaluate(tmp_path, like=store, field="lodge139", **OPTIONS)["pfc"].value
+    assert plain["pfc"].truth == pytest.approx(plain["pfc"].value, rel=1e-3)
+
+
+def test_truth_of_changes_that_cannot_be_made_again(store: Store, tmp_path: Path) -> None:
+    clip = store.clips[0]
+    np.save(tmp_path / f"{clip.id}@0+150~yaw~draw0.1.2.npy", clip.read("edge151")[:150])
+    report = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
+    assert any("yaw of 1 sample cannot be made again" in warning for warning in report.warnings)

@@ -10,8 +10,9 @@ import pytest
 import dancedata
 from dancedata.core.plugins import Metric
 from dancedata.evaluation.pool import MetricRows, Pool
-from dancedata.evaluation.report import Report, latex, markdown
+from dancedata.evaluation.report import Report
 from dancedata.evaluation.scores import MeaninglessScore, SameN, Score, scores_of
+from dancedata.evaluation.tables import latex, markdown
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.intervals import Interval

@@ -322,7 +322,7 @@ def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_i
     assert [member.item.part for member in walled.scenes.scene(walled.item).members] == ["odd", "mine"]
 
 
-@pytest.mark.parametrize("name", ["other", "wav@0+150", "WAV"])
+@pytest.mark.parametrize("name", ["other", "nobody@0+150", "WAV"])
 @pytest.mark.parametrize("wall", [False, True])
 def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, name: str, wall: bool) -> None:
     (tmp_path / "mine").mkdir()

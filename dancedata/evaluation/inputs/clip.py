@@ -67,6 +67,11 @@ class ClipInput(ABC):
         """File or folder that is read, which workers of a cluster have to see; None if the clip is in memory."""
         return None
 
+    @property
+    def dancer_files(self) -> tuple[Path, ...]:
+        """Files of the dancers of a group that has one for each; none for others."""
+        return ()
+
     def crosses(self, target: Skeleton) -> bool:
         """Return whether the motion crosses to another body, see `core.bodies.crosses`; True if that is unknown."""
         return True

@@ -114,6 +114,11 @@ class FileClip(ClipInput):
     def file(self) -> Path:
         return self.path
 
+    @property
+    @override
+    def dancer_files(self) -> tuple[Path, ...]:
+        return () if self.partners is None else (self.path, *self.partners)
+
     @override
     def crosses(self, target: Skeleton) -> bool:
         return self.path.suffix.lower() != ".bvh" or crosses(SMPL24, target)
@@ -317,6 +322,14 @@ def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
     if twice:
         raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
     return _groups_of(paths, form) if form.groups else tuple(file_clip(path, form) for path in paths)
+
+
+def columns_width(path: Path) -> int:
+    """Return the number of columns of a file; 0 if it holds none. DataError if it cannot be read."""
+    with open_arrays(path) as arrays:
+        name = next((name for name in _COLUMNS if name in arrays.names), None)
+        shape = () if name is None else _shape(arrays, name)
+    return shape[-1] if len(shape) in (2, 3) and shape[-1] > 3 else 0
 
 
 def file_clip(path: Path, form: FileFormat) -> FileClip:

@@ -89,6 +89,7 @@ def named_clips(
         tempo = next((c.tempo_bpm for c in same if c.tempo_bpm), None) or tempos.get(music) or tempo_bpm(music)
         start = _begin(clip, sample, song, music)
         if sample is not None:
+            _require_all_dancers(clip, sample)
             samples[clip.id] = sample
             clip = of_sample(clip, sample)
         elif not clip.stored:
@@ -97,6 +98,15 @@ def named_clips(
         found.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
     _require_one_each(samples)
     return Named(tuple(found), samples, tuple(by_song), tuple(unknown))
+
+
+def _require_all_dancers(clip: ClipInput, sample: Sample) -> None:
+    """Raise UsageError if files of the dancers of a group, named by ids, are not those of all."""
+    files = clip.dancer_files
+    if files and len(files) < len(sample.clips) and all(SampleId.parse(f.stem).dancer is not None for f in files):
+        raise UsageError("not all dancers of a group are here", where=clip.id, found=listed([f.stem for f in files]),
+                         allowed=listed([f"{clip.id}~p{k}" for k in range(len(sample.clips))]),
+                         fix="write all, or take a protocol of single dancers")  # fmt: skip
 
 
 def of_sample(clip: ClipInput, sample: Sample) -> ClipInput:
