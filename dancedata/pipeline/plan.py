@@ -207,7 +207,8 @@ def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Prog
 def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:
     """Return how many results of a field are in the cache, and how many a build needs."""
     keys = {ask.key for result in results for ask in field.asks(result.take)}
-    held = sum(cache.contains(field.stage, key, field.suffix) for key in keys)
+    suffixes = ("npy", "json") if field.optional else ("npy",)  # an optional field that has no rows says why
+    held = sum(any(cache.contains(field.stage, key, suffix) for suffix in suffixes) for key in keys)
     return Cached(field.unit, held, len(keys))
 
 

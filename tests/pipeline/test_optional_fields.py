@@ -98,6 +98,11 @@ def test_rows_that_a_field_has_are_those_of_a_build_without_the_key(mixed: Path,
     assert set(found["values"].names) == WITHOUT
 
 
+def test_a_plan_finds_in_the_cache_that_there_are_no_rows(mixed: Path, captures: Path, cache: Path) -> None:
+    held = dancedata.plan(RECIPE, captures, cache=cache).to_json()["cached"]
+    assert all(units["cached"] == units["of"] for units in held.values()), held
+
+
 def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     ds = open_store(mixed)
     window = Window("bvh_1", 0, 30)
