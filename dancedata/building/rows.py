@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,9 @@ from dancedata.building.plugins import Field
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.take import Take
 from dancedata.core.grid import FrameGrid
-from dancedata.store.stored_clip import LazyArray
+
+if TYPE_CHECKING:
+    from dancedata.store.stored_clip import LazyArray
 
 
 @dataclass(frozen=True)

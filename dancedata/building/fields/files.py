@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy.typing as npt
 
@@ -26,7 +26,9 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.cache import Cache
 from dancedata.recipes.fields import FeatureJob
-from dancedata.store import AudioBlock
+
+if TYPE_CHECKING:
+    from dancedata.store.stored_clip import AudioBlock
 
 #: Raised by hand when the stage gives other numbers for the same input.
 _STAGE = 1
@@ -88,6 +90,8 @@ class FileField(Field):
 
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
         """Return the rows: of music those of the file, of motion those from frame 0 to the last."""
+        from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
+
         if self.kind == "audio":
             return (AudioBlock(rows.key, rows.array, rows.offset),)
         return PlacedRows(rows.array, rows.offset, take.time.frames_on(grid), grid, self)

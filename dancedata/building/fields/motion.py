@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,9 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.recipes.fields import KeyMotionField, MotionField
-from dancedata.store.stored_clip import LazyArray
+
+if TYPE_CHECKING:
+    from dancedata.store.stored_clip import LazyArray
 
 _FINGERS = frozenset(SMPLX52.joints[22:])
 #: Raised by hand when the stage gives other numbers for the same motion.

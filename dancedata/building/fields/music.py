@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,9 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.recipes.fields import FeatureJob
-from dancedata.store import AudioBlock
+
+if TYPE_CHECKING:
+    from dancedata.store.stored_clip import AudioBlock
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,8 @@ class MusicRows(Field):
 
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> tuple[AudioBlock, ...]:
         """Return the rows of the song, which clips share."""
+        from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
+
         return (AudioBlock(rows.key, rows.array, rows.offset),)
 
     def asks(self, take: Take) -> Sequence[Ask]:
