@@ -15,7 +15,7 @@ pytest.importorskip("torch")
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
-from dancedata.readers import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
+from dancedata.readers import PRESETS, BatchLoader, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
@@ -149,6 +149,15 @@ def test_explicit_arguments_override_a_preset(store: Store) -> None:
     assert not other.rejects
     assert {w.length for w in other.windows} == {120}
     assert _ids(other) == [f"train_c{k:02d}" for k in range(6)]
+
+
+def test_a_preset_with_primitives(store: Store) -> None:
+    select, fields = Select(ignore=("ignored",), protocol="one"), ("lodge139", "librosa35", Primitives(n=64))
+    data = WindowDataset(store, **PRESETS["lodge-local"] | {"fields": fields, "select": select})
+    batch = next(iter(BatchLoader(data, 2)))
+    assert batch["primitives"].shape == (2, 13, 8, 139)
+    assert float(batch["primitives"].abs().max()) <= 1
+    assert "train_c01" not in _ids(data)
 
 
 def test_relative_root(store: Store) -> None:
