@@ -74,13 +74,22 @@ class Value:
             raise clash(both[0], both[1], f"{type(self).__name__} takes one of them")
 
     def _tuples(self, *names: str) -> None:
-        """Make tuples of lists, as plain data hold them."""
+        """Make tuples of lists, as plain data hold them; UsageError for anything else but mappings and None."""
         for name in names:
             value = getattr(self, name)
-            if isinstance(value, str):
-                object.__setattr__(self, name, (value,))
-            elif isinstance(value, Sequence):
-                object.__setattr__(self, name, tuple(value))
+            if isinstance(value, str | list):
+                object.__setattr__(self, name, (value,) if isinstance(value, str) else tuple(value))
+            elif not isinstance(value, tuple | Mapping | None):
+                raise UsageError(f"{type(self).__name__}.{name} is not a list", found=shown(value))
+
+    def _truth(self, name: str) -> None:
+        if not isinstance(getattr(self, name), bool):
+            raise UsageError(f"{type(self).__name__}.{name} is not a truth value", found=shown(getattr(self, name)))
+
+    def _whole(self, *names: str) -> None:
+        for name in names:
+            if getattr(self, name) is not None:
+                whole(name, getattr(self, name), 1)
 
 
 def clash(first: object, second: object, why: str) -> UsageError:
@@ -118,6 +127,8 @@ class Windows(Value):
     def __post_init__(self) -> None:
         self._not_both("length_s", "length")
         self._not_both("stride_s", "stride")
+        self._whole("length", "stride", "fps")
+        self._truth("trim")
         if self.start_at is not None:
             self._one_of("start_at", get_args(StartAt))
 
@@ -192,8 +203,7 @@ class Scale(Value):
 
     def __post_init__(self) -> None:
         self._tuples("fields", "covers")
-        if not isinstance(self.fields, tuple | None):
-            raise UsageError("Scale.fields are names of fields", found=shown(self.fields))
+        self._truth("clip")
         self._one_of("kind", get_args(ScaleKind))
         self._one_of("over", ("train", "all"))
         for name in ("clip", "covers", "over", "scaler"):
@@ -235,7 +245,7 @@ class Primitives(Value):
     variant: Variant = "paper"
 
     def __post_init__(self) -> None:
-        whole("n", self.n, 1)
+        self._whole("n")
         self._one_of("variant", get_args(Variant))
 
 
@@ -306,9 +316,8 @@ class Dancers(Value):
     def __post_init__(self) -> None:
         self._not_both("persons", "exactly")
         self._one_of("choose", get_args(Choose))
-        for name in ("persons", "exactly"):
-            if getattr(self, name) is not None:
-                whole(name, getattr(self, name), 1)
+        self._whole("persons", "exactly")
+        self._truth("singles")
 
 
 #: An entry of `fields`: the name of a field, or of a free column, "x/NAME"; or what is made of them.
@@ -328,6 +337,8 @@ def to_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def from_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a reader that plain data of `to_plain` stand for; UsageError for unknown parameters."""
+    if not isinstance(arguments, Mapping):
+        raise UsageError("arguments of a reader are a mapping", found=shown(arguments))
     made = dict(arguments)
     for name, cls in _ARGUMENTS.items():
         value = made.get(name)

@@ -42,6 +42,8 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
         raise UsageError(
             "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.scaler(FIELD), or its file"
         )
+    elif not hasattr(scaler, "scaler"):
+        raise UsageError("this is no scaler", found=shown(scaler), fix="give Scale(...), a scaler, its file, or None")
     else:
         shared = [name for name in scaler.fields if name in fields]
         by_field = {n: scaler.scaler(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))}

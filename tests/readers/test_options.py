@@ -103,6 +103,22 @@ def test_values_that_do_not_go_together_are_both_named(make: Any, both: tuple[st
     assert all(name in str(caught.value) for name in both)
 
 
+@pytest.mark.parametrize(
+    ("cls", "wrong"),
+    [
+        (Scale, {"fields": True}), (Scale, {"clip": "no"}), (Windows, {"length": "x"}), (Windows, {"length": 0}),
+        (Windows, {"trim": 1}), (Windows, {"start_at": "bar"}), (Select, {"ignore": 5}), (Dancers, {"persons": "3"}),
+        (Dancers, {"singles": "yes"}), (Primitives, {"n": 0}), (Primitives, {"variant": "codes"}),
+        (Text, {"layer": "a", "empty": 2}), (Text, {"layer": "a", "min_share": -1}),
+        (Segments, {"mirror_words": "?"}),
+    ],
+    ids=str,
+)  # fmt: skip
+def test_values_are_checked_when_they_are_made(cls: Any, wrong: dict[str, Any]) -> None:
+    with raises_message(UsageError, list(wrong)[-1] if cls is not Text else "probability"):
+        cls(**wrong)
+
+
 def test_readers_name_both_values(built: Path) -> None:
     ds = dancedata.open(built)
     own = ds.windows("train")
@@ -117,11 +133,15 @@ def test_readers_name_both_values(built: Path) -> None:
         with pytest.raises(UsageError, match="go together") as caught:
             WindowDataset(ds, **arguments)  # type: ignore[arg-type]
         assert all(name in str(caught.value) for name in both), both
-    for arguments in ({"windows": 5}, {"windows": own[:0]}, {"select": {"genre": "break"}}, {"scale": True}):
-        with raises_message(UsageError, "Windows|empty|Select|Scale"):
+    for arguments in (
+        {"windows": 5},
+        {"scale": 5},
+        {"windows": own[:0]},
+        {"select": {"genre": "break"}},
+        {"scale": True},
+    ):
+        with raises_message(UsageError, "Windows|empty|Select|Scale|truth"):
             WindowDataset(ds, **arguments)  # type: ignore[arg-type]
-    with raises_message(UsageError, "names"):
-        Scale(fields=True)  # type: ignore[arg-type]
 
 
 def test_windows_of_ones_own_are_those_that_are_read(built: Path) -> None:
