@@ -97,6 +97,7 @@ def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Pat
     assert written.path == page
     for title in ("Scores", "How they move", "Map of the poses", "The strangest poses", "Numbers of each sample"):
         assert title in text
+    assert text.index('class="verdict') < text.index("<h1>")  # first of all, whether anything here is a result
     assert text.count("dancedataClip") or '"clips":{"0"' in text
     assert "a&amp;b=c#d%20%3Cscript%3E" in text.replace("<wbr>", "")
     again = tmp_path / "again.html"
