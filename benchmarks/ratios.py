@@ -55,6 +55,8 @@ def measure(name: str, checkouts: Mapping[str, Path], folder: Path, rounds: int)
         words = [sys.executable, "-P", __file__, "--source", name, str(source)]
         subprocess.run(words, check=True, env=environment(checkouts["base"]), cwd=checkouts["base"])
     spent: dict[tuple[str, str], list[Spent]] = {}
+    for side in checkouts:  # of a run that was ended
+        shutil.rmtree(folder / side, ignore_errors=True)
     for turn in range(rounds):
         for side in list(checkouts)[:: 1 if turn % 2 else -1]:
             for how in ("cold", "cached"):
