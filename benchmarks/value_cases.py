@@ -53,6 +53,8 @@ def today(document: Mapping[str, Any]) -> dict[str, Any]:
     if "filter" in now["windows"]:
         rules |= now["windows"]["filter"]
         now["windows"] = {key: value for key, value in now["windows"].items() if key != "filter"}
+    if now.pop("scope", "track") == "window":
+        transforms.append({"slices": {key: now["windows"][key] for key in ("length_s", "stride_s")}})
     annotators = now.pop("segments", {})
     return {**now, "transforms": transforms, "annotators": annotators, "rules": rules}
 

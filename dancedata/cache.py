@@ -64,7 +64,7 @@ class FeatureCache:
         start_bpm: float | None = None,
         **parameters: Any,
     ) -> npt.NDArray[Any]:
-        """Return a feature of a whole song, as a build of scope "track" has it.
+        """Return a feature of a whole song, as a build of whole clips has it.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class FeatureCache:
         start_bpm: float | None = None,
         **parameters: Any,
     ) -> npt.NDArray[Any]:
-        """Return a feature of all windows of a song, each by itself, as a build of scope "window" has it.
+        """Return a feature of all windows of a song, each by itself, as a build of slices has it.
 
         Parameters
         ----------

@@ -16,7 +16,7 @@ class Crop(SampleAugmentation):
     """A window of the same length at a random frame of the same clip, with its own rows of music.
 
     The length is that of the windows that are read, of any number of frames (`length_s`, `length_frames`). It works
-    on reading, for every representation, in datasets of track scope: those of window scope hold no other windows.
+    on reading, for every representation.
 
     Attributes
     ----------

@@ -6,7 +6,6 @@ from dancedata.building.fields.files import audio_field
 from dancedata.building.fields.motion import MotionRows
 from dancedata.building.plugins import Field
 from dancedata.building.spine import Parts
-from dancedata.building.transforms.slices import Slices
 from dancedata.recipes.recipe import Recipe
 
 
@@ -14,8 +13,7 @@ def parts_of(recipe: Recipe) -> Parts:
     """Return the parts of a checked recipe; annotators whose segments a rule reads are there without being named."""
     needed = (annotator for rule in recipe.rules for annotator in rule.annotators)
     annotators = {annotator.name: annotator for annotator in (*recipe.annotators, *needed)}
-    slices = [Slices(recipe.windows)] if recipe.scope == "window" else []
-    chain = [*(step.on(recipe.grid) for step in recipe.transforms), *slices, *recipe.augment]
+    chain = [*(step.on(recipe.grid) for step in recipe.transforms), *recipe.augment]
     return Parts(chain, _fields(recipe), [*annotators.values()], recipe.rules, recipe.windows)
 
 

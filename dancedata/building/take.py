@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from dancedata.core.columns import Columns
-    from dancedata.recipes.fields import FieldSpec
+    from dancedata.recipes.fields import FieldSpec, WindowSpec
 
 #: Up to this many values, motions remember matrices and joints: 200 MB.
 _REMEMBERED = 2**23
@@ -232,6 +232,8 @@ class Transform(Plugin):
         Whether it takes a part of the motion: segments are those of the whole, changed by `segment`.
     keeps_original
         Whether each motion field has a second one, NAME.original, of the motion without it.
+    excerpts
+        Windows of which features of music are computed alone; None: of the whole song.
     not_for_groups
         Why takes of several dancers cannot be changed; "" where they can.
     """
@@ -242,6 +244,7 @@ class Transform(Plugin):
     cuts: ClassVar[bool] = False
     keeps_original: ClassVar[bool] = False
     not_for_groups: ClassVar[str] = ""
+    excerpts: ClassVar[WindowSpec | None] = None
 
     def check(self, fields: Sequence[FieldSpec]) -> None:
         """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""

@@ -25,7 +25,7 @@ from dancedata.core.version import __version__
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
-#: Bytes: a window-scope dataset of AIST++ with librosa35 takes about this much of the cache.
+#: Bytes: a dataset of slices of AIST++ with librosa35 takes about this much of the cache.
 _AMPLE, _LEAST = 10 * 10**9, 10**8
 _RATE = 22_050
 #: Formats that songs have, by their extension; the encoding that is written of each.

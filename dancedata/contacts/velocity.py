@@ -22,8 +22,7 @@ class Velocity(ContactRule):
     """A foot joint is in contact while it moves slower than a limit (EDGE, Tseng et al. 2023, section 3.2).
 
     The speed of a frame is the 3-D displacement to the next one. The last frame has no next one: its displacement is
-    taken as 0 and its labels are always 1, as in EDGE. In window scope that is the last frame of every window, in
-    track scope that of the clip.
+    taken as 0 and its labels are always 1, as in EDGE, whose clips are slices.
 
     Attributes
     ----------

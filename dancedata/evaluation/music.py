@@ -308,7 +308,7 @@ def _records(store: Store) -> dict[str, Clip]:
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
-    if store.has_slices and store.info["windows"]["length"] != pieces.frames(store.grid)[0]:
+    if store.slice_length not in (None, pieces.frames(store.grid)[0]):
         return None
     if rule.by_piece and not store.has_slices:
         return None

@@ -168,11 +168,11 @@ def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: 
     if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
         width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
         missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
-    if job.store.has_slices and not missing and not _are_stored(job):
-        windows = job.store.info["windows"]
-        stored = f"slices of {windows['length']} frames every {windows['stride']}, not {LENGTH} every {STRIDE}"
-        fix = "windows: {length_s: 5, stride_s: 0.5}, or no slices"
-        missing.append(Missing(f"the dataset has {stored}", fix))
+    slices = [clip for clip in job.clips() if clip.slice_of] if not missing else []
+    odd = next((c for c in slices if c.n_frames != LENGTH or c.slice_start % STRIDE), None)
+    if odd is not None:
+        stored = f"slices of {odd.n_frames} frames, one from frame {odd.slice_start}, not of {LENGTH} every {STRIDE}"
+        missing.append(Missing(f"the dataset has {stored}", "transforms: [slices], or none"))
     missing += needs_splits(job, *splits)
     if set("*?[") & set(str(job.out)):
         problem = "the loader lists folders by patterns, in which * ? [ have a meaning"
@@ -203,7 +203,8 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
-    if not _are_stored(job):
+    windows = job.store.info["windows"]
+    if not job.store.has_slices and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
         return
     clips = {clip.slice_of or clip.id for clip in job.clips(*splits)}
     names = []
@@ -215,12 +216,6 @@ def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) ->
             names.append(f"{row['clip']} from frame {row['window']} ({row.get('reason')})")
     if names:
         folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
-
-
-def _are_stored(job: ExportJob) -> bool:
-    """Whether the slices are the windows of the dataset."""
-    windows = job.store.info["windows"]
-    return (windows["length"], windows["stride"]) == (LENGTH, STRIDE)
 
 
 def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:

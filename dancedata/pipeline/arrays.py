@@ -26,7 +26,7 @@ def extract(
     start_bpm: float | None = None,
     **parameters: Any,
 ) -> npt.NDArray[Any]:
-    """Compute an audio feature of a whole song, as a build of scope "track" does.
+    """Compute an audio feature of a whole song, as a build of whole clips does.
 
     Parameters
     ----------

@@ -186,7 +186,7 @@ def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs:
         n_songs = len({songs[c.id] for c in clips if c.id in songs})
         rows.append(f"| {split} | {len(clips)} | {sum(len(c.starts) for c in clips)} | {n_songs} | {minutes:.1f} |")
     windows = f"Windows of {recipe.windows.length_s:g} s every {recipe.windows.stride_s:g} s"
-    text = f"{windows} at {recipe.grid} frames per second, scope: {recipe.scope}."
+    text = f"{windows} at {recipe.grid} frames per second."
     return "\n".join(["## Splits", "", *rows, "", text, ""])
 
 

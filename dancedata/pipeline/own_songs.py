@@ -79,7 +79,7 @@ def write_features(
 
     Songs are files, folders of them, and patterns such as ``songs/*.wav``.
 
-    (T, D) in track scope; in window scope (W, L, D), each window by itself as in training. An error leaves no file
+    (T, D); (W, L, D) for a dataset of slices, each window by itself as in training. An error leaves no file
     behind; an interrupt leaves those of the songs that are done.
 
     `bpm`: Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the
@@ -292,7 +292,6 @@ def _about(
         "shape": list(computed.rows.shape),
         "dtype": str(computed.rows.dtype),
         "fps": str(job.grid),
-        "scope": job.scope,
         "window_starts": computed.starts,
         "start_bpm": bpm,
         "tempo_bpm": tempo,
@@ -318,7 +317,7 @@ def describe_features(out: Path, record: Mapping[str, Any]) -> str:
 def _line(out: Path, record: Mapping[str, Any]) -> str:
     shape = " x ".join(str(n) for n in record["shape"])
     rate = f"{record['fps']} rows per second"
-    text = f"{shown(out / record['file'])}: {shape} {record['dtype']}, {rate}, {record['scope']} scope"
+    text = f"{shown(out / record['file'])}: {shape} {record['dtype']}, {rate}"
     tempo = record["tempo_bpm"]
     if record["tempo_estimated"] and isinstance(tempo, list):
         return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"

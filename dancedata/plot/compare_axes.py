@@ -41,7 +41,7 @@ def compare(
     Parameters
     ----------
     a, b
-        Motions, clips of datasets (``ds[ID]``; in window scope the first window), or joint positions (T, J, 3),
+        Motions, clips of datasets (``ds[ID]``), or joint positions (T, J, 3),
         metres. They may differ in rate and length.
     names
         What they are called.

@@ -65,7 +65,7 @@ def dancers_of(scene: Scene, theme: Theme = "light") -> list[Dancer]:
 def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
     """Return the figure of a dance.
 
-    `dance`: A motion, a clip of a dataset, of which the first window in window scope, or joint positions.
+    `dance`: A motion, a clip of a dataset, or joint positions.
     `fps`, `body`: Rate and body of joint positions; see `dancedata.evaluate`.
     """
     if isinstance(dance, Motion):

@@ -50,7 +50,7 @@ class ClipDataset(SplitDataset):
 
     Notes
     -----
-    Random changes and scalers are those of `WindowDataset`; a store of window scope does not hold whole clips.
+    Random changes and scalers are those of `WindowDataset`.
     """
 
     #: For ``DataLoader(collate_fn=...)``.
@@ -86,7 +86,7 @@ class ClipDataset(SplitDataset):
         Raises
         ------
         StoreError
-            If there is no finished dataset at `store`, or it is of window scope.
+            If there is no finished dataset at `store`.
         UsageError
             For an unknown split or field, invalid numbers, values that do not go together, or if no clip is long
             enough.

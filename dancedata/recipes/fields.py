@@ -20,10 +20,9 @@ Kind = Literal["motion", "keymotion", "audio"]
 
 @dataclass(frozen=True)
 class WindowSpec(WindowGrid):
-    """Windows in frames of a grid; their order as in the store's format."""
+    """Windows in frames of a grid."""
 
     grid: FrameGrid
-    order: Literal["time", "name"] = "time"
 
     @property
     def length_s(self) -> float:
@@ -41,7 +40,7 @@ class WindowSpec(WindowGrid):
 
     def document(self) -> dict[str, Any]:
         """Return all keys, defaults included."""
-        return {"length_frames": self.length, "stride_frames": self.stride, "order": self.order}
+        return {"length_frames": self.length, "stride_frames": self.stride}
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ class KeyMotionField(FieldSpec):
 class FeatureJob(FieldSpec):
     """A field of music, and all that units of work need to compute it: of whole songs, or of windows.
 
-    `windows`: In window scope, windows in frames of the recipe; None in track scope.
+    `windows`: Windows in frames of the recipe of which rows are computed alone; None: of whole songs.
     `own_rate`: Whether `grid` was given for this field, not for the whole recipe.
     """
 
@@ -206,13 +205,8 @@ class FeatureJob(FieldSpec):
         return "motion" if self.feature.of_motion else "audio"
 
     @property
-    def scope(self) -> Literal["track", "window"]:
-        """Scope of the dataset."""
-        return "track" if self.windows is None else "window"
-
-    @property
     def window_rows(self) -> int:
-        """Rows of a window, in window scope."""
+        """Rows of a window."""
         return self.window_spec.grid.rows_down(self.window_spec.length, of=self.grid)
 
     def document(self) -> dict[str, Any]:
@@ -230,7 +224,7 @@ class FeatureJob(FieldSpec):
 
     @property
     def window_spec(self) -> WindowSpec:
-        """The windows of a field of window scope; UsageError in track scope."""
+        """The windows; UsageError for a field of whole songs."""
         if self.windows is None:
-            raise UsageError("a field of track scope has no windows", where=self.name)
+            raise UsageError("a field of whole songs has no windows", where=self.name)
         return self.windows

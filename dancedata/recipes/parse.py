@@ -186,8 +186,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     windows = None
     if lengths is not None and grid is not None:
         windows = problems.catch(partial(_windows, lengths, grid))
-    by_window = document.get("scope") == "window"
-    slots = make_slots(document, grid, windows, by_window=by_window, problems=problems)
+    slots = make_slots(document, grid, windows, problems)
     dataset = slots.dataset
     if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
@@ -197,7 +196,6 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         description=top["description"],
         dataset=dataset,
         grid=grid,
-        scope="window" if by_window else "track",
         windows=windows,
         transforms=slots.transforms,
         motion=slots.motion,
@@ -221,7 +219,7 @@ def _windows(keys: Mapping[str, Any], grid: FrameGrid) -> WindowSpec:
         frames[what] = count or grid.frames(seconds, f"windows.{what}_s")
         if frames[what] < 1:
             raise UsageError(f"windows: the {what} must be above 0", found=seconds)
-    return WindowSpec(frames["length"], frames["stride"], grid, keys["order"])
+    return WindowSpec(frames["length"], frames["stride"], grid)
 
 
 @dataclass(frozen=True)
@@ -291,7 +289,6 @@ _KEYS = {
         "description": _Key("", "must be a text", lambda value: value if isinstance(value, str) else None),
         "dataset": _Key(),
         "fps": _Key(),
-        "scope": _choice("track", "window"),
         "windows": _Key(_MISSING),
         **dict.fromkeys(("transforms", "motion", "audio", "keymotion", "augment", "annotators", "rules"), _Key()),
         "store": _Key({}),
@@ -302,7 +299,6 @@ _KEYS = {
         "length_frames": _COUNT,
         "stride_s": _SECONDS,
         "stride_frames": _COUNT,
-        "order": _choice("time", "name"),
     },
     "store": {"shard_mb": replace(_COUNT, default=256)},
     "groups": {"incomplete": _choice("set_aside", "keep")},

@@ -29,7 +29,6 @@ class Recipe:
     description: str
     dataset: Dataset
     grid: FrameGrid
-    scope: Literal["track", "window"]
     windows: WindowSpec
     transforms: tuple[Transform, ...]
     motion: tuple[MotionField, ...]
@@ -43,7 +42,7 @@ class Recipe:
 
     def __repr__(self) -> str:
         fields = ", ".join(field.name for field in self.fields)
-        summary = f"dataset {self.dataset.name}, {self.grid} FPS, {self.scope} scope, fields: {fields}"
+        summary = f"dataset {self.dataset.name}, {self.grid} FPS, fields: {fields}"
         return f"Recipe({self.name!r}, {summary})"
 
     @property
@@ -110,7 +109,6 @@ class Recipe:
             "description": self.description,
             "dataset": {self.dataset.name: document_of(self.dataset)},
             "fps": str(self.grid),
-            "scope": self.scope,
             "windows": self.windows.document(),
             "transforms": [{step.name: document_of(step)} for step in self.transforms],
             "motion": {field.name: field.document() for field in self.motion if not field.without},

@@ -54,32 +54,33 @@ def make_slots(
     document: Mapping[str, Any],
     grid: FrameGrid | None,
     windows: WindowSpec | None,
-    *,
-    by_window: bool,
     problems: Problems,
 ) -> Slots:
     """Make all plug-ins of a recipe document.
 
     `grid`, `windows`: None if they are wrong; fields are checked all the same, so that their errors come in the same
         message.
-    `by_window`: Whether features are computed by window.
     """
     any_grid = grid or FrameGrid.of(30)
     dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
     transforms = _transforms(document.get("transforms"), problems)
     motion = _motion_fields(document.get("motion"), any_grid, problems)
     keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
-    audio = _feature_jobs(document.get("audio"), any_grid, windows if by_window else None, problems)
+    steps = [problems.catch(partial(step.on, any_grid), "transforms.") for step in transforms]
+    excerpts = next((step.excerpts for step in steps if step is not None and step.excerpts is not None), None)
+    audio = _feature_jobs(document.get("audio"), any_grid, excerpts, problems)
     augment = _copies(document.get("augment"), motion, problems)
     annotators = _annotators(document.get("annotators"), problems)
     rules = _rules(document.get("rules"), problems)
     for slot, plugins in (("transforms", transforms), ("augment", augment), ("rules", rules)):
         for plugin in plugins:
             problems.catch(partial(plugin.check, (*motion, *keymotion, *audio)), f"{slot}.")
-    problems += _optional_problems(motion, keymotion, by_window=by_window)
-    if windows is not None:
+    problems += _optional_problems(motion)
+    for lengths in filter(None, (windows, excerpts)):
         for field in (*motion, *audio):
-            problems.catch(partial(field.require_whole, windows))
+            problems.catch(partial(field.require_whole, lengths))
+    if windows is not None and excerpts is not None and windows.length > excerpts.length:
+        problems.append(f"windows: {windows.length_s:g} s are longer than the slices; found {excerpts.length_s:g} s")
     timed = [copy.name for copy in augment if not copy.keeps_time]
     for job in audio:
         if timed and job.feature.from_files:
@@ -129,14 +130,10 @@ def _is_optional(where: str, keys: Mapping[str, Any], problems: Problems) -> boo
     return optional is True
 
 
-def _optional_problems(
-    fields: Sequence[MotionField], keymotion: Sequence[KeyMotionField], *, by_window: bool
-) -> list[str]:
-    """Return why fields of motion and key motions cannot be optional."""
+def _optional_problems(fields: Sequence[MotionField]) -> list[str]:
+    """Return why fields of motion cannot be optional."""
     optional = [field for field in fields if field.optional]
     problems = []
-    for field in (*optional, *(field for field in keymotion if field.optional)) if by_window else ():
-        problems.append(f"{field.kind}.{field.name}.optional: clips without a field need scope: track")
     if optional and len(optional) == len(fields):
         problems.append("motion: all fields are optional; fix: one field has to be there for every clip")
     for field in optional:

@@ -92,11 +92,6 @@ class Clip(ClipRecord):
         -------
         tuple
             The row at which they begin, counted from frame 0, and the rows.
-
-        Raises
-        ------
-        StoreError
-            In window scope, where clips are not stored whole.
         """
         return self.store._rows_within(self.id, field)
 

@@ -64,6 +64,11 @@ class StoreTables:
         return "slice_of" in self.tables.columns
 
     @property
+    def slice_length(self) -> int | None:
+        """Frames of the slices; None where clips are whole."""
+        return int(self.tables.n_frames[0]) if self.has_slices else None
+
+    @property
     def licences(self) -> tuple[Licence, ...]:
         """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
         return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.info.get("licences", ()))

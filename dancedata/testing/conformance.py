@@ -13,7 +13,7 @@ work with its default parameters. A failure is an AssertionError with what was e
 
 import json
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -48,7 +48,7 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
 from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.testing.building_checks import check_annotator, check_rule, check_transform
-from dancedata.testing.dataset_checks import check_dataset, recipe_with
+from dancedata.testing.dataset_checks import SLICES, check_dataset, recipe_with
 from dancedata.testing.examples import (
     FPS,
     contact_rule_of,
@@ -271,8 +271,9 @@ def _check_makes_copies(cls: type[CopyAugmentation], folder: Path) -> None:
             first, second = (spec.rows_of(array, field.columns, field.kind, "clip") for _ in range(2))
             require(bool(np.isfinite(first).all()), "rows of copies are finite")
             require(np.array_equal(first, second), "equal rows give equal copies")
-    for scope in ("track", "window"):
-        _check_copies(spec, motions[0], scope, folder / scope)
+    whole: tuple[str, list[Any]] = ("whole", [])
+    for name, transforms in (whole, ("slices", SLICES)) if cls.changes != "time" else (whole,):
+        _check_copies(spec, motions[0], transforms, folder / name)
 
 
 def check_window_filter(cls: type[WindowFilter]) -> None:
@@ -349,13 +350,14 @@ def _check_changed_motion(spec: Copy, motion: Motion) -> None:
     require(spec.motion_of(motion.part(0, 1), "clip").n_frames == 1, "a motion of one frame can be copied")
 
 
-def _check_copies(spec: Copy, motion: str, scope: str, folder: Path) -> None:
+def _check_copies(spec: Copy, motion: str, transforms: Sequence[Any], folder: Path) -> None:
     from dancedata.pipeline.build import build
     from dancedata.store import open_store, verify_store
 
     source, out = folder / "source", folder / "out"
     DATASETS.get("synthetic")().make_example(source)
-    recipe = recipe_with(dataset="synthetic", scope=scope, keys={"motion": {motion: {}}, "augment": {spec.name: {}}})
+    keys = {"motion": {motion: {}}, "augment": {spec.name: {}}, "transforms": transforms}
+    recipe = recipe_with(dataset="synthetic", keys=keys)
     build(recipe, source, out, cache=folder / "cache")
     errors = [str(p) for p in verify_store(out) if p.severity == "error"]
     require(not errors, f"a dataset with copies is sound: {errors}")

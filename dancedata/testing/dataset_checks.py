@@ -13,9 +13,12 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.testing.plugin_checks import check_plugin, raises, require
 
+#: Transforms of slices as long as the windows of `recipe_with`.
+SLICES = [{"slices": {"length_s": 1}}]
+
 
 def check_dataset(cls: type[Any], folder: Path) -> None:
-    """Check a dataset reader: its example scans, loads, and builds in both scopes; bad folders are named.
+    """Check a dataset reader: its example scans, loads, and builds whole and in slices; bad folders are named.
 
     Parameters
     ----------
@@ -38,15 +41,14 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
             equal = np.array_equal(getattr(motion, name), getattr(again, name))
             require(equal, f"clip {ref.id}: two loads give equal {name}")
     _check_bad_sources(reader, folder)
-    # Groups are stored whole.
-    for scope in ("track",) if any(ref.group for ref in scan.clips) else ("track", "window"):
-        recipe = recipe_with(dataset=cls.name, scope=scope, skeleton=reader.load(scan.clips[0]).skeleton)
-        _check_build(recipe, scan, sources[0], folder / scope)
+    skeleton = reader.load(scan.clips[0]).skeleton
+    _check_build(recipe_with(dataset=cls.name, skeleton=skeleton), scan, sources[0], folder / "whole")
+    if not any(ref.group for ref in scan.clips):  # groups are stored whole
+        recipe = recipe_with(dataset=cls.name, skeleton=skeleton, keys={"transforms": SLICES})
+        _check_build(recipe, scan, sources[0], folder / "slices")
 
 
-def recipe_with(
-    *, dataset: str, scope: str = "track", skeleton: Skeleton = SMPL24, keys: Mapping[str, Any] | None = None
-) -> Any:
+def recipe_with(*, dataset: str, skeleton: Skeleton = SMPL24, keys: Mapping[str, Any] | None = None) -> Any:
     """Return a recipe of one dataset, joint positions of its skeleton, no audio; `keys` replace or add keys."""
     from dancedata.recipes.parse import parse_recipe
 
@@ -54,7 +56,6 @@ def recipe_with(
         "recipe": 1,
         "name": "conformance",
         "dataset": {dataset: {}},
-        "scope": scope,
         "windows": {"length_frames": 30, "stride_frames": 15},
         "motion": {"joints": {"body": skeleton.to_json()}},
         **(keys or {}),
@@ -112,8 +113,8 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
     require(not errors, f"the example's dataset is sound: {errors}")
     field = recipe.motion[0]
     with open_store(out) as store:
-        built = {c.slice_of or c.id for c in store.clips}
-        require(built == {c.id for c in scan.clips}, "every clip of the example is built")
+        built = {clip.original for clip in store.clips}
+        require(built == {ref.id for ref in scan.clips}, "every clip of the example is built")
         for split in store.splits:
             rows = store.read(store.windows(split)[0], field.name)
             require(rows.shape == (30, field.representation.columns.width), f"a window of {split} can be read")

@@ -359,9 +359,15 @@ def test_a_dataset_with_beats_of_both_sources(tmp_path):
             "beats": {"source": "beat_this", "weights": str(WEIGHTS)}, "beats.librosa": {"fps": 60}, "librosa35": {},
         },
     }  # fmt: skip
-    for scope in ("track", "window"):
-        out = tmp_path / scope
-        build(parse_recipe({**document, "scope": scope}), tmp_path / "source", out, cache=tmp_path / "cache", jobs=2)
+    for name, transforms in (("whole", []), ("slices", [{"slices": {"length_s": 4}}])):
+        out = tmp_path / name
+        build(
+            parse_recipe({**document, "transforms": transforms}),
+            tmp_path / "source",
+            out,
+            cache=tmp_path / "cache",
+            jobs=2,
+        )
         assert not [p for p in verify_store(out) if p.severity == "error"]
         with open_store(out) as store:
             assert store.info["recipe"]["audio"]["beats"]["weights_sha256"] == sha256_file(WEIGHTS)

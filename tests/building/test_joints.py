@@ -158,7 +158,12 @@ def test_a_clip_that_is_left_out_whole_has_no_rejects_of_windows(build, source: 
 def test_slices_have_no_copies_at_another_speed(build) -> None:
     """Which slice of the stretched song it would be is not known."""
     with raises_message(UsageError, "speed", where="augment.tempo"):
-        build("cache", scope="window", augment={"tempo": {"speeds": [0.5]}}, audio={"librosa35": {}})
+        build(
+            "cache",
+            transforms=[{"slices": {"length_s": 1, "stride_s": 0.5}}],
+            augment={"tempo": {"speeds": [0.5]}},
+            audio={"librosa35": {}},
+        )
 
 
 def test_a_bvh_file_is_loaded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

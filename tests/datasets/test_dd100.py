@@ -86,7 +86,7 @@ def test_files_without_partner_music_or_motion(source: Path) -> None:
 def test_one_of_a_pair_is_kept_if_the_recipe_says_so(source: Path, tmp_path: Path) -> None:
     file_of(source, "Ballet_9_0_00").unlink()
     recipe = {
-        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30, "scope": "track",
+        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30,
         "windows": {"length_s": 2, "stride_s": 1}, "motion": {"edge151": {}}, "audio": {},
     }  # fmt: skip
     places = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}

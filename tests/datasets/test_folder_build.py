@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,8 +40,8 @@ def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path:
             assert sample["tempo_bpm"] == pytest.approx(tempo, rel=0.01)
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, scope: str) -> None:
+@pytest.mark.parametrize("transforms", [[], [{"slices": {"length_s": 2, "stride_s": 1}}]])
+def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, transforms: list[Any]) -> None:
     """The three real BVH files and an AMASS file, two seconds windows, down to a sound store."""
     source = tmp_path / "source"
     Folder().make_example(source)
@@ -53,7 +54,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, sc
         "recipe": 1,
         "name": "own",
         "dataset": {"folder": {}},
-        "scope": scope,
+        "transforms": transforms,
         "fps": 30,
         "windows": {"length_s": 2, "stride_s": 1},
         "motion": {"edge151": {}},
@@ -64,7 +65,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, sc
         assert words in notes
     assert not [str(p) for p in verify_store(tmp_path / "out") if p.severity == "error"]
     with open_store(tmp_path / "out") as store:
-        assert {clip.id.partition("_slice")[0] for clip in store.clips} == {
+        assert {clip.original for clip in store.clips} == {
             "amass_poses",
             "rokoko_jesse_dance",
             "cmu_01_01",
@@ -75,7 +76,7 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, sc
     # Output for people: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
-        *(["100 per second: "] if scope == "track" else []),  # slices of it begin at rows of the grid
+        *(["100 per second: "] if not transforms else []),  # slices of it begin at rows of the grid
         "120 per second: ",
         "+Z up (declared in the manifest)",
         "GUESSED",

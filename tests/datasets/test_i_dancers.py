@@ -217,7 +217,6 @@ def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
         "name": "own",
         "dataset": {"i-dancers": {"trim_frames": 15}},
         "fps": 30,
-        "scope": "track",
         "windows": {"length_s": 4, "stride_s": 0.5},
         "motion": {"edge151": {}},
         "audio": {"librosa35": {}},

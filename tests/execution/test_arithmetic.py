@@ -28,7 +28,7 @@ RECIPE = """recipe: 1
 name: kernels
 dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 6}}
 fps: 30
-scope: SCOPE
+transforms: TRANSFORMS
 windows: {length_s: 5, stride_s: 0.5}
 motion: {edge151: {}, joints: {}}
 audio: {librosa35: {}}
@@ -128,10 +128,10 @@ def hashes(out: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in sorted(out.iterdir())}
 
 
-@pytest.fixture(scope="module", params=["track", "window"])
+@pytest.fixture(scope="module", params=["[]", "[slices]"])
 def recipe(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recipe") / "kernels.yaml"
-    path.write_text(RECIPE.replace("SCOPE", request.param), encoding="utf-8")
+    path.write_text(RECIPE.replace("TRANSFORMS", request.param), encoding="utf-8")
     return path
 
 

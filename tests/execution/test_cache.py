@@ -64,7 +64,7 @@ def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> s
     [
         ({"overrides": ["audio.librosa35.tightness=1"]}, False),
         ({"overrides": ["fps=60"]}, False),
-        ({"overrides": ["scope=window"]}, False),
+        ({"overrides": ["transforms=[slices]"]}, False),
         ({"bpm": 121.0}, False),
         ({"bpm": None}, False),
         ({"sha": "t"}, False),
@@ -94,7 +94,7 @@ def test_a_window_is_identified_by_its_song_and_position(monkeypatch: pytest.Mon
     """Not by its samples alone, nor by its number: another stride that gives the same place finds its rows."""
     assert len({window_key(), window_key("other"), window_key(number=7), window_key(rate=48000)}) == 4
     before = window_key()
-    assert window_key("sha", 2, 44100, "windows.stride_s=1.5") == before
+    assert window_key("sha", 2, 44100, "transforms.slices.stride_s=1.5") == before
     # A version of a feature raised by hand.
     monkeypatch.setattr(type(load_recipe("aist++-edge-exact").audio[0].feature), "version", 10**6)
     assert window_key() != before

@@ -19,7 +19,7 @@ AIST = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 5, "stri
 RECIPES: dict[str, dict[str, Any]] = {
     "edge": {**AIST, "motion": {"edge151": {}}, "audio": {"librosa35": {}}},
     "edge-exact": {
-        **AIST, "scope": "window", "windows": {"length_s": 5, "stride_s": 0.5, "order": "name"},
+        **AIST, "transforms": ["slices"],
         "motion": {"edge151": {}}, "audio": {"librosa35": {}},
     },
     "sixty": {**AIST, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"librosa35": {}}},

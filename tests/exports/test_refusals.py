@@ -53,8 +53,8 @@ SIXTY = {"audio": {"librosa35": {}}, "motion": {"fact219": {}}}
         # A recipe at 30 gives motion at 60 next to music at 30: the trap of FACT and Bailando.
         ("sixty", {**SIXTY, "fps": 30}, "fact", {},
          ["librosa35 has 30 rows per second, not 60\n  fix: audio: {librosa35: {fps: 60}}"]),
-        ("edge-exact", {"windows": {"length_s": 4, "stride_s": 0.5, "order": "name"}}, "edge", {},
-         ["slices of 120 frames every 15, not 150 every 15"]),
+        ("edge-exact", {"transforms": [{"slices": {"length_s": 4}}], "windows": {"length_s": 4, "stride_s": 0.5}},
+         "edge", {}, ["slices of 120 frames", "not of 150 every 15"]),
         ("edge", {}, "edge", {"feature": "jukebox"}, ["no field jukebox"]),
         ("sixty", {}, "fact", {"feature": "fact219"},
          ["fact219 is a field of the kind motion, not audio", "fact219 has 219 columns, not 35"]),

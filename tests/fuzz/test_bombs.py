@@ -110,7 +110,7 @@ BOMBS: dict[str, list[Callable[[], bytes]]] = {
     "label": [lambda: b"[" * DEEP, lambda: b'{"style2": ' * DEEP, lambda: b'{"style2": %s}' % (b"9" * DEEP)],
     "dataset_json": [
         lambda: b"[" * DEEP,
-        lambda: b'{"format": 1, "fps": "1e999999999", "scope": "track"}',
+        lambda: b'{"format": 1, "fps": "1e999999999", "skeleton": {}}',
         lambda: b'{"format": %s}' % (b"9" * DEEP),
     ],
     "stats": [lambda: b'{"fields":' * DEEP],

@@ -42,8 +42,12 @@ def _weights(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(ENVIRONMENT, str(tiny.folder))
 
 
+#: Overrides of whole clips, and of slices.
+SCOPES = {"track": "transforms=[]", "window": "transforms=[{slices: {stride_s: 1}}]"}
+
+
 def _build(corpus: Path, folder: Path, scope: str) -> Store:
-    build(load_recipe("aist++", (*SET, f"scope={scope}")), corpus, folder / "out", cache=folder / "cache")
+    build(load_recipe("aist++", (*SET, SCOPES[scope])), corpus, folder / "out", cache=folder / "cache")
     assert [p for p in verify_store(folder / "out") if p.severity == "error"] == []
     return dancedata.open(folder / "out")
 
@@ -120,7 +124,7 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, 
     folder = tmp_path / "killed"
     command = [sys.executable, "-m", "dancedata", "build", "aist++", "--source", str(corpus)]
     command += ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
-    command += [part for setting in (*SET, f"scope={scope}") for part in ("--set", setting)]
+    command += [part for setting in (*SET, SCOPES[scope]) for part in ("--set", setting)]
     environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}
     running = subprocess.Popen(command, env=environment, start_new_session=True)
     features = folder / "cache" / "features"

@@ -169,7 +169,7 @@ def test_copies_at_another_speed_keep_their_place(tmp_path: Path, build: Any) ->
 
 def test_windows_by_themselves_are_refused(build: Any) -> None:
     with raises_message(UsageError, "begin", where="clip a"):
-        build("1/2", scope="window")
+        build("1/2", transforms=["slices"], windows={"length_s": 5, "stride_s": 1})
 
 
 @pytest.fixture

@@ -119,10 +119,14 @@ def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
     return run
 
 
+#: The transforms of whole clips, and of slices.
+SCOPES: dict[str, list[Any]] = {"track": [], "window": [{"slices": {"length_s": 2, "stride_s": "4/3"}}]}
+
+
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_codes_of_motion(build: Callable[..., Store], source: Path, scope: str) -> None:
     clips = {"clips": ["a"]} if scope == "window" else {}  # groups are stored whole
-    store = build(scope=scope, dataset={"coded": clips})
+    store = build(transforms=SCOPES[scope], dataset={"coded": clips})
     field = store.field("file.tokens")
     assert (field.kind, field.dtype, field.rate) == ("motion", "int16", Fraction(15, 2))
     assert field.codebook == Codebook("vq", SIZES, "ab" * 32)
@@ -224,7 +228,7 @@ def test_a_plan_counts_what_a_build_stores(
     source: Path, build: Callable[..., Store], cache: Path, scope: str
 ) -> None:
     save(source, "a", ROWS - 2)
-    keys = {"scope": scope, "dataset": {"coded": {"clips": ["a"]}}}
+    keys = {"transforms": SCOPES[scope], "dataset": {"coded": {"clips": ["a"]}}}
     changes = {"tolerance_s": "1/2"}
     plan = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
     assert plan.to_json()["fields"]["file.tokens"] == {"columns": 3, "dtype": "int16"}

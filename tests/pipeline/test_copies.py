@@ -90,9 +90,9 @@ def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
         AUGMENTATIONS.register(cls.__name__.lower())(cls)
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, scope: str, tmp_path: Path) -> None:
-    plain = (*SMALL, f"scope={scope}")
+@pytest.mark.parametrize("transforms", ["[]", "[{slices: {length_s: 3}}]"])
+def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, transforms: str, tmp_path: Path) -> None:
+    plain = (*SMALL, f"transforms={transforms}")
     run_build(corpus, tmp_path / "plain", "aist++", plain, cache=tmp_path / "cache")
     entries = set((tmp_path / "cache").rglob("*.npy"))
     run_build(

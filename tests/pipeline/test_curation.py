@@ -267,7 +267,7 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
 
 def test_slices_are_scored_by_themselves(build: Any, plain: Store) -> None:
     whole = {clip.clip: clip.scores for clip in dancedata.quality(plain, progress=False).clips}
-    slices = build(scope="window")
+    slices = build(transforms=[{"slices": {"length_s": 2, "stride_s": 1}}])
     scores = {clip.clip: clip for clip in dancedata.quality(slices, progress=False).clips}
     ((start, end, value, _),) = whole["spike"]["spikes"].above(0.075)
     for clip in (clip for clip in slices.clips if clip.slice_of == "spike"):

@@ -98,6 +98,10 @@ def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
     return run
 
 
+#: The transforms of whole clips, and of slices.
+SCOPES: dict[str, list[Any]] = {"track": [], "window": [{"slices": {"length_s": 2, "stride_s": 1}}]}
+
+
 def starts_of(store: Store) -> list[int]:
     """First frames of the windows, of slices in the whole clip."""
     return [store[window.clip].slice_start + window.start for window in store.windows("train")]
@@ -106,7 +110,7 @@ def starts_of(store: Store) -> list[int]:
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_rows_at_their_own_rate(source: Path, build: Callable[..., Store], scope: str) -> None:
     np.save(source / "muq" / "a.npy", ramp(150))
-    store = build({"fps": 25}, scope=scope)
+    store = build({"fps": 25}, transforms=SCOPES[scope])
     assert store.field("file.muq").rate == 25
     assert starts_of(store) == [0, 30, 60, 90, 120]
     for start, window in zip(starts_of(store), store.windows("train"), strict=True):
@@ -222,12 +226,14 @@ def test_beside_a_feature_of_music(
     )
     np.save(source / "muq" / "a.npy", ramp(rows))
     muq = document({"fps": 25, "tolerance_s": 1})["audio"]
-    store = build({}, scope=scope, audio={**muq, "librosa35": {}})
+    store = build({}, transforms=SCOPES[scope], audio={**muq, "librosa35": {}})
     assert starts_of(store) == starts
     window = store.windows("train")[-1]
     np.testing.assert_array_equal(store.read(window, "file.muq"), ramp(rows)[75:125])
     assert store.read(window, "librosa35").shape == (60, 35)
-    plan = make_plan(load_recipe(document({}, scope=scope, audio={**muq, "librosa35": {}})), source, cache=cache)
+    plan = make_plan(
+        load_recipe(document({}, transforms=SCOPES[scope], audio={**muq, "librosa35": {}})), source, cache=cache
+    )
     assert plan.to_json()["splits"]["train"]["windows"] == len(starts)
     held = {name: cached.cached == cached.of for name, cached in plan.cached.items()}
     assert held["file.muq"]

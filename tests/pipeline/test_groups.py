@@ -225,7 +225,7 @@ def test_keys_hold_the_files_of_all_dancers(tmp_path: Path, cache: Path) -> None
     "keys",
     [
         {"motion": {"humanml263": {}}, "fps": 20},
-        {"scope": "window"},
+        {"transforms": ["slices"], "windows": {"length_s": 5, "stride_s": 1}},
         {"transforms": [{"retarget": {"skeleton": "smpl24"}}]},
         {"transforms": [{"repair": {"floor": True}}]},
     ],

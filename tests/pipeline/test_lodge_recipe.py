@@ -42,6 +42,7 @@ def names(corpus: Path) -> list[str]:
 
 
 SHORT = ("windows.length_frames=64", "windows.stride_frames=32")
+SLICES = "transforms=[{slices: {length_s: 32/15, stride_s: 16/15}}]"
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +83,7 @@ def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
 
 
 def test_the_filter_of_slices(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
-    run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, "scope=window", "audio={}", "augment.mirror=true"))
+    run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, SLICES, "audio={}", "augment.mirror=true"))
     store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
     mine = [clip for clip in store.clips if clip.slice_of == names[0]]
@@ -163,10 +164,10 @@ def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_p
     assert {w.start for w in store.windows("train")} == {0, 100}
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path, scope: str) -> None:
+@pytest.mark.parametrize("transforms", ["[]", "[slices]"])
+def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path, transforms: str) -> None:
     run_build(corpus, tmp_path / "out", "aist++", (
-        "motion={edge151: {}, bailando72: {}, fact219: {}}", "audio={}", f"scope={scope}",
+        "motion={edge151: {}, bailando72: {}, fact219: {}}", "audio={}", f"transforms={transforms}",
     ))  # fmt: skip
     store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []

@@ -312,11 +312,6 @@ def test_a_skeleton_that_a_field_refuses_is_an_error_of_its_file(captures: Path,
 MISTAKES = [
     ({"motion": {"edge151": {"optional": True}}}, "all fields are optional"),
     ({"motion": {"edge151": {}, FIELD: {"optional": "yes"}}}, "optional: must be true or false; found 'yes'"),
-    ({"scope": "window"}, "clips without a field need scope: track"),
-    (
-        {"scope": "window", "motion": {"edge151": {}}, "keymotion": {"lodge": {"optional": True}}},
-        "keymotion.lodge.optional: clips without a field need scope: track",
-    ),
     ({"keymotion": {"lodge": {"optional": 1}}}, "keymotion.lodge.optional: must be true or false; found 1"),
     (
         {

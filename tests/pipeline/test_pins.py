@@ -55,7 +55,7 @@ def keys_of(name: str) -> dict[str, Any]:
         return {
             "recipe": recipe.sha256, "motion": takes.keys_of(of_motion, take),
             "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
-            "windows": {name: keys.window(80.0, SONG, 3) for name, keys in audio.items() if recipe.scope == "window"},
+            "windows": {job.name: audio[job.name].window(80.0, SONG, 3) for job in recipe.audio if job.windows},
         }  # fmt: skip
     finally:
         for patch in patches:

@@ -231,7 +231,7 @@ def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
     (about,) = as_json("features", song, "--out", tmp_path / "features")
     rows = np.load(tmp_path / "features" / "my söng 2.librosa35.npy")
     assert np.array_equal(rows, dancedata.extract("librosa35", song))
-    assert (about["scope"], about["fps"], about["shape"]) == ("track", "30", list(rows.shape))
+    assert (about["window_starts"], about["fps"], about["shape"]) == (None, "30", list(rows.shape))
     written = json.loads((tmp_path / "features" / "my söng 2.librosa35.json").read_text(encoding="utf-8"))
     assert written == about
     assert len(about["columns"]) == 35
@@ -247,7 +247,7 @@ def test_features_like_a_dataset_are_the_rows_that_it_holds(
         args = ("features", corpus / "wavs" / "mHO3.wav", "--out", tmp_path, "--like", built_in[scope], "--bpm", bpm)
         (about,) = as_json(*args)
         rows = np.load(tmp_path / about["file"])
-        assert about["scope"] == scope
+        assert (about["window_starts"] is None) == (scope == "track")
         windows = [(clip.slice_start, window) for clip in clips for window in ds[clip.id].windows()]
         assert len(windows) == 3
         for first, window in windows:

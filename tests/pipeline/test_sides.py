@@ -22,7 +22,6 @@ from tests.messages import raises_message
 RECIPE = """\
 recipe: 1
 name: mine
-scope: SCOPE
 dataset: {folder: {unit: m, up: y, fps: 60, music: optional}}
 windows: {length_s: 2, stride_s: 1}
 motion: {FIELD: {}}
@@ -48,9 +47,9 @@ def mirrored(example: Path, tmp_path: Path) -> Path:
     return source
 
 
-def recipe(folder: Path, scope: str = "track", field: str = "edge151") -> Recipe:
-    path = folder / f"{scope}-{field}.yaml"
-    path.write_text(RECIPE.replace("SCOPE", scope).replace("FIELD", field))
+def recipe(folder: Path, field: str = "edge151") -> Recipe:
+    path = folder / f"{field}.yaml"
+    path.write_text(RECIPE.replace("FIELD", field))
     return load_recipe(path)
 
 
@@ -87,17 +86,16 @@ def test_a_cache_entry_that_was_not_inspected(
         assert (one.quality, len(two.quality)) == ([], 1)
 
 
-@pytest.mark.parametrize(("scope", "field", "kind"), [
-    ("track", "edge151", "implausible_elbows"),
-    ("track", "joints", "implausible_up"), ("track", "humanml263", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("field", "kind"), [("edge151", "implausible_elbows"), ("joints", "implausible_up"), ("humanml263", "")]
+)
 def test_check_finds_it_in_a_dataset_without_flags(
-    mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, scope: str, field: str, kind: str
+    mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, kind: str
 ) -> None:
     if kind == "implausible_up":
         (mirrored / "manifest.csv").write_text("motion,up\ntake.npz,-y\n")
     monkeypatch.setattr(vitals, "quality_flags", lambda motion: [])
-    build(recipe(tmp_path, scope, field), mirrored, tmp_path / "out", cache=tmp_path / "cache")
+    build(recipe(tmp_path, field), mirrored, tmp_path / "out", cache=tmp_path / "cache")
     with open_store(tmp_path / "out") as store:
         assert store.quality == []
     assert notes(tmp_path / "out") == [("note", "take", kind)] * bool(kind)
@@ -109,7 +107,7 @@ def test_swapped_names_of_a_bvh(example: Path, tmp_path: Path) -> None:
     text = (example / "own.bvh").read_text().replace("Left", "Other").replace("Right", "Left")
     (source / "own.bvh").write_text(text.replace("Other", "Right"))
     mine = tmp_path / "mine.yaml"
-    mine.write_text(RECIPE.replace("SCOPE", "track").replace("FIELD", "edge151").replace("unit: m", "unit: cm"))
+    mine.write_text(RECIPE.replace("FIELD", "edge151").replace("unit: m", "unit: cm"))
     with raises_message(DataError, "swapped_sides", reason="swapped_sides"):
         build(load_recipe(mine), source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
     assert "swapped_sides" in run("check", source, "--recipe", mine, "-q", code=1).output

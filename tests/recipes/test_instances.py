@@ -48,12 +48,12 @@ def test_fields_documents_and_keys_carry_the_full_name() -> None:
     assert FeatureKeys(alone.audio[0]).track(100.0, "song") == plain
 
 
-@pytest.mark.parametrize("scope", ["track", "window"])
+@pytest.mark.parametrize("transforms", ["[]", "[{slices: {length_s: 2}}]"])
 def test_instances_are_built_together(
-    scope: str, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    transforms: str, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    made = recipe(f"scope={scope}")
+    made = recipe(f"transforms={transforms}")
     build(made, corpus, tmp_path / "out", cache=tmp_path / "cache")
     with dancedata.open(tmp_path / "out") as ds:
         window = ds.windows("train")[1]
@@ -66,7 +66,7 @@ def test_instances_are_built_together(
         np.testing.assert_array_equal(rows["edge151.strict"][:, 4:], rows["edge151"][:, 4:])
         clip = ds[window.clip]
         song = corpus / "wavs" / f"{clip.music}.wav"
-        if scope == "track":
+        if transforms == "[]":
             whole = dancedata.extract("librosa35", song, fps=60, tightness=50, start_bpm=clip.tempo_bpm)
             first = window.start * 2
             np.testing.assert_array_equal(rows["librosa35.60"], whole[first : first + 120])
@@ -127,8 +127,12 @@ def test_fields_of_files_are_not_computed_for_a_song(tmp_path: Path) -> None:
 
 def test_a_plan_counts_rows_at_the_rate_of_the_field(corpus: Path, tmp_path: Path) -> None:
     sizes = {
-        fps: make_plan(recipe("scope=window", audio={"librosa35": {"fps": fps}}), corpus, cache=tmp_path).to_json()
+        fps: make_plan(
+            recipe("transforms=[{slices: {length_s: 2}}]", audio={"librosa35": {"fps": fps}}), corpus, cache=tmp_path
+        ).to_json()
         for fps in (30, 60)
     }
-    motion = make_plan(recipe("scope=window", audio={}), corpus, cache=tmp_path).to_json()["bytes"]
+    motion = make_plan(recipe("transforms=[{slices: {length_s: 2}}]", audio={}), corpus, cache=tmp_path).to_json()[
+        "bytes"
+    ]
     assert sizes[60]["bytes"] - motion == 2 * (sizes[30]["bytes"] - motion) > 0

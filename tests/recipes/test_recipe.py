@@ -43,8 +43,8 @@ def test_every_recipe_that_comes_with_the_package_is_valid(name: str):
 
 def test_the_parts_of_a_recipe():
     recipe = parse_recipe(document(motion={"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.5}}}}))
-    assert (recipe.fps, recipe.scope) == (Fraction(30), "track")
-    assert (recipe.windows.length, recipe.windows.stride, recipe.windows.order) == (150, 15, "time")
+    assert (recipe.fps, recipe.transforms) == (Fraction(30), ())
+    assert (recipe.windows.length, recipe.windows.stride) == (150, 15)
     assert [(s.name, s.contacts.max_speed_m_s) for s in recipe.motion] == [("edge151", 0.5)]
     assert [f.name for f in recipe.audio] == ["librosa35"]
     assert parse_recipe(document()).motion[0].contacts.name == "velocity"
@@ -54,14 +54,14 @@ def test_the_parts_of_a_recipe():
 def test_all_problems_are_listed_at_once():
     text = problem_of(
         fsp=30,
-        scope="clip",
+        transforms={"slices": {}},
         dataset={"aist+": {}},
         motion={"edge115": {}},
         audio={"librosa35": {"tightnes": 1}},
         windows={"length_s": 5, "length_frames": 150, "stride_s": 0.5},
     )
     assert text.startswith("mine.yaml: 6 problems in the recipe")
-    for part in ("fsp", "scope", "'aist++'", "'edge151'", "'tightness'", "length_s and length_frames"):
+    for part in ("fsp", "transforms", "'aist++'", "'edge151'", "'tightness'", "length_s and length_frames"):
         assert part in text
 
 
@@ -161,13 +161,13 @@ def load(tmp_path: Path, *overrides: str, **changes: Any) -> Recipe:
 def test_overrides_reach_every_level(tmp_path: Path):
     recipe = load(
         tmp_path,
-        "scope=window",
+        "transforms.slices.stride_s=1",
         "windows.stride_s=1",
         "audio.librosa35.tightness=50",
         "dataset.aist++.split=all",
         "motion.edge151.contacts.velocity.max_speed_m_s=0.2",
     )
-    assert (recipe.scope, recipe.windows.stride, recipe.dataset.split) == ("window", 30, "all")
+    assert (recipe.transforms[0].stride_s, recipe.windows.stride, recipe.dataset.split) == (1, 30, "all")
     assert recipe.audio[0].feature.tightness == 50
     assert recipe.motion[0].contacts.max_speed_m_s == 0.2
 
@@ -220,7 +220,7 @@ def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
         {"windows": {"stride_frames": 15, "length_frames": 150}},
         {"audio": {"librosa35": {"tightness": 100}}},
         {"audio": {"librosa35": {"tightness": 100.0}}},
-        {"fps": "30", "scope": "track", "store": {"shard_mb": 256}},
+        {"fps": "30", "transforms": [], "store": {"shard_mb": 256}},
         {"motion": {"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.3}}}}},
         {"dataset": {"aist++": {"split_dir": "elsewhere"}}},
     ],
@@ -245,8 +245,8 @@ def test_neither_hash_nor_fields_depend_on_the_order_of_plugins(monkeypatch: pyt
 @pytest.mark.parametrize(
     "changes",
     [
-        {"scope": "window"}, {"fps": 60}, {"audio": {"librosa35": {"tightness": 99}}}, {"audio": None},
-        {"windows": {"length_s": 5, "stride_s": 0.5, "order": "name"}}, {"dataset": {"aist++": {"split": "all"}}},
+        {"transforms": ["slices"]}, {"fps": 60}, {"audio": {"librosa35": {"tightness": 99}}}, {"audio": None},
+        {"windows": {"length_s": 5, "stride_s": 1}}, {"dataset": {"aist++": {"split": "all"}}},
         {"store": {"shard_mb": 16}},
     ],
 )  # fmt: skip

@@ -42,7 +42,7 @@ def demo(once: Once) -> Path:
 @pytest.fixture(scope="session")
 def slices(once: Once) -> Path:
     """The same in slices."""
-    return once("report-slices", lambda folder: _build(folder, scope="window")) / "demo"
+    return once("report-slices", lambda folder: _build(folder, transforms=["slices"])) / "demo"
 
 
 Relabel = Callable[..., Path]

@@ -64,7 +64,12 @@ RECIPES: dict[str, dict[str, Any]] = {
         "audio": {"librosa35": {}},
         "augment": {"mirror": True, "tempo": {"speeds": [1.25]}},
     },
-    "slices": {**_BASE, "scope": "window", "motion": {"edge151": {}}, "audio": {"librosa35": {}}},
+    "slices": {
+        **_BASE,
+        "transforms": [{"slices": {"length_s": 2}}],
+        "motion": {"edge151": {}},
+        "audio": {"librosa35": {}},
+    },
     "sixty": {**_BASE, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"librosa35": {}}},
     "infinite": {**_BASE, "motion": {"humanml264": {}}},
     "twenty": {**_BASE, "fps": 20, "motion": {"humanml263": {}}},

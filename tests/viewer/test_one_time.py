@@ -52,7 +52,7 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         recipe: dict[str, Any] = {
             "recipe": 1, "name": name, "dataset": {"folder": {}}, "motion": {"edge151": {}},
             "audio": {"librosa35": {}}, "windows": {"length_s": 1, "stride_s": 1},
-            "scope": "window" if name == "slices" else "track",
+            "transforms": [{"slices": {"length_s": 1, "stride_s": 1}}] if name == "slices" else [],
         }  # fmt: skip
         dancedata.build(
             recipe, folder / f"{name}-source", folder / name, cache=folder / "cache", jobs=1, progress=False

@@ -156,7 +156,7 @@ class Beats(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
-        """Beats of a whole song (scope: track), (T, 4); see `AudioFeature.extract`.
+        """Beats of a whole song, (T, 4); see `AudioFeature.extract`.
 
         `start_bpm` is where librosa's search for the tempo starts; the network does not use it. "short_audio": less
         than 24 ms with the network. SourceError if its weights are missing, damaged, or of another network.

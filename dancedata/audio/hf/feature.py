@@ -33,9 +33,9 @@ class HuggingFace(NetworkFeature):
     """Learned features of an encoder in the Hugging Face layout: MERT, MuQ, HuBERT, EnCodec, Whisper and others.
 
     A recipe may have several: `hf.mert`, `hf.encodec`. Networks are classes of transformers, and for MuQ one of this
-    package; code in a model's folder is never run. Each frame has an exact time stamp; row j is at j / fps. Scope
-    track computes a song in overlapping chunks, keeps the middle of each, and normalises the song as a whole; scope
-    window computes each window alone.
+    package; code in a model's folder is never run. Each frame has an exact time stamp; row j is at j / fps. A
+    song is computed in overlapping chunks, the middle of each is kept, and the song normalised as a whole; slices are
+    computed alone.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ class HuggingFace(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Embed a whole song (scope: track), (T, D) in the type of `store`.
+        """Embed a whole song, (T, D) in the type of `store`.
 
         "short_audio": less than a frame of the encoder; "overflow": numbers that are not finite or exceed the type.
         """

@@ -135,7 +135,7 @@ class Jukebox(NetworkFeature):
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Embed a whole song (scope: track); "short_audio": less than one code, 128 samples at 44.1 kHz."""
+        """Embed a whole song; "short_audio": less than one code, 128 samples at 44.1 kHz."""
         encoder, config = self._encoder(self._config.n_ctx), self._config
         audio = prepare(signal.samples, signal.sample_rate, config)
         n_codes = len(audio) // config.hop
@@ -161,7 +161,7 @@ class Jukebox(NetworkFeature):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Embed windows, each by itself, as EDGE does (scope: window); "long_audio": more than 23.78 s."""
+        """Embed windows, each by itself, as EDGE does; "long_audio": more than 23.78 s."""
         self.require_windows(signal, starts, n_samples)
         clips = [pcm16(signal.samples[start : start + n_samples]) for start in starts]
         codes = resampled_length(n_samples, signal.sample_rate, self._config.sample_rate) // self._config.hop

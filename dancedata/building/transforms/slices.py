@@ -12,31 +12,65 @@ from dancedata.building.take import Scene, Take, Time, Transform
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Segment
+from dancedata.core.typing import override
 from dancedata.recipes.fields import WindowSpec
 
 
 @TRANSFORMS.register("slices")
 @dataclass(frozen=True)
 class Slices(Transform):
-    """Cuts a take into slices before anything is computed of it.
+    """Cuts clips into slices before anything is computed of them; each is a clip, ``ID_slice3``.
 
     Motion is cut at the rate of the source, where that is a whole multiple: 1,919 frames at 60 per second have 54
-    slices of 5 s every 0.5 s, the 960 frames at 30 per second of them would have 55. Music is cut in samples.
+    slices of 5 s every 0.5 s, the 960 frames at 30 per second of them would have 55. Music is cut in samples, and
+    rounded to 16 bit.
 
     Attributes
     ----------
-    windows
-        Length and stride.
+    length_s
+        Length of a slice, seconds: a number, or a fraction such as "4/3".
+    stride_s
+        Seconds from one slice to the next.
+
+    References
+    ----------
+    Tseng et al. (2023). EDGE: Editable Dance Generation From Music. CVPR; data/slice.py of Stanford-TML/EDGE.
     """
 
     version: ClassVar[int] = 1
+    cuts: ClassVar[bool] = True
+    not_for_groups: ClassVar[str] = "groups are stored whole"
+
+    length_s: float | str = 5.0
+    stride_s: float | str = 0.5
+
+    @override
+    def on(self, grid: FrameGrid) -> SlicesOnGrid:
+        """Return the slices in frames of a recipe; UsageError for ones that are no whole number of frames."""
+        length, stride = grid.frames(self.length_s, "slices.length_s"), grid.frames(self.stride_s, "slices.stride_s")
+        if min(length, stride) < 1:
+            raise UsageError("slices: length and stride must be above 0", found=f"{self.length_s}, {self.stride_s}")
+        return SlicesOnGrid(WindowSpec(length, stride, grid))
+
+
+@dataclass(frozen=True)
+class SlicesOnGrid(Transform):
+    """Slices in frames of a recipe."""
+
+    name: ClassVar[str] = "slices"
+    version: ClassVar[int] = Slices.version
 
     windows: WindowSpec
+
+    @property
+    def excerpts(self) -> WindowSpec:  # type: ignore[override]
+        """The slices."""
+        return self.windows
 
     def expand(self, take: Take) -> Sequence[Take]:
         """Return the slices of a take; UsageError for a group, and music that does not begin with its clip."""
         if take.group:
-            raise UsageError("groups are stored whole", where=f"group {take.group}", found="slices",
+            raise UsageError(Slices.not_for_groups, where=f"group {take.group}", found="slices",
                              fix="build without slices")  # fmt: skip
         (dancer,) = take.dancers
         if dancer.music.start:

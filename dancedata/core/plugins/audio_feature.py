@@ -69,7 +69,7 @@ class AudioFeature(Plugin):
 
     @abstractmethod
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
-        """Compute the rows of a whole signal (scope: track).
+        """Compute the rows of a whole signal.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class AudioFeature(Plugin):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Compute windows, each from its samples alone, as EDGE does (scope: window).
+        """Compute windows, each from its samples alone, as EDGE does with slices.
 
         The default calls `extract` for each `window`.
 

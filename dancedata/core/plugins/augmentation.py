@@ -101,7 +101,7 @@ class CopyAugmentation(Augmentation):
         Parameters
         ----------
         rows
-            Read-only: (T, D) in track scope, (W, L, D) in window scope.
+            Read-only: (T, D).
         kind
             Whether the field is a representation or holds key motions.
         clip

@@ -172,10 +172,9 @@ def _stride_of_slices(store: Store, protocol: Protocol, role: Role) -> int:
     """Return the distance of the slices that are the protocol's pieces; UsageError if none are."""
     pieces = protocol.pieces(role)
     length, stride = pieces.frames(store.grid)
-    stored = store.info["windows"]["length"]
-    if length != stored or stride is None or pieces.skip:
+    if length != store.slice_length or stride is None or pieces.skip:
         raise UsageError("slices are not the pieces of the protocol", where=str(store.path),
-                         found=f"slices of {stored} frames; {protocol.name} measures {pieces}",
+                         found=f"slices of {store.slice_length} frames; {protocol.name} measures {pieces}",
                          fix="build without slices")  # fmt: skip
     return stride
 
