@@ -31,6 +31,7 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- in the folder of this script
 
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS  # noqa: E402
 from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
 from dancedata.core.registry import REGISTRIES  # noqa: E402
 
@@ -88,7 +89,7 @@ def serve() -> None:
     import dancedata.recipes.parse
     import dancedata.testing.stores  # noqa: F401
 
-    for registry in REGISTRIES.values():
+    for registry in (*REGISTRIES.values(), TRANSFORMS, ANNOTATORS, RULES):
         registry.names()
     gc.freeze()
     for line in sys.stdin:
@@ -123,7 +124,7 @@ def main(words: list[str]) -> None:
         runner.read(seed)
         if runner.outcome.startswith("FINDING") or (seed == seeds[0] and runner.outcome != "valid"):
             sys.exit(f"a valid file for {given.target} is not read: {runner.outcome} {runner.found}")
-    for registry in REGISTRIES.values():
+    for registry in (*REGISTRIES.values(), TRANSFORMS, ANNOTATORS, RULES):
         registry.names()  # a recipe imports the plug-ins that it names
     if given.structured:
         # Imports all that hypothesis needs before the limits hold.

@@ -310,8 +310,7 @@ def _shards(draw: Draw) -> bytes:
                 row = draw(st.integers(0, file[name].shape[0] - 1))
                 big = np.iinfo(np.int64)
                 value = draw(st.sampled_from([0, 1, -1, 2**31, big.max, big.min, 10**6]) | st.integers(-9, 99))
-                with np.errstate(over="ignore"):
-                    file[name][row] = value
+                file[name][row] = np.int64(value).astype(file[name].dtype)
                 continue
             shape, dtype = file[name].shape or (), file[name].dtype
             del file[name]

@@ -24,7 +24,8 @@ RECIPE = """recipe: 1
 name: mine
 dataset: {folder: {unit: cm, fps: 30, up: y, joint_map: {pelvis: Hips}}}
 fps: 30
-windows: {length_s: 5, stride_s: 0.5, filter: {movement: {field: edge151, min_std: 0.07}}}
+windows: {length_s: 5, stride_s: 0.5}
+rules: {movement: {field: edge151, min_std: 0.07}}
 motion: {edge151: {contacts: {velocity: {max_speed_m_s: 0.3}}}, joints: {}}
 audio: {librosa35: {}}
 keymotion: {lodge: {}}
