@@ -263,7 +263,7 @@ class FeatureKeys:
                 version=[FEATURE_STAGE, feature.version],
                 feature={job.name: document_of(feature)},
                 fps=str(job.grid),
-                slices=job.windows is not None,
+                excerpts=job.windows is not None,
                 start_bpm=bpm,
                 packages={name: package_version(name) for name in feature.packages},
                 arithmetic=(self._arithmetic or expected()) if feature.exact else None,
