@@ -68,7 +68,7 @@ class Dataset(Plugin):
     def body_of(self, ref: ClipRef) -> Skeleton | None:
         """Return the body of the motion that `load` returns, without reading it; None if that is unknown.
 
-        For cache keys: motion that is transferred from it to another body has separate keys.
+        For keys of evaluations: motion that is transferred from it to another body has separate ones.
         """
         return None
 
