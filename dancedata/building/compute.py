@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +36,11 @@ class Unit(NamedTuple):
     wanted: Sequence[tuple[Maker, Sequence[Ask]]]
     number: int = 0
     following: Loadable | None = None
+
+    @property
+    def path(self) -> Path:
+        """A file of the source, for messages."""
+        return self.source.path
 
 
 def compute(

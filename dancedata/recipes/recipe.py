@@ -51,29 +51,9 @@ class Recipe:
         return (*self.motion, *self.keymotion, *self.audio)
 
     @property
-    def clip_fields(self) -> tuple[MotionField | KeyMotionField, ...]:
-        """The fields that follow from a clip's motion."""
-        return (*self.motion, *self.keymotion)
-
-    @property
     def skeleton(self) -> Skeleton:
         """The body of the motion field with most joints, that of the dataset."""
         return max((motion_field.representation.skeleton for motion_field in self.motion), key=lambda s: s.n_joints)
-
-    @property
-    def signal_jobs(self) -> tuple[FeatureJob, ...]:
-        """The audio fields that are computed of decoded music."""
-        return tuple(job for job in self.audio if not job.feature.from_files)
-
-    @property
-    def file_jobs(self) -> tuple[FeatureJob, ...]:
-        """The audio fields whose rows come from files."""
-        return tuple(job for job in self.audio if job.feature.from_files)
-
-    @cached_property
-    def without_audio(self) -> Recipe:
-        """The recipe without audio fields: all that encoding depends on, so that workers load no feature for it."""
-        return replace(self, audio=())
 
     def notes(self, splits: Collection[str]) -> list[str]:
         """Return what its transforms and rules do, for a source with these splits."""

@@ -14,7 +14,7 @@ from dancedata.audio.stretch import stretched, stretched_length
 from dancedata.augment.tempo import Tempo
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import DataError
+from dancedata.core.errors import DataError, RecipeError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, KEYMOTIONS
@@ -169,7 +169,7 @@ def test_copies_are_those_of_faster_motion_and_music(built: tuple[Any, Any], sou
             motion = Motion(
                 whole.translation, whole.rotations, FrameGrid(60 * speed), whole.skeleton, whole.trim_start
             )
-            for field in recipe.clip_fields:
+            for field in (*recipe.motion, *recipe.keymotion):
                 np.testing.assert_array_equal(copy.read(field.name), field.encode(motion.resampled(FPS)))
             rows = recipe.audio[0].feature.extract(music, FPS, start_bpm=copy.tempo_bpm)
             np.testing.assert_array_equal(copy.read("librosa35"), rows[: copy.n_frames])
@@ -217,7 +217,7 @@ def test_copies_too_short_for_a_window_are_rejects(source: Path, cache: Path, tm
 
 
 def test_an_augmentation_of_samples_makes_no_copy() -> None:
-    with raises_message("max_degrees", where="recipe"):
+    with raises_message(RecipeError, "max_degrees", where="recipe"):
         parse_recipe(
             document(augment={"crop": True, "drop": {}, "tempo": {"speeds": []}, "yaw": {"max_degrees": 400}})
         )

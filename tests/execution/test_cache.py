@@ -209,10 +209,10 @@ def test_a_changed_bit_is_found_when_it_is_read_and_the_entry_removed(own: Cache
     with raises_message(EntryLostError, "entry"):
         np.asarray(found)
     assert own.array("features", KEY) is None
-    own.put_json("clips", KEY, [1, 2])
-    path = next((own.root / "clips").rglob("*.json"))
+    own.put_json("segments", KEY, [1, 2])
+    path = next((own.root / "segments").rglob("*.json"))
     path.write_bytes(path.read_bytes().replace(b"2", b"3", 1))
-    assert own.json("clips", KEY) is None
+    assert own.json("segments", KEY) is None
 
 
 def in_processes(n: int, target: Any) -> list[Any]:
@@ -277,7 +277,10 @@ def test_a_computation_that_fails_leaves_nothing(own: Cache):
 def test_a_cache_that_cannot_be_written_is_a_clear_error(tmp_path: Path, where: str):
     (tmp_path / "file").touch()
     cache = Cache(tmp_path / where)
-    for write in (lambda: cache.put_json("clips", KEY, 1), lambda: cache.once("features", KEY, lambda: np.ones(1))):
+    for write in (
+        lambda: cache.put_json("segments", KEY, 1),
+        lambda: cache.once("features", KEY, lambda: np.ones(1)),
+    ):
         with pytest.raises(StoreError, match="the cache cannot be written"):
             write()
 
