@@ -1,8 +1,8 @@
 """Cost of building many clips: wall and CPU time per clip, and the peak memory of every process.
 
-    python benchmarks/build.py                   # 500, 1000 and 2000 clips, track scope, 2 jobs
-    python benchmarks/build.py 2000 --scope window --jobs 1
-    python benchmarks/build.py aistpp            # 1,380 clips of 13.3 s on 60 songs, both scopes
+    python benchmarks/build.py                   # 500, 1000 and 2000 clips, whole clips, 2 jobs
+    python benchmarks/build.py 2000 --kind slices --jobs 1
+    python benchmarks/build.py aistpp            # 1,380 clips of 13.3 s on 60 songs, both kinds
 
 The corpus is synthetic, 40 clips per song, with the fields edge151 and librosa35; it is written before the clock
 starts. Clips are short (6 s, 3 windows each), so that fixed costs per clip show; each build starts with an empty
@@ -11,7 +11,7 @@ cache.
 Memory is read from /proc (Linux): the peak resident set (VmHWM) of the process that builds and of each of its
 workers, sampled ten times per second. Pages of libraries and of mapped files that processes share count in each.
 "aistpp" has the size of AIST++: split "crossmodal", of which 1,138 clips are stored; times per clip count all 1,380.
-Each build is timed with an empty cache, and again from the cache; then the writing of window scope alone, see
+Each build is timed with an empty cache, and again from the cache; then the writing of slices alone, see
 benchmarks/writing.py. --folder keeps the corpus there for the next time.
 
 `wait4` returns the largest peak of all of them, also between two samples; it is printed as "largest".
@@ -33,11 +33,12 @@ from features import print_machine
 
 CLIPS_PER_SONG = 40
 SAMPLE_EVERY_S = 0.1
+TRANSFORMS = {"whole": "[]", "slices": "[slices]"}
 RECIPE = """recipe: 1
 name: benchmark
 dataset: {{synthetic: {{songs: {songs}, clips_per_song: {clips}, clip_s: {clip_s}, split: all}}}}
 fps: 30
-scope: {scope}
+transforms: {transforms}
 windows: {{length_s: 5, stride_s: 0.5}}
 motion: {{edge151: {{}}}}
 audio: {{librosa35: {{}}}}
@@ -68,7 +69,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clips", nargs="*", help=f"aistpp, or multiples of {CLIPS_PER_SONG}; others are rounded")
     parser.add_argument("--folder", type=Path, help="for aistpp: folder to work in and to keep the corpus in")
-    parser.add_argument("--scope", choices=["track", "window"], default="track")
+    parser.add_argument("--kind", choices=[*TRANSFORMS], default="whole")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--clip-s", type=float, default=6.0)
     given = parser.parse_args()
@@ -77,22 +78,22 @@ def main() -> None:
         with tempfile.TemporaryDirectory(prefix="build-") as name:
             aistpp(given.folder or Path(name), given.jobs)
         return
-    print(f"{given.scope} scope, {given.jobs} jobs, clips of {given.clip_s:g} s")
+    print(f"{given.kind}, {given.jobs} jobs, clips of {given.clip_s:g} s")
     for n_clips in [int(n) for n in given.clips] or (500, 1000, 2000):
         with tempfile.TemporaryDirectory(prefix="build-") as name:
             songs = max(2, round(n_clips / CLIPS_PER_SONG))
-            spent = build(Path(name), songs, given.clip_s, given.scope, given.jobs)
+            spent = build(Path(name), songs, given.clip_s, given.kind, given.jobs)
         print_row(songs * CLIPS_PER_SONG, spent)
 
 
 def aistpp(folder: Path, jobs: int) -> None:
-    """Build a corpus of the size of AIST++ in both scopes, cold and from the cache; then measure writing alone."""
+    """Build a corpus like AIST++ whole and in slices, cold and from the cache; then measure writing alone."""
     folder.mkdir(parents=True, exist_ok=True)
     print(f"60 songs, 1,380 clips of 13.3 s, {jobs} jobs")
-    for scope in ("track", "window"):
-        recipe, cache = folder / f"{scope}.yaml", folder / f"cache-{scope}"
+    for kind in ("whole", "slices"):
+        recipe, cache = folder / f"{kind}.yaml", folder / f"cache-{kind}"
         text = RECIPE.replace("split: all", "split: crossmodal")
-        recipe.write_text(text.format(songs=60, clips=23, clip_s=13.3, scope=scope), encoding="utf-8")
+        recipe.write_text(text.format(songs=60, clips=23, clip_s=13.3, transforms=TRANSFORMS[kind]), encoding="utf-8")
         source = folder / "source"
         # Writes the corpus, if it does not exist, and leaves nothing in the cache that is measured.
         environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache-plan")}
@@ -106,15 +107,15 @@ def aistpp(folder: Path, jobs: int) -> None:
             out = folder / "out"
             shutil.rmtree(out, ignore_errors=True)
             arguments = ["--source", str(source), "--out", str(out), "--jobs", str(jobs)]
-            print(f"{scope} scope, {label}: ", end="", flush=True)
+            print(f"{kind}, {label}: ", end="", flush=True)
             print_row(1380, watched([*command, "build", str(recipe), *arguments], environment))
             shutil.rmtree(out)
-    print("writing window scope (benchmarks/writing.py)", flush=True)
+    print("writing slices (benchmarks/writing.py)", flush=True)
     script = Path(__file__).with_name("writing.py")
     subprocess.run([sys.executable, str(script), *map(str, (recipe, source, cache, folder / "writing"))], check=True)
     shutil.rmtree(folder / "writing")
-    for scope in ("track", "window", "plan"):
-        shutil.rmtree(folder / f"cache-{scope}", ignore_errors=True)
+    for kind in ("whole", "slices", "plan"):
+        shutil.rmtree(folder / f"cache-{kind}", ignore_errors=True)
 
 
 def print_row(n_clips: int, spent: Spent) -> None:
@@ -129,10 +130,12 @@ def print_row(n_clips: int, spent: Spent) -> None:
     )
 
 
-def build(folder: Path, songs: int, clip_s: float, scope: str, jobs: int) -> Spent:
+def build(folder: Path, songs: int, clip_s: float, kind: str, jobs: int) -> Spent:
     """Write a corpus, build it with an empty cache from the shell, and return the cost of the build."""
     recipe = folder / "recipe.yaml"
-    recipe.write_text(RECIPE.format(songs=songs, clips=CLIPS_PER_SONG, clip_s=clip_s, scope=scope), encoding="utf-8")
+    recipe.write_text(
+        RECIPE.format(songs=songs, clips=CLIPS_PER_SONG, clip_s=clip_s, transforms=TRANSFORMS[kind]), encoding="utf-8"
+    )
     command = [sys.executable, "-m", "dancedata"]
     source = ["--source", str(folder / "source")]
     subprocess.run([*command, "plan", str(recipe), *source], check=True, capture_output=True)  # writes the corpus

@@ -7,7 +7,7 @@
 The corpus is synthetic: songs of 14.5 s, most at 48 kHz and stereo, 20 windows of 5 s each. The plain loop does the
 same as EDGE's `create_dataset` for every window: load the window's own wav, and librosa for the rest.
 
-- Window scope: features of every window by itself. Track scope: features of the songs, per window of output.
+- Slices: features of every one by itself. Whole: features of the songs, per window of output.
 - CPU time (`time.process_time`), BLAS on one thread, song by song: the versions alternate, in one order and then in
   the other, and ratios are of the times of one song, so that other load on the machine slows both. The median over
   songs is printed with its quartiles. The plain loop computes some windows of each song.
@@ -57,11 +57,12 @@ GRID = FrameGrid.of(30)
 N_ROWS = 150
 GENRES = ("BR", "PO", "LO", "MH", "LH", "HO", "WA", "KR", "JS", "JB")
 CLIP_S = 13.5
+TRANSFORMS = {"whole": "[]", "slices": "[slices]"}
 RECIPE = """recipe: 1
 name: benchmark
 dataset: {dataset}
 fps: 30
-scope: {scope}
+transforms: {transforms}
 windows: {{length_s: 5, stride_s: 0.5}}
 motion: {{edge151: {{}}}}
 audio: {{librosa35: {{}}}}
@@ -117,15 +118,15 @@ def time_features(n_songs: int, n_plain: int) -> None:
     _song_times(songs[0], n_plain, False)  # warm: kernels, filter banks, matrices of the window ends
     results = [_song_times(song, n_plain, bool(k % 2)) for k, song in enumerate(songs)]
     n_windows = sum(count for count, _ in results)
-    times = {name: [seconds[name] for _, seconds in results] for name in ("plain", "window", "track")}
+    times = {name: [seconds[name] for _, seconds in results] for name in ("plain", "slices", "whole")}
     plain_ms = 1e3 * statistics.median(times["plain"])
     print(f"{n_windows} windows of {n_songs} songs; load {_load()} at the end")
     print(f"plain loop: {plain_ms:.1f} ms per window (CPU, median of songs)")
-    for name in ("window", "track"):
+    for name in ("slices", "whole"):
         ratios = sorted(p / f for p, f in zip(times["plain"], times[name], strict=True))
         low, _, high = statistics.quantiles(ratios, n=4)
         print(
-            f"{name} scope: {1e3 * statistics.median(times[name]):.2f} ms per window of output, "
+            f"{name}: {1e3 * statistics.median(times[name]):.2f} ms per window of output, "
             f"{statistics.median(ratios):.1f} x the plain loop (quartiles {low:.1f} .. {high:.1f})"
         )
 
@@ -139,19 +140,19 @@ def _song_times(song: SyntheticSong, n_plain: int, plain_first: bool) -> tuple[i
     chosen = starts[np.linspace(0, len(starts) - 1, n_plain).astype(int)]
     turns: list[tuple[str, int, Callable[[], object]]] = [
         ("plain", n_plain, lambda: plain.extract_windows(signal, chosen, length, GRID, N_ROWS, start_bpm=bpm)),
-        ("window", len(starts), lambda: fast.extract_windows(signal, starts, length, GRID, N_ROWS, start_bpm=bpm)),
-        ("track", len(starts), lambda: fast.extract(signal, GRID, start_bpm=bpm)),
+        ("slices", len(starts), lambda: fast.extract_windows(signal, starts, length, GRID, N_ROWS, start_bpm=bpm)),
+        ("whole", len(starts), lambda: fast.extract(signal, GRID, start_bpm=bpm)),
     ]
     ordered = turns if plain_first else turns[::-1]
     return len(starts), {name: cpu_s(function) / count for name, count, function in ordered}
 
 
 def time_command(n_songs: int, rounds: int, jobs: int) -> None:
-    """Time `dancedata build` of the corpora in both scopes, and the plain loop in one process, alternately."""
+    """Time `dancedata build` of the corpora whole and in slices, and the plain loop in one process, alternately."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_corpora(folder, n_songs)
-        cases = [(corpus, scope) for corpus in ("demo", "distinct", "tiny") for scope in ("window", "track")]
+        cases = [(corpus, kind) for corpus in ("demo", "distinct", "tiny") for kind in ("slices", "whole")]
         plain: list[tuple[float, float]] = []
         n_windows: dict[tuple[str, str], int] = {}
         times: dict[tuple[str, str], list[tuple[float, float]]] = {case: [] for case in cases}
@@ -163,14 +164,14 @@ def time_command(n_songs: int, rounds: int, jobs: int) -> None:
                     n_windows[case] = sum(len(store.windows(split)) for split in store.splits)
         wall, cpu = (1e3 * statistics.median(spent) for spent in zip(*plain, strict=True))
         print(f"plain loop, features alone, one process: {wall:.0f} ms per window (CPU {cpu:.0f} ms)")
-        for (corpus, scope), spent in times.items():
-            n = n_windows[corpus, scope]
+        for (corpus, kind), spent in times.items():
+            n = n_windows[corpus, kind]
             ratio, cpu_ratio = (
                 statistics.median(n * p[i] / t[i] for p, t in zip(plain, spent, strict=True)) for i in (0, 1)
             )
             wall, cpu = (statistics.median(s) for s in zip(*spent, strict=True))
             print(
-                f"{corpus}, {n} windows, {scope} scope, whole command, {jobs} jobs: {wall:.2f} s, "
+                f"{corpus}, {n} windows, {kind}, whole command, {jobs} jobs: {wall:.2f} s, "
                 f"{ratio:.1f} x (CPU of all processes {cpu:.1f} s, {cpu_ratio:.1f} x); load {_load()}"
             )
 
@@ -183,12 +184,12 @@ def _write_corpora(folder: Path, n_songs: int) -> None:
         "tiny": "{songs: 2, clips_per_song: 2, clip_s: 5}",
     }
     for corpus, parameters in made.items():
-        recipe = RECIPE.format(dataset=f"{{synthetic: {parameters}}}", scope="track")
+        recipe = RECIPE.format(dataset=f"{{synthetic: {parameters}}}", transforms=TRANSFORMS["whole"])
         (folder / "made.yaml").write_text(recipe, encoding="utf-8")
         _command(folder, ["plan", str(folder / "made.yaml"), "--source", str(folder / corpus)])
-    for scope in ("window", "track"):
-        recipe = RECIPE.format(dataset="aist++", scope=scope)
-        (folder / f"{scope}.yaml").write_text(recipe, encoding="utf-8")
+    for kind in ("slices", "whole"):
+        recipe = RECIPE.format(dataset="aist++", transforms=TRANSFORMS[kind])
+        (folder / f"{kind}.yaml").write_text(recipe, encoding="utf-8")
     songs = set()
     for path in sorted((folder / "distinct" / "motions").glob("*.pkl")):
         song = path.stem.split("_")[4]
@@ -197,11 +198,11 @@ def _write_corpora(folder: Path, n_songs: int) -> None:
         songs.add(song)
 
 
-def _build(folder: Path, corpus: str, scope: str, jobs: int) -> tuple[float, float]:
+def _build(folder: Path, corpus: str, kind: str, jobs: int) -> tuple[float, float]:
     """Return the wall and CPU seconds of a build with an empty cache."""
     for old in ("out", "cache"):
         shutil.rmtree(folder / old, ignore_errors=True)
-    command = ["build", str(folder / f"{scope}.yaml"), "--source", str(folder / corpus)]
+    command = ["build", str(folder / f"{kind}.yaml"), "--source", str(folder / corpus)]
     return _command(folder, [*command, "--out", str(folder / "out"), "--jobs", str(jobs)])
 
 
