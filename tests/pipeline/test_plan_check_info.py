@@ -34,7 +34,7 @@ def worn(source: Path) -> Path:
 # plan
 
 
-@pytest.mark.parametrize("scope", ["track"])
+@pytest.mark.parametrize("scope", RECIPES)
 def test_a_plan_counts_the_units_of_a_build(worn: Path, out: Path, scope: str):
     plan = as_json("plan", RECIPES[scope], "--source", worn, "--out", out)
     assert not out.exists()
