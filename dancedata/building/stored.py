@@ -96,7 +96,7 @@ def _clip(
         source=root.take.dancers[k].id if is_copy else "",
         n_flags=len(place.flags(annotators)),
         trim_start=take.time.trim_on(grid),
-        source_rate=str(root.take.time.rate),
+        source_rate=str(root.take.time.recorded or root.take.time.rate),
         lists=ref.lists,
         n_frames=take.time.frames_on(grid),
         starts=result.starts,

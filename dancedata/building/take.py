@@ -38,6 +38,7 @@ class Time:
     """Frames of a motion, their exact rate, and the first that belongs to the dance.
 
     `first`, `n_whole`: Of a part, the frame of the whole motion at frame 0, and the frames of the whole.
+    `recorded`: The rate of the file, where the frames are at another one.
     """
 
     n_frames: int
@@ -45,6 +46,7 @@ class Time:
     trim: int = 0
     first: int = 0
     n_whole: int | None = None
+    recorded: Fraction | None = None
 
     @property
     def whole(self) -> Time:
@@ -78,7 +80,8 @@ class Time:
         """Return the time of frames start .. stop - 1."""
         trim = self.trim - start
         trim = trim if 0 < trim < stop - start else 0
-        return Time(stop - start, self.rate, trim, self.first + start, self.n_whole or self.n_frames)
+        first, n_whole = self.first + start, self.n_whole or self.n_frames
+        return replace(self, n_frames=stop - start, trim=trim, first=first, n_whole=n_whole)
 
 
 @dataclass(frozen=True)

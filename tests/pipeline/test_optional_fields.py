@@ -219,9 +219,10 @@ def test_exports_leave_out_clips_without_a_field_that_they_read(mixed: Path, tmp
 
 
 def test_evaluation_names_the_clips_that_it_leaves_out(mixed: Path, cache: Path) -> None:
-    chosen = dancedata.evaluate(mixed, field=FIELD, cache=cache)
+    splits = ",".join(open_store(mixed).splits)
+    chosen = dancedata.evaluate(mixed, field=FIELD, split=splits, cache=cache)
     assert {clip for clip, _ in chosen.left_out} == WITHOUT
-    assert not dancedata.evaluate(mixed, cache=cache).left_out
+    assert not dancedata.evaluate(mixed, split=splits, cache=cache).left_out
 
 
 def test_copies_lack_what_their_clip_lacks(captures: Path, cache: Path, tmp_path: Path) -> None:

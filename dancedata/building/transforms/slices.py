@@ -93,7 +93,7 @@ class SlicesOnGrid(Transform):
 
         (dancer,), first = take.dancers, self.windows.start(k)
         start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))
-        whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate)
+        whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate, recorded=take.time.rate)
         music = replace(dancer.music, excerpt=k, start=at.seconds(start))
         dancer = replace(dancer, id=slice_name(dancer.id, k), slice_of=dancer.id, music=music)
         return take.then(Part(at.rate, start, stop), dancers=(dancer,), time=whole.part(start, stop))
