@@ -8,7 +8,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.motion import Motion
 from dancedata.core.segments import Segment
 from dancedata.core.text import shown
 
@@ -102,25 +101,6 @@ class ClipRef:
 def member_id(group: str, member: int) -> str:
     """Return the id of a group's dancer where the source names none: ``<group>_p<member>``."""
     return f"{group}_p{member}"
-
-
-@dataclass(frozen=True, eq=False)
-class Clip:
-    """A clip in canonical form; see `ClipRef` for the attributes and `Motion` for units and axes."""
-
-    id: str
-    motion: Motion
-    music: str = ""
-    tempo_bpm: float | None = None
-    genre: str = ""
-    dancer: str = ""
-    split: str = ""
-    notes: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, ref: ClipRef, motion: Motion) -> Clip:
-        """Combine a clip on disk with its loaded motion."""
-        return cls(ref.id, motion, ref.music, ref.tempo_bpm, ref.genre, ref.dancer, ref.split, ref.notes)
 
 
 @dataclass(frozen=True)

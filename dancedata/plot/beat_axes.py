@@ -26,7 +26,6 @@ def beats(
     clip: str,
     *,
     field: str | None = None,
-    frame: int = 0,
     member: int | None = None,
     ax: Axes | None = None,
 ) -> Axes:
@@ -40,8 +39,6 @@ def beats(
         Id of a clip, or name of a group.
     field
         Motion field of the dataset; default: the best one to draw.
-    frame
-        In window scope, the first frame of the window.
     member
         Of a group, the place of the dancer in it, from 0.
     ax
@@ -65,7 +62,7 @@ def beats(
     >>> from dancedata import plot
     >>> plot.beats("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03").figure.savefig("beats.pdf")
     """
-    whole = scene_of(store, clip, field, frame)
+    whole = scene_of(store, clip, field)
     if whole.members and (member is None or not 0 <= member < len(whole.members)):
         found = "no member" if member is None else f"member={member}"
         raise UsageError("the key motions of a group are those of each dancer", where=shown(clip), found=found,

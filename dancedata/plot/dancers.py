@@ -42,13 +42,13 @@ class Dancer(NamedTuple):
     name: str = ""
 
 
-def scene_of(source: Store | str | Path, clip: str | None, field: str | None, frame: int) -> Scene:
+def scene_of(source: Store | str | Path, clip: str | None, field: str | None) -> Scene:
     """Return the scene of a clip or group; UsageError if it is unknown, or no field of it can be drawn."""
     store = source if isinstance(source, Store) else open_store(source)
     if clip is None:
         raise UsageError("a dataset has many clips", where=str(store.path), fix="name the clip: motion(store, CLIP)")
     scenes = Scenes(store, field)
-    scene = scenes.scene(scenes.find(clip, frame))
+    scene = scenes.scene(scenes.find(clip))
     if not scene.dancers:
         raise UsageError("no field of this dataset can be drawn", where=str(store.path), found="; ".join(scene.notes))
     return scene

@@ -30,7 +30,6 @@ def features(
     clip: str,
     field: str | None = None,
     *,
-    frame: int = 0,
     columns: bool = False,
     ax: Axes | None = None,
 ) -> Axes:
@@ -44,8 +43,6 @@ def features(
         Id of a clip.
     field
         Name of a field; default: the first with features of music, else the first of all.
-    frame
-        In window scope, the first frame of the window.
     columns
         Whether motion with rotations is drawn column by column, too.
     ax
@@ -72,7 +69,7 @@ def features(
     name = field or next((n for n in ds.fields if ds.field(n).kind == "audio"), next(iter(ds.fields)))
     groups, grid = ds.field(name).columns, ds.field(name).grid
     scenes = Scenes(ds)
-    item = scenes.find(clip, frame)
+    item = scenes.find(clip)
     if item.members and ds.field(name).per_clip:
         ids = ", ".join(shown(member.clip.id) for member in item.members)
         raise UsageError(f"each dancer of a group has rows of {name}", found=shown(clip), fix=f"name one: {ids}")

@@ -33,7 +33,6 @@ def motion(
     clip: str | None = None,
     *,
     field: str | None = None,
-    frame: int = 0,
     poses: int = 8,
     times: Sequence[float] | Literal["beats"] | None = None,
     turn_deg: float = 25.0,
@@ -50,8 +49,6 @@ def motion(
         Id of a clip of the dataset, or name of a group.
     field
         Motion field of the dataset; default: the best one to draw.
-    frame
-        In window scope, the first frame of the window.
     poses
         Number of poses, evenly spaced over the clip.
     times
@@ -81,7 +78,7 @@ def motion(
     >>> from dancedata import plot
     >>> plot.motion("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", poses=6, times="beats").figure.savefig("poses.pdf")
     """
-    scene = None if isinstance(source, Motion) else scene_of(source, clip, field, frame)
+    scene = None if isinstance(source, Motion) else scene_of(source, clip, field)
     dancers = [Dancer(figure_of(source))] if isinstance(source, Motion) else dancers_of(scene) if scene else []
     figure = dancers[0].figure
     frames = moments(figure, poses, _at_beats(scene, figure, poses) if isinstance(times, str) else times)

@@ -109,8 +109,8 @@ def _squares(
     if not names_of:
         raise UsageError("there is no path to draw", where=str(store.path))
     if isinstance(clips, str):
-        return {shown(clips): _together(dancers_of(scene_of(store, clips, None, 0)))}
-    scenes = {clip: scene_of(store, clip, None, 0) for clip in names_of}
+        return {shown(clips): _together(dancers_of(scene_of(store, clips, None)))}
+    scenes = {clip: scene_of(store, clip, None) for clip in names_of}
     squares = {}
     for clip, scene in scenes.items():
         alone = [s.figure for s in scene.dancers if s.item.clip.id == clip and s.figure is not None]

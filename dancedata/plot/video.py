@@ -143,7 +143,6 @@ def write_video(
     music: str | Path | None = None,
     source: str | Path | None = None,
     field: str | None = None,
-    frame: int = 0,
     start_s: float = 0.0,
     length_s: float | None = None,
     size: tuple[int, int] = (1280, 720),
@@ -169,8 +168,6 @@ def write_video(
         Of a dataset: folder with the music that it was built from; None: a silent video.
     field
         Motion field to draw; default: the best one.
-    frame
-        In window scope, the first frame of the window.
     start_s, length_s
         Part of the clip, seconds; default: all of it.
     size
@@ -221,7 +218,7 @@ def write_video(
     target = require_free(target, [ds.path], "video", overwrite=overwrite)
     credit = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
     scenes = Scenes(ds, field)
-    item = scenes.find(clip, frame)
+    item = scenes.find(clip)
     sound = None
     if source is not None:
         sound = ClipSource(ds, Path(source).expanduser()).sound(item)

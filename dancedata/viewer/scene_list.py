@@ -349,13 +349,12 @@ class SceneList(ABC):
         """Whether there is an item of this name, or a dancer of a group."""
         return name in self._by_name
 
-    def find(self, name: str, frame: int = 0) -> Item:
-        """Return the item of a clip or a group, of windows the first one that has a frame of the clip.
+    def find(self, name: str) -> Item:
+        """Return the item of a clip or a group, of samples of one clip the first.
 
         Raises UsageError: for an unknown name.
         """
-        named = self.items_of(name)
-        return next((item for item in named if item.start <= frame < item.start + item.n_frames), named[0])
+        return self.items_of(name)[0]
 
     @cached_property
     def _by_name(self) -> dict[str, list[Item]]:

@@ -83,7 +83,7 @@ def test_a_motion_needs_no_dataset(demo: Path) -> None:
 def test_slices(slices: Path) -> None:
     ds = dancedata.open(slices)
     clip = ds.clips[0].id
-    assert plot.features(ds, clip, frame=0).get_images()[0].get_array().shape == (35, 150)
+    assert plot.features(ds, clip).get_images()[0].get_array().shape == (35, 150)
     assert len(plot.motion(ds, clip, poses=2).get_xticks()) == 2
 
 

@@ -62,7 +62,7 @@ def test_names_may_have_any_letters() -> None:
 
 
 def test_dancers_keep_their_colours_where_others_are_missing(lacking: Path) -> None:  # noqa: F811
-    _, picture = picture_of(lacking, SEVEN, frame=0)
+    _, picture = picture_of(lacking, SEVEN)
     for k, tones in enumerate(DANCERS["dark"][:7]):
         assert (pixels(picture, tones[0]) > 15) == (k not in (1, 4))
 
