@@ -146,7 +146,7 @@ def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyP
     dataset.__dict__["_quality"] = {clip: rows}
     flags = dataset.scene(dataset.items[0]).flags
     assert [flag.time for flag in flags] == [pytest.approx(73 / 60), None]
-    assert dataset.flag_count(dataset.find(clip, 0)) == 2
+    assert dataset.flag_count(dataset.find(clip)) == 2
 
 
 @pytest.mark.parametrize("wrong", [{"rate": "0"}, {"rate": "sixty"}, {"frame": 10**400}])
