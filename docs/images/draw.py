@@ -1,6 +1,6 @@
-"""Draw build.svg, scope.svg and layers.svg: python docs/images/draw.py.
+"""Draw build.svg, slices.svg and layers.svg: python docs/images/draw.py.
 
-The curves of scope.svg are the onset envelopes of a synthetic song, computed as builds of either scope compute them.
+The curves of slices.svg are the onset envelopes of a synthetic song, computed as builds of whole clips and of slices compute them.
 layers.svg has the layers of pyproject.toml and the first sentences of the packages' docstrings.
 Pictures have their own ground and follow the reader's colour scheme, so they are readable on any page.
 """
@@ -87,7 +87,7 @@ def build_picture() -> str:
         _arrow((144, 137), (144, 160)),
         _arrow((416, 137), (416, 160)),
         _box(left, 160, half, "encode", "columns of each trainer,", "contacts, key motions"),
-        _box(right, 160, half, "extract", "features of whole songs,", "or of each window (scope)"),
+        _box(right, 160, half, "extract", "features of whole songs,", "or of each slice"),
         _arrow((144, 228), (144, 251)),
         _box(left, 251, half, "cut windows", "length, stride, filter"),
         _arrow((272, 275), (352, 275), (352, 229)),
@@ -109,8 +109,8 @@ def _curve(values: np.ndarray, x: np.ndarray, floor: float, kind: str, width: fl
     return f'<polyline class="{kind}" stroke-width="{width}" points="{points}"/>'
 
 
-def scope_picture() -> str:
-    """Return the picture of both scopes: the onset envelope of a song, and of three windows by themselves."""
+def slices_picture() -> str:
+    """Return the picture of whole clips and slices: the onset envelope of a song, and of three slices by themselves."""
     fps, length_s, stride_s, total_s = 30, 5.0, 2.5, 10.0
     signal = synthesise_song("mBR0", length_s=total_s).signal
     song = dancedata.extract("librosa35", signal, fps=fps, start_bpm=80)[: int(total_s * fps), 0]
@@ -121,7 +121,7 @@ def scope_picture() -> str:
         return left + pixels * (start_s + np.arange(rows) / fps)
 
     parts = [
-        _text(16, 30, "scope: track", "name"),
+        _text(16, 30, "whole clips", "name"),
         _text(16, 50, "one analysis of the whole song; windows are views of it", "muted"),
         _curve(song, places(0, len(song)), 118, "track", 1.5),
     ]
@@ -130,8 +130,8 @@ def scope_picture() -> str:
         parts.append(f'<path class="line" stroke-width="1.5" d="M{x:g} {y - 6}v8h{width:g}v-8"/>')
         parts.append(_text(x + 8, y + 19, f"{start:g} to {start + length_s:g} s", "muted"))
     parts += [
-        _text(16, 238, "scope: window", "name"),
-        _text(16, 258, "the song is cut first; every window is analysed by itself", "muted"),
+        _text(16, 238, "slices", "name"),
+        _text(16, 258, "the song is cut first; every slice is analysed by itself", "muted"),
     ]
     for number, start in enumerate(starts):
         first, n = round(start * signal.sample_rate), round(length_s * signal.sample_rate)
@@ -144,14 +144,14 @@ def scope_picture() -> str:
         x, width = left + pixels * start, pixels * length_s
         parts.append(f'<path class="line" stroke-width="1.5" d="M{x:g} {floor - 2}v8h{width:g}v-8"/>')
     parts += [
-        _text(16, 413, "At 2.5 s the second window", "muted"),
+        _text(16, 413, "At 2.5 s the second slice", "muted"),
         _text(16, 432, "lacks the onset of the song.", "muted"),
     ]
-    return _picture("Track scope and window scope", 500, [*parts, *_legend(472)])
+    return _picture("Whole clips and slices", 500, [*parts, *_legend(472)])
 
 
 def _legend(y: int) -> list[str]:
-    entries = [(16, "track", "onset envelope of the song"), (288, "window", "of the window by itself")]
+    entries = [(16, "track", "onset envelope of the song"), (288, "window", "of the slice by itself")]
     lines = [f'<path class="{kind}" stroke-width="2.5" d="M{x} {y - 5}h24"/>' for x, kind, _ in entries]
     return [*lines, *(_text(x + 32, y, text) for x, _, text in entries)]
 
@@ -192,5 +192,5 @@ def layers_picture() -> str:
 if __name__ == "__main__":
     folder = Path(__file__).resolve().parent
     (folder / "build.svg").write_text(build_picture(), encoding="utf-8")
-    (folder / "scope.svg").write_text(scope_picture(), encoding="utf-8")
+    (folder / "slices.svg").write_text(slices_picture(), encoding="utf-8")
     (folder / "layers.svg").write_text(layers_picture(), encoding="utf-8")

@@ -12,7 +12,7 @@ from tests.docs.pages import ROOT, load
 from tests.report.test_colours import contrast
 
 IMAGES = ROOT / "docs" / "images"
-DRAWN = ("build", "scope", "layers")
+DRAWN = ("build", "slices", "layers")
 
 
 @pytest.fixture(scope="module")
