@@ -1,6 +1,6 @@
 """Draw build.svg, slices.svg and layers.svg: python docs/images/draw.py.
 
-The curves of slices.svg are the onset envelopes of a synthetic song, computed as builds of whole clips and of slices compute them.
+The curves of slices.svg are onset envelopes of a synthetic song, as builds of whole clips and of slices have them.
 layers.svg has the layers of pyproject.toml and the first sentences of the packages' docstrings.
 Pictures have their own ground and follow the reader's colour scheme, so they are readable on any page.
 """
@@ -110,7 +110,7 @@ def _curve(values: np.ndarray, x: np.ndarray, floor: float, kind: str, width: fl
 
 
 def slices_picture() -> str:
-    """Return the picture of whole clips and slices: the onset envelope of a song, and of three slices by themselves."""
+    """Return the picture of whole clips and slices: onset envelopes of a song, and of three slices by themselves."""
     fps, length_s, stride_s, total_s = 30, 5.0, 2.5, 10.0
     signal = synthesise_song("mBR0", length_s=total_s).signal
     song = dancedata.extract("librosa35", signal, fps=fps, start_bpm=80)[: int(total_s * fps), 0]
