@@ -4,14 +4,19 @@ Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`. Old
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
 
 from dancedata.core.clip import ColumnValue
+from dancedata.core.errors import StoreError
+from dancedata.core.text import shown
 from dancedata.store.columns import problem as problem_of
 from dancedata.store.columns import text_problem, whole_problem
+
+_FRACTION = re.compile(r"-?[0-9]{1,40}(/[1-9][0-9]{0,39})?")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,8 +163,15 @@ def _seconds(name: str, default: Fraction | None) -> ClipColumn:
         name, "text", "",
         lambda v: "" if v is None or isinstance(v, (Fraction, int)) else "not a fraction",
         lambda v: "" if v == default else str(v),
-        lambda v: Fraction(v) if v else default,
+        lambda v: _exact(name, v) if v else default,
     )  # fmt: skip
+
+
+def _exact(name: str, text: str) -> Fraction:
+    if not _FRACTION.fullmatch(text):  # 1e999999999 would take for ever
+        raise StoreError("a time in seconds is not a fraction", where=f"/clips/{name}", found=shown(text),
+                         allowed='a text such as "7/2"')  # fmt: skip
+    return Fraction(text)
 
 
 def _hash_problem(value: Any) -> str:

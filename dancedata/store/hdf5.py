@@ -3,7 +3,7 @@
 import io
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -243,3 +243,18 @@ def write_attributes(item: Any, **attributes: str | int) -> None:
             item.attrs.create(name, np.array(raw, dtype=h5py.string_dtype("utf-8", max(1, len(raw)))))
         else:
             item.attrs.create(name, np.int64(value), dtype="<i8")
+
+
+def wrong_attributes(item: Any, needed: Iterable[str], **expected: str | int) -> Iterator[str]:
+    """Yield how attributes differ from those that `write_attributes` writes; only `needed` ones have to be there.
+
+    Texts of variable length are not read: a damaged heap of them would make HDF5 hang.
+    """
+    for name, value in expected.items():
+        stated: object = None
+        if name in item.attrs:
+            kind = item.attrs.get_id(name).dtype.kind
+            stated = item.attrs[name] if kind in "Siu" else f"of type {item.attrs.get_id(name).dtype}"
+            stated = stated.decode(errors="replace") if isinstance(stated, bytes) else stated
+        if stated != value and (name in needed or stated is not None):
+            yield f"{item.name}: attribute {name} is {stated}, not {value}"

@@ -59,6 +59,7 @@ def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
     try:
         tables = store.tables
         messages = [
+            *_check_attributes(store, description),
             *_check_clips(tables, description),
             *_check_spans(tables, description),
             *_check_windows(tables, description),
@@ -87,11 +88,13 @@ def verify_shard(store: Store, description: Description, tables: Tables | None, 
 def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
     """Check names, dtypes, shapes, contiguity and alignment of every dataset of a shard."""
     with reader.opened() as file:
-        if int(file.attrs.get("format", -1)) != FORMAT:
-            yield f"attribute format is {file.attrs.get('format')}, not {FORMAT}"
+        yield from hdf5.wrong_attributes(
+            file, ("format",), format=FORMAT, split=entry.split, fps=str(description.fps)
+        )
         for f in description.fields:
             path, (first, rows) = f.path, entry.fields[f.name]
             dataset = hdf5.find_dataset(file, path)
+            yield from hdf5.wrong_attributes(dataset, ("rate",), rate=str(f.rate))
             if dataset.dtype != f.disk_dtype:
                 yield f"/{path} is of type {dataset.dtype}, not {f.disk_dtype}"
             if dataset.shape[:1] != (rows,):
@@ -108,6 +111,13 @@ def _check_place(dataset: Any, path: str) -> Iterator[str]:
         yield f"/{path} is not contiguous"
     elif dataset.size and offset % ALIGNMENT:
         yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
+
+
+def _check_attributes(store: Store, description: Description) -> Iterator[str]:
+    """Check what readers without dataset.json take rows by."""
+    with hdf5.open_file(store.path / TABLES_FILE) as file:
+        yield from hdf5.wrong_attributes(file, ("format", "fps"), format=FORMAT, fps=str(description.fps))
+        yield from hdf5.wrong_attributes(file["windows"], ("length",), length=description.length)
 
 
 def _check_clips(tables: Tables, description: Description) -> Iterator[str]:
@@ -248,7 +258,7 @@ def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
 
 def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
     clip, start = (np.asarray(column, dtype=np.int64) for column in (tables.window_clip, tables.window_start))
-    bad = (start < 0) | (start + description.length > tables.n_frames[clip])
+    bad = (start < 0) | (start > np.asarray(tables.n_frames, dtype=np.int64)[clip] - description.length)
     if bad.any():
         yield f"/windows: outside their clip: windows {_places(bad)}"
     later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))

@@ -283,12 +283,32 @@ def test_other_layout(make_store: Any, dataset: str, change: Any, options: dict[
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
-def test_a_shard_of_another_format(make_store: Any) -> None:
+@pytest.mark.parametrize(
+    ("item", "name", "value"),
+    [(TRAIN, "format", 1), (TRAIN, "split", np.bytes_("test")), (f"{TRAIN}/motion/pose", "rate", np.bytes_("999")),
+     (TABLES, "fps", np.bytes_("60")), (TABLES, "fps", "30"), (f"{TABLES}/windows", "length", 7)],
+)  # fmt: skip
+def test_attributes_are_those_of_the_description(make_store: Any, item: str, name: str, value: Any) -> None:
+    """Readers that have HDF5 alone take rows by them."""
     made = make_store()
-    with h5py.File(made.path / TRAIN, "r+", locking=False) as file:
-        file.attrs["format"] = 1
+    file_name, _, path = item.partition("/")
+    with h5py.File(made.path / file_name, "r+", locking=False) as file:
+        file[f"/{path}"].attrs[name] = value
     seal(made.path)
-    assert "attribute format is 1" in only_error(made.path)
+    assert any(f"attribute {name} is" in str(p) for p in verify_store(made.path)), verify_store(made.path)
+
+
+@pytest.mark.parametrize("text", ["1e999999999", "1/0", "nan", "0x1"])
+def test_seconds_are_fractions(make_store: Any, text: str) -> None:
+    made = make_store()
+    with h5py.File(made.path / TABLES, "r+", locking=False) as file:
+        file["clips/audio_start"] = np.full(
+            len(file["clips/id"]), text.encode(), dtype=h5py.string_dtype("utf-8", 16)
+        )
+    seal(made.path)
+    assert "audio_start" in only_error(made.path)
+    with raises_message(StoreError, "fraction"):
+        _ = next(iter(open_store(made.path).clips)).audio_start
 
 
 def test_shard_that_is_not_hdf5(make_store: Any) -> None:
