@@ -36,11 +36,17 @@ def safe_name(name: str) -> str:
     One that is longer than 120 bytes, or not in Unicode's form NFC, ends in ``_`` and 12 digits of its SHA-256.
     """
     composed = normalize("NFC", name)
-    safe = _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), composed)
+    safe = _quoted(composed)
     if len(safe.encode()) <= _MOST and composed == name:
         return safe
-    digits = f"_{sha256(name.encode()).hexdigest()[:12]}"
-    return re.sub("%[0-9A-F]?$", "", safe.encode()[: _MOST - len(digits)].decode(errors="ignore")) + digits
+    digits, cut = f"_{sha256(name.encode()).hexdigest()[:12]}", composed[:_MOST]
+    while len((safe := _quoted(cut + digits)).encode()) > _MOST:
+        cut = cut[:-1]
+    return safe
+
+
+def _quoted(name: str) -> str:
+    return _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), name)
 
 
 def id_text(clip: str, start: int | None = None, length: int | None = None, marks: str = "", source: str = "") -> str:
