@@ -9,6 +9,8 @@ from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
 from dancedata.building.result import Result
 from dancedata.building.segments import all_segments
 from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError
+from dancedata.core.text import listed
 from dancedata.recipes.fields import WindowSpec
 
 
@@ -42,6 +44,11 @@ def judged(
 
 def _judged(result: Result, rule: WindowRule, seen: Seen) -> Result:
     rejects = {k: rule.judge(seen, k, result.starts) for k in result.stay}
+    unknown = {r.window for of in rejects.values() for r in of if r.window is not None} - {*result.starts}
+    if unknown:
+        raise UsageError(f"the rule {rule.name} names windows that do not exist", where=f"clip {result.take.name}",
+                         found=listed(map(str, sorted(unknown)), 5), allowed="first frames, as judge is given them",
+                         fix="correct the plug-in")  # fmt: skip
     result = result.without({k: [r for r in of if r.window is None] for k, of in rejects.items()})
     dancers = result.take.dancers
     of_windows = {k: {r.window: r for r in rejects[k] if r.window is not None} for k in result.stay}

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.inputs import RowsFile
-from dancedata.building.result import Result
+from dancedata.building.result import Nothing, Result
 from dancedata.building.take import Scene, Take, Transform
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
@@ -320,10 +320,19 @@ class Seen:
         """Return a field by its name."""
         return {field.name: field for field in self.fields}[name]
 
-    def rows(self, chosen: Field, dancer: int) -> npt.NDArray[Any]:
-        """Return the rows of a field, as they are stored."""
-        take = self.result.take
-        rows = np.asarray(self.result.made[chosen.place][dancer].array)
+    def rows(self, name: str, dancer: int) -> npt.NDArray[Any]:
+        """Return the rows of a field from the clip's frame 0 on, as they are stored; (0, D) where it has none.
+
+        NaN before music that begins later.
+        """
+        chosen, take = self.field(name), self.result.take
+        made = self.result.made[chosen.place][dancer]
+        if isinstance(made, Nothing):
+            return np.empty((0, chosen.columns.width), dtype=chosen.dtype)
+        rows = np.asarray(made.array)
+        if made.offset < 0:
+            rows = np.concatenate([np.full((-made.offset, chosen.columns.width), np.nan), rows])
+        rows = rows[max(0, made.offset) :]
         for step in take.row_steps:
             rows = step.rows(rows, chosen.columns, chosen.kind, take, dancer)
         return rows

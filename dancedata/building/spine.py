@@ -13,7 +13,7 @@ from dancedata.building.segments import annotated
 from dancedata.building.stored import Clips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut
-from dancedata.core.errors import SourceError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -53,12 +53,16 @@ def build_clips(
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:
     """Return the takes that transforms make, parents before their copies.
 
-    SourceError if two dancers have one id, or two groups one name.
+    SourceError if two dancers have one id, or two groups one name; UsageError if a step follows the one that copies.
     """
     for transform in transforms:
         takes = [made for take in takes for made in transform.expand(take)]
     named: dict[str, Take] = {}
     for take in takes:
+        if take.parent is not None and (take.parent.parent, len(take.steps)) != (None, len(take.parent.steps) + 1):
+            raise UsageError("a transform that makes copies has to be the last one", where=f"clip {take.name}",
+                             found=", ".join(step.name for step in take.steps),
+                             fix="name it behind the others in transforms, without copies of copies")  # fmt: skip
         for name in [*([f"group {take.group}"] if take.group else []), *(f"clip {d.id}" for d in take.dancers)]:
             if named.setdefault(name, take) is not take:
                 raise SourceError("two clips or groups would get the same name", where=name,

@@ -172,6 +172,9 @@ def _check_groups(tables: Tables) -> Iterator[str]:
     if bad.any() or len(set(ids.tolist())) < len(ids):
         yield f"/groups: not the groups that clips name, once each, as neighbours, in rows {_places(bad)} of /clips"
         return
+    both = sorted(set(tables.ids.values[stated == b""].tolist()) & set(ids.tolist())) if len(ids) else []
+    if both:
+        yield f"/groups: names that clips have which are no dancers: {listed([n.decode() for n in both], _SHOWN)}"
     for group, first in enumerate(np.asarray(tables.groups.get("first", ())).tolist()):
         name, count = f"group {ids[group].decode()}", int(tables.groups["count"][group])
         rows = list(range(first, first + count))

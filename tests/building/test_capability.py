@@ -1,15 +1,25 @@
 """A thirteenth capability is one file beside the recipe, with copies at another speed, groups and two workers."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 import yaml
 
 import dancedata
+from dancedata.building.plugins import Seen
+from dancedata.building.result import Result, Rows
+from dancedata.building.spine import expand
+from dancedata.building.take import Take, Transform
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import UsageError
 from dancedata.core.registry import DATASETS
+from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, verify_store
+from tests.messages import raises_message
+from tests.takes import makers_of, take_of
 
 LEAPS = Path(__file__).with_name("leaps.py")
 RECIPE: dict[str, Any] = {
@@ -67,3 +77,45 @@ def test_windows_that_the_rule_names_are_left_out(stores: tuple[Store, Store]) -
             first, end = (store.grid.seconds(frame) for frame in (window.start, window.start + 30))
             touched = any(s.start < end and s.end > first for s in long)
             assert touched == (window.start not in [w.start for w in store[clip.id].windows()])
+
+
+class Plain(Transform):
+    """Changes nothing."""
+
+    name: ClassVar[str] = "plain"
+    version: ClassVar[int] = 1
+
+
+@dataclass(frozen=True)
+class Twice(Plain):
+    """Makes a copy of each clip."""
+
+    mark: str
+
+    def expand(self, take: Take) -> list[Take]:
+        return [take, take.copy(self, lambda name: name + self.mark)]
+
+
+def aistpp() -> tuple[Any, Take]:
+    recipe = parse_recipe({**RECIPE, "dataset": "aist++", "augment": {}, "audio": {"librosa35": {}}})
+    return recipe, take_of(recipe, [(ClipRef("a", Path("a.pkl"), Path("a.wav"), "train", "a"), "0" * 64)])
+
+
+@pytest.mark.parametrize("transforms", [[Twice("_b"), Twice("_c")], [Twice("_b"), Plain()]])
+def test_nothing_follows_the_step_that_copies(transforms: list[Transform]) -> None:
+    _, take = aistpp()
+    assert [t.dancers[0].id for t in expand([take], transforms[:1])] == ["a", "a_b"]
+    with raises_message(UsageError, "last"):
+        expand([take], transforms)
+
+
+@pytest.mark.parametrize("offset", [0, 3, -2])
+def test_a_rule_sees_rows_from_frame_0_on(offset: int) -> None:
+    recipe, take = aistpp()
+    field = makers_of(recipe)["librosa35"]
+    rows = np.arange(10 * 35, dtype=np.float32).reshape(10, 35)
+    result = Result(take, (0,), (0,), made={field.place: [Rows(rows, "", offset)]})  # type: ignore[arg-type]
+    seen = Seen(result, [field], recipe.grid, 30, [[]]).rows("librosa35", 0)  # type: ignore[list-item]
+    assert len(seen) == 10 - offset
+    np.testing.assert_array_equal(seen[max(0, -offset)], rows[max(0, offset)])
+    assert np.isnan(seen[: max(0, -offset)]).all()

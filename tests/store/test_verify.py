@@ -20,6 +20,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
+from tests.groups_store import write_groups
 from tests.messages import raises_message
 
 TRAIN = "train-00000-of-00001.h5"
@@ -389,3 +390,13 @@ def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path
     problems = verify_store(out)
     assert {p.severity for p in problems} == {"note"}
     assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)
+
+
+def test_a_group_has_no_name_of_a_single_clip(out: Path) -> None:
+    """Both would be one id of a sample."""
+    write_groups(out)
+    with h5py.File(out / TABLES, "r+", locking=False) as file:
+        groups = file["clips/group"][...]
+        file["clips/id"][np.flatnonzero(groups == b"")[0]] = groups[groups != b""][0]
+    seal(out)
+    assert any("no dancers" in str(p) for p in verify_store(out)), verify_store(out)

@@ -61,7 +61,7 @@ class Filtered(WindowRule):
         if seen.result.take.split not in self.chosen.splits:
             return []
         field = seen.field(self.chosen.field)
-        rows, length = seen.rows(field, dancer), seen.grid.rows(seen.length, of=field.grid)
+        rows, length = seen.rows(field.name, dancer), seen.grid.rows(seen.length, of=field.grid)
         rejects = []
         for start in starts:
             first = seen.grid.rows(start, of=field.grid)
