@@ -82,6 +82,9 @@ def saved_samples(path: object) -> SavedSamples | None:
         raise UsageError("this file does not say what the samples are", where=folder / ABOUT, found=shown(error),
                          fix="delete it, and state --like and --field") from error  # fmt: skip
     scaler = folder / SCALER if is_normalized else None
+    if scaler is not None and Scaler.load(scaler).sha256 != about.get("scaler_sha256"):
+        raise UsageError("the scaler is not that of the samples", where=scaler,
+                         found=f"another hash than in {ABOUT}", fix="save the samples again")  # fmt: skip
     return SavedSamples(folder, folder / place, hashes, field, scaler)
 
 
@@ -114,6 +117,12 @@ def save_samples(
         if n > len(rows):
             raise DataError("the sample is shorter than its id states", reason="wrong_length", where=name,
                             found=f"{len(rows)} rows", allowed=f"{n} rows")  # fmt: skip
+        if not np.isfinite(rows[:n]).all():
+            raise DataError("the sample is not finite", reason="nan", where=name, found="nan or inf",
+                            fix="look at the model, or leave it out")  # fmt: skip
+        if path / f"{sample.id}.npz" in files:
+            raise DataError("two samples have one id", reason="two_samples", where=name,
+                            fix=f"number them: {sample.id}~s1")  # fmt: skip
         files[path / f"{sample.id}.npz"] = {
             "samples": rows[:n], "id": str(sample.id), "field": field, "fps": str(of.grid),
             "normalized": scaler is not None, "scaler_sha256": "" if scaler is None else scaler.sha256,

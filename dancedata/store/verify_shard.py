@@ -97,8 +97,8 @@ def _check_layout(reader: ShardReader, description: Description, entry: ShardEnt
             yield from hdf5.wrong_attributes(dataset, ("rate",), rate=str(f.rate))
             if dataset.dtype != f.disk_dtype:
                 yield f"/{path} is of type {dataset.dtype}, not {f.disk_dtype}"
-            if dataset.shape[:1] != (rows,):
-                yield f"/{path} has shape {dataset.shape}, not {rows} rows"
+            if dataset.shape != (rows, f.columns.width):
+                yield f"/{path} has shape {dataset.shape}, not {rows} rows of {f.columns.width} columns"
             yield from _check_place(dataset, path)
             actual = dataset.id.get_offset()
             if dataset.size and first != actual:

@@ -183,7 +183,16 @@ def test_samples_of_another_dataset_or_field(copies: Store, store: Store, tmp_pa
     ):  # fmt: skip
         with raises_message((UsageError, DataError), message):
             save_samples(copies, tmp_path, ids, rows, **given)
+    with raises_message(DataError, "number", reason="two_samples"):
+        save_samples(copies, tmp_path / "twice", [name, name], np.concatenate([rows, rows + 1]), **options)
+    with raises_message(DataError, "finite"):
+        save_samples(copies, tmp_path / "nan", [name], rows * np.nan, **options)
+    assert not (tmp_path / "twice").exists()
     save_samples(copies, tmp_path, [name], rows, overwrite=True, **options)
+    save_samples(copies, tmp_path / "scaled", [name], rows, field="edge151", scaler=copies.scaler("edge151"))
+    copies.scaler("edge151", kind="zscore").save(tmp_path / "scaled/scaler.json")
+    with raises_message(UsageError, "scaler", where="scaler.json"):
+        dancedata.evaluate(tmp_path / "scaled", bootstrap=0)
     (tmp_path / "samples.json").write_text("{}")
     with raises_message(UsageError, "say", where="samples.json"):
         dancedata.evaluate(tmp_path, bootstrap=0)

@@ -20,7 +20,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
-from tests.groups_store import write_groups
+from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
 TRAIN = "train-00000-of-00001.h5"
@@ -264,6 +264,7 @@ def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
 #: Of a dataset in a shard or in the tables: what takes its place, and the error.
 LAYOUTS: dict[str, tuple[str, Callable[[Any], Any], dict[str, str], str]] = {
     "aligned": ("motion/pose", lambda old: np.tile(old, (2, 1)), {}, "not a multiple of 64"),
+    "of another width": ("motion/pose", lambda old: old[:, :-1], {}, "/motion/pose has shape"),
     "packed": ("motion/pose", lambda old: old, {"compression": "gzip"}, "/motion/pose is not contiguous"),
     "big-endian": ("motion/pose", lambda old: old.astype(">f4"), {}, "/motion/pose is of type >f4"),
     "missing": ("windows/start", lambda old: None, {}, "a dataset is missing"),
@@ -394,7 +395,7 @@ def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path
 
 def test_a_group_has_no_name_of_a_single_clip(out: Path) -> None:
     """Both would be one id of a sample."""
-    write_groups(out)
+    write_store(out, HEADER, stored({"train": (2,)}))
     with h5py.File(out / TABLES, "r+", locking=False) as file:
         groups = file["clips/group"][...]
         file["clips/id"][np.flatnonzero(groups == b"")[0]] = groups[groups != b""][0]
