@@ -149,7 +149,7 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
 
 
 @needs_reference
-@pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
+@pytest.mark.parametrize("recipe", ["[]", pytest.param("[slices]", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
     "name", ["older processor", *(pytest.param(n, marks=pytest.mark.nightly) for n in SETTINGS if n not in QUICK)]
 )
@@ -158,7 +158,7 @@ def test_the_command_line_gives_the_same_bytes(recipe, expected, tmp_path, name)
 
 
 @needs_reference
-@pytest.mark.parametrize("recipe", ["track", pytest.param("window", marks=pytest.mark.nightly)], indirect=True)
+@pytest.mark.parametrize("recipe", ["[]", pytest.param("[slices]", marks=pytest.mark.nightly)], indirect=True)
 @pytest.mark.parametrize(
     ("jobs", "name"), [(1, "older processor"), pytest.param(2, "nothing", marks=pytest.mark.nightly)]
 )
