@@ -73,6 +73,7 @@ def test_a_bar_leads_to_the_list_of_its_clips(browser: Browser, demo: Path, tmp_
 def test_a_group_is_opened_whole_and_a_dancer_alone(browser: Browser, duets: Path, tmp_path: Path) -> None:  # noqa: F811
     write_report(duets, tmp_path / "page.html")
     browser.driver.get((tmp_path / "page.html").as_uri())
+    browser.wait("return document.body.dataset.page === 'report'")  # its script has run, and sees the click
     browser.js("document.querySelector('a[href=\"#group=Waltz_5_0\"]').click()")
     browser.wait("return window.dancedataViewer?.state.clip?.members?.length === 2")
     assert browser.js("return dancedataViewer.state.dancer") is None
