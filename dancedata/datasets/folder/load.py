@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -236,10 +237,12 @@ def _betas(arrays: ArrayFile) -> Floats:
     return np.asarray(rows[0])
 
 
-def bvh_time(path: Path, reading: Reading) -> tuple[int, Fraction]:
-    """Return frames and rate of a BVH file by its header; errors of it as `load_motion`."""
-    header = read_bvh_header(path)
-    return header.n_frames, _bvh_rate(header, reading).value
+def stated_time(ref: ClipRef, reading: Reading) -> tuple[int, Fraction, int] | None:
+    """Return frames, rate and trim of a whole BVH file by its header; None for others. Errors as of `load_motion`."""
+    if ref.motion_path.suffix.lower() != ".bvh" or (ref.source_start, ref.source_end) != (None, None):
+        return None
+    header = read_bvh_header(ref.motion_path)
+    return header.n_frames, _bvh_rate(header, reading).value, 0
 
 
 def _load_bvh(path: Path, reading: Reading) -> Motion:

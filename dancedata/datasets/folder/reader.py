@@ -28,11 +28,11 @@ from dancedata.datasets.folder.load import (
     Reading,
     array_facts,
     bvh_facts,
-    bvh_time,
     fitting_note,
     load_motion,
     motion_of,
     recognised,
+    stated_time,
 )
 from dancedata.datasets.folder.manifest import (
     MANIFESTS,
@@ -236,10 +236,7 @@ class Folder(Dataset):
 
     @override
     def time_of(self, ref: ClipRef) -> tuple[int, Fraction, int] | None:
-        is_part = ref.source_start is not None or ref.source_end is not None
-        if ref.motion_path.suffix.lower() != ".bvh" or is_part:
-            return None
-        return *bvh_time(ref.motion_path, self._reading(ref)), 0
+        return stated_time(ref, self._reading(ref))
 
     def of_arrays(self, arrays: ArrayFile, ref: ClipRef) -> Motion:
         """Return the motion of arrays that are part of a file, as `load` does of a whole one."""
@@ -253,8 +250,7 @@ class Folder(Dataset):
 
     @property
     def _declared(self) -> Declared:
-        fps = None if self.fps is None else str(self.fps)
-        unit = None if self.unit is None else str(self.unit)
+        fps, unit = (None if value is None else str(value) for value in (self.fps, self.unit))
         return Declared(fps, self.up, unit, self.layout, self.gender)
 
     def _reading(self, ref: ClipRef) -> Reading:
