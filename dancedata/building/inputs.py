@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.audio.silence import without_sound
-from dancedata.building.rejects import BUILD_AGAIN, CHANGED
+from dancedata.building.rejects import require_same
 from dancedata.building.signals import SignalId, decode_again, decode_ahead
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import DataError
 from dancedata.core.quality import music_flags
 from dancedata.execution.cache import Cache
 
@@ -66,8 +65,7 @@ class RowsFile:
 
     def check(self, cache: Cache) -> None:
         """Raise DataError if it has changed."""
-        if cache.file_sha256(self.path) != self.sha256:
-            raise DataError(CHANGED, reason="changed", where=self.path, fix=BUILD_AGAIN)
+        require_same(cache, self.path, self.sha256)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
-from dancedata.building.take import Scene, Take, Transform
+from dancedata.building.take import RecipePart, Scene, Take, Transform
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
@@ -153,30 +153,46 @@ _SIDES = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
 class Field(Maker):
     """A field: rows on a grid.
 
-    `name` is unique in a recipe; the other attributes are those of the field in a dataset.
+    `spec`: What the recipe says of it: its name, which is unique, and what a dataset has.
     """
 
     suffix = "npy"
+    spec: FieldSpec
 
     @property
-    @abstractmethod
     def name(self) -> str:
         """Name in the recipe and in the dataset."""
+        return self.spec.name
 
     @property
-    @abstractmethod
     def kind(self) -> Literal["motion", "keymotion", "audio"]:
         """Kind in the dataset."""
+        return self.spec.stored_kind
 
     @property
-    @abstractmethod
     def grid(self) -> FrameGrid:
         """Grid of the rows."""
+        return self.spec.grid
 
     @property
-    @abstractmethod
     def columns(self) -> Columns:
         """The D columns."""
+        return self.spec.columns
+
+    @property
+    def dtype(self) -> DType:
+        """Type on disk."""
+        return self.spec.dtype
+
+    @property
+    def codebook(self) -> Codebook | None:
+        """The codebook of codes; None for real values."""
+        return self.spec.codebook
+
+    @property
+    def optional(self) -> bool:
+        """Whether clips that it cannot take are kept without rows."""
+        return self.spec.optional
 
     @property
     def place(self) -> str:
@@ -191,21 +207,6 @@ class Field(Maker):
     @abstractmethod
     def block(self, rows: Any, take: Take, dancer: int, grid: FrameGrid) -> Any:
         """Return what is stored of a dancer's `Rows`, or `Nothing`; `grid` is that of the recipe."""
-
-    @property
-    def dtype(self) -> DType:
-        """Type on disk."""
-        return "float32"
-
-    @property
-    def codebook(self) -> Codebook | None:
-        """The codebook of codes; None for real values."""
-        return None
-
-    @property
-    def optional(self) -> bool:
-        """Whether clips that it cannot take are kept without rows."""
-        return False
 
     @property
     def from_files(self) -> bool:
@@ -326,19 +327,16 @@ class Seen:
         NaN before music that begins later.
         """
         chosen, take = self.field(name), self.result.take
-        made = self.result.made[chosen.place][dancer]
-        if isinstance(made, Nothing):
+        stored = self.result.made[chosen.place][dancer]
+        if isinstance(stored, Nothing):
             return np.empty((0, chosen.columns.width), dtype=chosen.dtype)
-        rows = np.asarray(made.array)
-        if made.offset < 0:
-            rows = np.concatenate([np.full((-made.offset, chosen.columns.width), np.nan), rows])
-        rows = rows[max(0, made.offset) :]
-        for step in take.row_steps:
-            rows = step.rows(rows, chosen.columns, chosen.kind, take, dancer)
-        return rows
+        rows = np.asarray(stored.array)
+        if stored.offset < 0:
+            rows = np.concatenate([np.full((-stored.offset, chosen.columns.width), np.nan), rows])
+        return take.changed_rows(rows[max(0, stored.offset) :], chosen.columns, chosen.kind, dancer)
 
 
-class WindowRule(Plugin):
+class WindowRule(RecipePart):
     """Leaves out windows, or dancers, by segments or rows.
 
     Attributes
@@ -356,14 +354,6 @@ class WindowRule(Plugin):
     def parameters(self) -> Plugin:
         """The plug-in whose keys a recipe has."""
         return self
-
-    def check(self, fields: Sequence[FieldSpec]) -> None:
-        """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
-        return
-
-    def notes(self, splits: Collection[str]) -> Sequence[str]:
-        """Return what `plan` and dataset.json say of it, for a source with these splits."""
-        return ()
 
     @abstractmethod
     def judge(self, seen: Seen, dancer: int, starts: Sequence[int]) -> list[Reject]:

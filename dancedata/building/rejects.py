@@ -8,10 +8,9 @@ from typing import TypeVar
 
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
+from dancedata.execution.cache import Cache
 
 _T = TypeVar("_T")
-CHANGED = "the file changed while the build was running"
-BUILD_AGAIN = "run the build again once the source no longer changes"
 
 
 def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Reject:
@@ -25,6 +24,18 @@ def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
         return call()
     except DataError as error:
         return reject_of(error, clip, file)
+
+
+def require_same(cache: Cache, path: Path, sha256: str) -> None:
+    """Raise DataError if a file is no longer the one that was hashed."""
+    if cache.file_sha256(path) != sha256:
+        raise changed(path)
+
+
+def changed(where: object) -> DataError:
+    """Return the error for a file that has changed since it was identified."""
+    fix = "run the build again once the source no longer changes"
+    return DataError("the file changed while the build was running", reason="changed", where=where, fix=fix)
 
 
 def missing_music(ref: ClipRef) -> Reject:

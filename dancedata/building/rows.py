@@ -32,9 +32,7 @@ class ChangedRows:
         return tuple(self.array.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        rows = np.asarray(self.array)
-        for step in self.take.row_steps:
-            rows = step.rows(rows, self.field.columns, self.field.kind, self.take, self.dancer)
+        rows = self.take.changed_rows(np.asarray(self.array), self.field.columns, self.field.kind, self.dancer)
         return np.array(rows, dtype=dtype)
 
 

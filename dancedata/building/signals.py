@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from dancedata.audio.ffmpeg import ffmpeg_version
 from dancedata.audio.silence import Level, levels
-from dancedata.building.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.building.rejects import changed, reject_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
@@ -185,7 +185,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
                         signal.sha256, signal.sample_rate, signal.n_samples, by, [*signal.findings], levels(signal)
                     )
                     if Cache.stat_key("signal", path) != file:
-                        raise DataError(CHANGED, reason="changed", where=path, fix=BUILD_AGAIN)
+                        raise changed(path)
                     cache.put_json("signals", key, entry)
     except DataError as error:
         return reject_of(error, file=path)
@@ -281,7 +281,7 @@ def decode_again(signal: SignalId) -> AudioSignal:
     with suppress(OSError):
         file = Cache.stat_key("signal", signal.path)
     if file != signal.file and signal_of_file.sha256 != (signal.decoded_sha256 or signal.sha256):
-        raise DataError(CHANGED, reason="changed", where=signal.path, fix=BUILD_AGAIN)
+        raise changed(signal.path)
     if signal.speed != 1:
         from dancedata.audio.stretch import stretched
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.inputs import Music, RowsFile
-from dancedata.building.rejects import BUILD_AGAIN, CHANGED
+from dancedata.building.rejects import changed, require_same
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.motion import Motion
@@ -152,12 +151,11 @@ class Recording:
     def check(self, cache: Cache) -> None:
         """Raise DataError if a file has changed since it was hashed."""
         for ref, sha256 in self.dancers:
-            if cache.file_sha256(ref.motion_path) != sha256:
-                raise DataError(CHANGED, reason="changed", where=ref.motion_path, fix=BUILD_AGAIN)
+            require_same(cache, ref.motion_path, sha256)
         content = content_hashes(self.reader.dataset, cache.file_sha256)
         for named in sorted({*content, *self.reader.content}):
             if content.get(named) != self.reader.content.get(named):
-                raise DataError(CHANGED, reason="changed", where=f"{self.path} ({named})", fix=BUILD_AGAIN)
+                raise changed(f"{self.path} ({named})")
 
 
 @dataclass(frozen=True)
@@ -219,8 +217,26 @@ class Take:
         """The steps that change rows."""
         return tuple(step for step in self.steps if step.changes_rows)
 
+    def changed_rows(self, rows: npt.NDArray[Any], columns: Columns, kind: str, dancer: int) -> npt.NDArray[Any]:
+        """Return (T, D) rows of a field after the steps that change rows."""
+        for step in self.row_steps:
+            rows = step.rows(rows, columns, kind, self, dancer)
+        return rows
 
-class Transform(Plugin):
+
+class RecipePart(Plugin):
+    """A plug-in of a recipe that has to fit its fields."""
+
+    def check(self, fields: Sequence[FieldSpec]) -> None:
+        """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
+        return
+
+    def notes(self, splits: Collection[str]) -> Sequence[str]:
+        """Return what `plan` and dataset.json say of it, for a source with these splits."""
+        return ()
+
+
+class Transform(RecipePart):
     """Take -> takes: changes motion and music, or makes a copy or several.
 
     Attributes
@@ -234,7 +250,7 @@ class Transform(Plugin):
     cuts
         Whether it takes a part of the motion: segments are those of the whole, changed by `segment`.
     keeps_original
-        Whether each motion field has a second one, NAME.original, of the motion without it.
+        Whether a second field, NAME.original, is stored beside each motion field: the motion before this step.
     excerpts
         Windows of which features of music are computed alone; None: of the whole song.
     not_for_groups
@@ -249,20 +265,12 @@ class Transform(Plugin):
     not_for_groups: ClassVar[str] = ""
     excerpts: ClassVar[WindowSpec | None] = None
 
-    def check(self, fields: Sequence[FieldSpec]) -> None:
-        """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
-        return
-
-    def notes(self, splits: Collection[str]) -> Sequence[str]:
-        """Return what `plan` and dataset.json say of it, for a source with these splits."""
-        return ()
-
     def on(self, grid: FrameGrid) -> Transform:
         """Return the transform for a recipe of this rate; by default it is the same for all."""
         return self
 
     def expand(self, take: Take) -> Sequence[Take]:
-        """Return the takes that become of one; by default it is replaced."""
+        """Return the takes that replace one; by default, the take with this step."""
         return [take.then(self)]
 
     def scene(self, scene: Scene) -> Scene:
@@ -322,7 +330,7 @@ class Scenes:
         wanted = tuple(step.sha256 for step in steps)
         if self._last[0] == wanted:
             return self._last[1]
-        self._made = {made: scene for made, scene in self._made.items() if made == wanted[: len(made)]}
+        self._made = {done: scene for done, scene in self._made.items() if done == wanted[: len(done)]}
         scene = self._made[()]
         self._last = None, scene
         for n, step in enumerate(steps, 1):

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.building.signals import libsndfile_version
 from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
@@ -258,8 +257,7 @@ def _local_plugins(recipe: Recipe) -> dict[str, Any]:
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return the statements of audio fields on their networks, by field."""
-    networks = {job.name: dict(job.feature.about) for job in recipe.audio if isinstance(job.feature, NetworkFeature)}
-    return {name: about for name, about in networks.items() if about}
+    return {job.name: dict(about) for job in recipe.audio if (about := job.feature.about)}
 
 
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:

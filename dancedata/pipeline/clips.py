@@ -9,7 +9,7 @@ from dancedata.building.groups import Groups, groups_of
 from dancedata.building.recipe import parts_of
 from dancedata.building.source import takes_of
 from dancedata.building.sources import Sources, identify, scan_source
-from dancedata.building.spine import build_clips
+from dancedata.building.spine import Parts, build_clips
 from dancedata.building.stored import Clips
 from dancedata.core.clip import Scan
 from dancedata.core.errors import UsageError
@@ -35,17 +35,18 @@ def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress
 def compute_clips(
     cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress, networks: bool = True
 ) -> Clips:
-    """Compute all fields and segments, or all but those of networks; the rejects are those of the sources, too."""
-    groups, parts = source_groups(recipe, sources.scan), parts_of(recipe)
+    """Compute all fields and segments, or all but those of networks; the rejects include those of the sources."""
+    parts = parts_of(recipe)
+    groups = source_groups(recipe, parts, sources.scan)
     takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
-    made = [field for field in parts.fields if networks or not field.lane]
-    clips, rejects, quality = build_clips(cache, takes, parts, groups, made, jobs=jobs, progress=progress)
+    computed = [field for field in parts.fields if networks or not field.lane]
+    clips, rejects, quality = build_clips(cache, takes, parts, groups, computed, jobs=jobs, progress=progress)
     return Clips(clips, [*sources.rejects, *unusable, *rejects], quality)
 
 
-def source_groups(recipe: Recipe, scan: Scan) -> Groups:
+def source_groups(recipe: Recipe, parts: Parts, scan: Scan) -> Groups:
     """Return the groups of a source; UsageError if a part of the recipe cannot be of groups."""
-    groups, parts = groups_of(scan.clips, recipe.incomplete_groups == "keep"), parts_of(recipe)
+    groups = groups_of(scan.clips, recipe.incomplete_groups == "keep")
     reasons = {f"the transform {step.name}": step.not_for_groups for step in parts.transforms}
     reasons |= {f"the field {field.name}": field.not_for_groups(parts.fields) for field in parts.fields}
     for part, reason in reasons.items():

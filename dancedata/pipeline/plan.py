@@ -176,7 +176,8 @@ def make_plan(
 
     def run(cache: Cache) -> Plan:
         ready = replace(recipe, audio=tuple(_resolved(cache, job) for job in recipe.audio))
-        parts, groups = parts_of(ready), source_groups(ready, scan)
+        parts = parts_of(ready)
+        groups = source_groups(ready, parts, scan)
         sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
         takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
         results = cut(expand(takes, parts.transforms), parts.fields, parts.windows)
@@ -216,9 +217,9 @@ def _length(cache: Cache, path: Path) -> SignalId | Reject:
     """Return the signal of a song; one that no build has decoded by its header, its path in place of a hash."""
     from dancedata.audio.signal import audio_length
 
-    known = known_signal(cache, path)
-    if known is not None:
-        return known
+    identified = known_signal(cache, path)
+    if identified is not None:
+        return identified
     length = attempt(lambda: audio_length(path), path)
     return length if isinstance(length, Reject) else SignalId(path, "", str(path), length[1], length[0])
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.building.identity import clip_identity, content_hashes
-from dancedata.building.rejects import BUILD_AGAIN, CHANGED, reject_of
+from dancedata.building.rejects import changed, reject_of
 from dancedata.building.signals import SignalId, decode_again, identify_audio, known_signal
 from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
@@ -186,7 +186,7 @@ def _curves(cache: Cache, dataset: Dataset, clip: ClipRef, sha256: str, key: str
     def compute() -> Any:
         motion = dataset.load(clip)
         if sha256_file(clip.motion_path) != sha256:
-            raise DataError(CHANGED, reason="changed", where=clip.motion_path, fix=BUILD_AGAIN)
+            raise changed(clip.motion_path)
         return rhythm_curves(motion.joints(), float(motion.grid.rate), motion.skeleton.joints)
 
     try:

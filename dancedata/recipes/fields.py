@@ -7,15 +7,17 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.bodies import SMPLX52
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import AudioFeature, ContactRule, KeyMotionFinder, Representation
 from dancedata.recipes.documents import document_of
 
 Kind = Literal["motion", "keymotion", "audio"]
+_FINGERS = frozenset(SMPLX52.joints[22:])
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,11 @@ class FieldSpec(ABC):
         """Kind of the field in a dataset."""
         return self.kind
 
+    @property
+    def holds_places(self) -> bool:
+        """Whether its columns are the places of dancers, for fields without them."""
+        return False
+
     @abstractmethod
     def document(self) -> dict[str, Any]:
         """Return all parameters, defaults included, as in a recipe."""
@@ -90,7 +97,44 @@ class FieldSpec(ABC):
 
 
 @dataclass(frozen=True)
-class MotionField(FieldSpec):
+class FieldOfMotion(FieldSpec):
+    """A field that is encoded of the motion of a dancer.
+
+    `grounded`: Whether rows are relative to a floor, which the dancers of a group share.
+    `placeless`: Whether columns have no places: those of dancers anywhere would be equal.
+    """
+
+    grounded: ClassVar[bool] = False
+    placeless: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def plugin(self) -> Representation | KeyMotionFinder:
+        """The plug-in."""
+
+    @property
+    @abstractmethod
+    def version(self) -> tuple[int, int]:
+        """Versions of the plug-in and of its contact rule, 0 without one."""
+
+    def require(self, motion: Motion) -> None:
+        """Raise DataError for motion that lacks joints without which rows would say nothing."""
+
+    def floor(self, motion: Motion) -> float:
+        """Return the height of a dancer's ground, metres."""
+        return 0.0
+
+    @abstractmethod
+    def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
+        """Return (T, D) rows of a motion at the field's rate."""
+
+    def encode_above(self, motion: Motion, floor_m: float) -> npt.NDArray[np.float32]:
+        """Return the rows of a dancer of a group whose ground is at a height, metres."""
+        return self.encode(motion)
+
+
+@dataclass(frozen=True)
+class MotionField(FieldOfMotion):
     """A field that follows from a clip's motion: a representation with its contact rule.
 
     `without`: Names of the transforms that it is made without, such as repairs.
@@ -133,13 +177,44 @@ class MotionField(FieldSpec):
         """Return the rows of a dancer of a group whose ground is at a height, metres."""
         return self.representation.encode_above(motion, floor_m, contacts=self.contacts)
 
+    @property
+    def grounded(self) -> bool:  # type: ignore[override]
+        """Whether rows are relative to a floor."""
+        return self.representation.grounded
+
+    @property
+    def placeless(self) -> bool:  # type: ignore[override]
+        """Whether columns have no places."""
+        spatial = self.representation.spatial
+        return spatial is not None and spatial.placeless
+
+    @property
+    def holds_places(self) -> bool:
+        """Whether its columns are the places of dancers."""
+        return self.representation.holds_places
+
+    def require(self, motion: Motion) -> None:
+        """Raise DataError for a field with fingers where the motion has none: they would not move.
+
+        The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
+        """
+        fingers = [joint for joint in self.representation.skeleton.joints if joint in _FINGERS]
+        if fingers and not _FINGERS & set(motion.skeleton.joints):
+            joints = f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more"
+            raise DataError(f"the motion has no fingers, which {self.representation.name} has",
+                            reason="missing_joints", found=joints)  # fmt: skip
+
+    def floor(self, motion: Motion) -> float:
+        """Return the height of a dancer's ground, metres."""
+        return self.representation.floor(motion)
+
     def encode(self, motion: Motion) -> npt.NDArray[np.float32]:
         """Return (T, D) columns of a motion at the field's rate."""
         return self.representation.encode(motion, contacts=self.contacts)
 
 
 @dataclass(frozen=True)
-class KeyMotionField(FieldSpec):
+class KeyMotionField(FieldOfMotion):
     """A field with a clip's key motions."""
 
     kind: ClassVar[Literal["keymotion"]] = "keymotion"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.packages import require
 from dancedata.core.plugins import AudioFeature
+from dancedata.core.typing import override
 from dancedata.files.regular_file import sha256_file
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ class NetworkFeature(AudioFeature):
     ----------
     weights_key
         Field that says where the weights are.
-    prefetch
-        Whether it computes on a device, so that the next song may be decoded at the same time.
     device
         Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
     batch_size
@@ -68,20 +67,13 @@ class NetworkFeature(AudioFeature):
         """Return the hash that identifies the weights."""
 
     @property
-    def about(self) -> Mapping[str, Any]:
-        """Metadata of the network for dataset.json: its source, licence and the like; not part of any key."""
-        return {}
-
-    @property
+    @override
     def windows_per_call(self) -> int | None:
-        """Windows that `extract_windows` takes at once, after which they are published; None: all of a song.
-
-        A killed build loses at most this many.
-        """
         return self.batch_size or (_WINDOWS if self.cards() else 1)
 
+    @override
     def workers(self, jobs: int) -> int:
-        """Return how many processes to run in, of `jobs`: one per card, or one on a CPU."""
+        """Return one process per card, or one on a CPU."""
         return max(1, len(self.cards()))
 
     def cards(self) -> list[str]:

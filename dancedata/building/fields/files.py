@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy.typing as npt
 
@@ -20,8 +20,6 @@ from dancedata.building.result import Rows
 from dancedata.building.rows import PlacedRows
 from dancedata.building.take import Take, Time
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.codebook import Codebook, DType
-from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.cache import Cache
@@ -40,37 +38,7 @@ class FileField(Field):
 
     stage: ClassVar[str] = "features"
 
-    job: FeatureJob
-
-    @property
-    def name(self) -> str:
-        """Name in the recipe and in the dataset."""
-        return self.job.name
-
-    @property
-    def kind(self) -> Literal["motion", "keymotion", "audio"]:
-        """Kind in the dataset: rows may describe the dancer."""
-        return self.job.stored_kind
-
-    @property
-    def grid(self) -> FrameGrid:
-        """Grid of the rows."""
-        return self.job.grid
-
-    @property
-    def columns(self) -> Columns:
-        """The D columns."""
-        return self.job.columns
-
-    @property
-    def dtype(self) -> DType:
-        """Type on disk."""
-        return self.job.dtype
-
-    @property
-    def codebook(self) -> Codebook | None:
-        """The codebook of codes; None for real values."""
-        return self.job.codebook
+    spec: FeatureJob
 
     @property
     def sha256(self) -> str:
@@ -84,9 +52,9 @@ class FileField(Field):
 
     @cached_property
     def _feature(self) -> FileRows:
-        if not isinstance(self.job.feature, FileRows):
+        if not isinstance(self.spec.feature, FileRows):
             raise UsageError("a feature without files was taken for one with files", where=self.name)
-        return self.job.feature
+        return self.spec.feature
 
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
         """Return the rows: of music those of the file, of motion those from frame 0 to the last."""
@@ -204,7 +172,7 @@ class FileField(Field):
         try:
             placed = self._placed(take, dancer)
         except DataError:
-            return False  # told of by itself
+            return False  # a problem by itself, reported where the place is read
         return grid.rows_down(time.frames_on(grid), of=self.grid) > placed.first + placed.n_rows
 
 

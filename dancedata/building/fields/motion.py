@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,17 +14,15 @@ from dancedata.building.plugins import Ask, Field, Reach, maker_hash
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
 from dancedata.building.take import Take
-from dancedata.core.bodies import CROSSING, SMPLX52
-from dancedata.core.columns import Columns
+from dancedata.core.bodies import CROSSING
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.recipes.fields import KeyMotionField, MotionField
+from dancedata.recipes.fields import FieldOfMotion
 
 if TYPE_CHECKING:
     from dancedata.store.stored_clip import LazyArray
 
-_FINGERS = frozenset(SMPLX52.joints[22:])
 #: Raised by hand when the stage gives other numbers for the same motion.
 _STAGE = 6
 T = TypeVar("T")
@@ -39,33 +37,8 @@ class MotionRows(Field):
 
     stage: ClassVar[str] = "motion"
 
-    spec: MotionField | KeyMotionField
+    spec: FieldOfMotion
     without: tuple[str, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Name in the recipe and in the dataset."""
-        return self.spec.name
-
-    @property
-    def kind(self) -> Literal["motion", "keymotion"]:
-        """Kind in the dataset."""
-        return self.spec.kind
-
-    @property
-    def grid(self) -> FrameGrid:
-        """Grid of the rows."""
-        return self.spec.grid
-
-    @property
-    def optional(self) -> bool:
-        """Whether clips that it cannot take are kept without rows."""
-        return self.spec.optional
-
-    @property
-    def columns(self) -> Columns:
-        """The D columns."""
-        return self.spec.columns
 
     @cached_property
     def sha256(self) -> str:
@@ -84,21 +57,12 @@ class MotionRows(Field):
 
     def not_for_groups(self, fields: Sequence[Field]) -> str:
         """Return why rows without places cannot hold a group: dancers anywhere would have equal columns."""
-        if not isinstance(self.spec, MotionField):
-            return ""
-        spatial = self.spec.representation.spatial
-        beside = {field.grid for field in fields if isinstance(field, MotionRows) and field.holds_places}
-        if spatial is None or not spatial.placeless or self.grid in beside:
+        if not self.spec.placeless or self.grid in {field.grid for field in fields if field.spec.holds_places}:
             return ""
         return (
             f"its columns have no places: store them beside it, motion: {{root_place: {{fps: {self.grid}}}}}, or "
             "choose a representation that has them, such as edge151"
         )
-
-    @property
-    def holds_places(self) -> bool:
-        """Whether its columns are the places of dancers, for fields without them."""
-        return isinstance(self.spec, MotionField) and self.spec.representation.holds_places
 
     def n_rows(self, take: Take, dancer: int) -> int:
         """Return the number of rows."""
@@ -117,24 +81,23 @@ class MotionRows(Field):
         return [self._encoded(motions[k], floor) for _, k in parts]
 
     def _on_grid(self, motion: Motion) -> Motion:
-        if self.optional and isinstance(self.spec, MotionField):
-            _require_fingers(self.spec, motion)
+        if self.optional:
+            self.spec.require(motion)
         return motion.resampled(self.grid)
 
     def _encoded(self, motion: Motion | Nothing, floor: float | None) -> npt.NDArray[np.float32] | Nothing:
         if isinstance(motion, Nothing):
             return motion
-        encode = partial(self.spec.encode, motion)
-        if floor is not None and isinstance(self.spec, MotionField):
-            encode = partial(self.spec.encode_above, motion, floor)
-        return self._try(lambda: np.asarray(encode()))
+        spec = self.spec
+        return self._try(
+            lambda: np.asarray(spec.encode(motion) if floor is None else spec.encode_above(motion, floor))
+        )
 
     def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
         """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
-        if not isinstance(self.spec, MotionField) or not self.spec.representation.grounded:
+        if not self.spec.grounded:
             return None
-        floor = self.spec.representation.floor
-        floors = [self._try(partial(floor, m)) for m in motions if not isinstance(m, Nothing)]
+        floors = [self._try(partial(self.spec.floor, m)) for m in motions if not isinstance(m, Nothing)]
         return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)
 
     def _try(self, call: Callable[[], T]) -> T | Nothing:
@@ -145,15 +108,3 @@ class MotionRows(Field):
             if not self.optional:
                 raise
             return Nothing(str(error))
-
-
-def _require_fingers(spec: MotionField, motion: Motion) -> None:
-    """Raise DataError for a field with fingers where the motion has none: they would not move.
-
-    The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
-    """
-    body, name = spec.representation.skeleton, spec.representation.name
-    fingers = [joint for joint in body.joints if joint in _FINGERS]
-    if fingers and not _FINGERS & set(motion.skeleton.joints):
-        found = f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more"
-        raise DataError(f"the motion has no fingers, which {name} has", reason="missing_joints", found=found)

@@ -5,20 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
 from dancedata.building.result import Rows
 from dancedata.building.signals import FeatureKeys, SignalId, timeline_of, window_samples
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
-from dancedata.core.codebook import Codebook, DType
-from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.recipes.fields import FeatureJob
@@ -36,59 +33,27 @@ class MusicRows(Field):
 
     stage: ClassVar[str] = "features"
 
-    job: FeatureJob
+    spec: FeatureJob
     arithmetic: str | None = None
-
-    @property
-    def name(self) -> str:
-        """Name in the recipe and in the dataset."""
-        return self.job.name
-
-    @property
-    def kind(self) -> Literal["audio"]:
-        """Kind in the dataset."""
-        return "audio"
-
-    @property
-    def grid(self) -> FrameGrid:
-        """Grid of the rows."""
-        return self.job.grid
-
-    @property
-    def columns(self) -> Columns:
-        """The D columns."""
-        return self.job.columns
-
-    @property
-    def dtype(self) -> DType:
-        """Type on disk."""
-        return self.job.dtype
-
-    @property
-    def codebook(self) -> Codebook | None:
-        """The codebook of codes; None for real values."""
-        return self.job.codebook
 
     @property
     def lane(self) -> str:
         """Its name, if results of processors differ."""
-        return "" if self.job.feature.exact else self.name
+        return "" if self.spec.feature.exact else self.name
 
     @property
     def batch(self) -> int:
         """Slices in a call."""
-        feature = self.job.feature
-        return (isinstance(feature, NetworkFeature) and feature.windows_per_call) or super().batch
+        return self.spec.feature.windows_per_call or super().batch
 
     @property
     def looks_ahead(self) -> bool:
         """Whether the next song is decoded while a device computes."""
-        return isinstance(self.job.feature, NetworkFeature) and self.job.feature.prefetch
+        return self.spec.feature.prefetch
 
     def workers(self, jobs: int) -> int:
         """Return how many processes run its lane: of a network one for each card."""
-        feature = self.job.feature
-        return feature.workers(jobs) if isinstance(feature, NetworkFeature) else jobs
+        return self.spec.feature.workers(jobs)
 
     @property
     def sha256(self) -> str:
@@ -117,12 +82,12 @@ class MusicRows(Field):
     def slice_asks(self, music: Music) -> list[Ask]:
         """Return what is asked for all slices of a song."""
         signal = _signal(music)
-        n_slices = len(window_samples(self.job, signal.n_samples, signal.sample_rate)[0])
+        n_slices = len(window_samples(self.spec, signal.n_samples, signal.sample_rate)[0])
         return [self.ask(replace(music, excerpt=number)) for number in range(n_slices)]
 
     @cached_property
     def _keys(self) -> FeatureKeys:
-        return FeatureKeys(self.job, self.arithmetic)
+        return FeatureKeys(self.spec, self.arithmetic)
 
     @property
     def needs_music(self) -> bool:
@@ -132,15 +97,15 @@ class MusicRows(Field):
     @property
     def unit(self) -> str:
         """What a result is of."""
-        return "songs" if self.job.windows is None else "slices"
+        return "songs" if self.spec.windows is None else "slices"
 
     def n_rows(self, take: Take, dancer: int) -> int:
         """Return the number of rows of a song, or of a slice of it."""
         music = take.dancers[dancer].music
         if music.excerpt is not None:
-            return self.job.window_rows
+            return self.spec.window_rows
         signal = timeline_of(_signal(music), music.start, self.grid)[0]
-        return self.job.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
+        return self.spec.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
 
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
         """Return the frames that rows of the song cover."""
@@ -151,13 +116,13 @@ class MusicRows(Field):
         beyond, reason = f"reaches beyond the end of {path.name}", "short_audio"
         short = f"{path}: the music is shorter than a window: {audio_s} s"
         if music.excerpt is not None:
-            n_slices = len(window_samples(self.job, signal.n_samples, signal.sample_rate)[0])
+            n_slices = len(window_samples(self.spec, signal.n_samples, signal.sample_rate)[0])
             first, end = 0, take.time.frames_on(grid) if music.excerpt < n_slices else 0
             if n_slices:
                 reason, short = "no_audio", f"{path}: the music ends before the slice does, after {audio_s} s"
         else:
             timeline, offset = timeline_of(signal, music.start, self.grid)
-            rows = self.job.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
+            rows = self.spec.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
             first = max(0, self.grid.rows_up(-offset, of=grid))
             end = self.grid.rows_down(rows - offset, of=grid)
             if music.start:
@@ -166,18 +131,18 @@ class MusicRows(Field):
 
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
         """Compute the rows of a whole song, or of slices of it, for each tempo that is stated."""
-        made: dict[Any, Any] = {}
+        by_part: dict[Any, Any] = {}
         for bpm in dict.fromkeys(bpm for bpm, _ in parts):
             numbers = [number for of, number in parts if of == bpm and number is not None]
             if (bpm, None) in parts:
-                made[bpm, None] = self.job.feature.extract(loaded, self.grid, start_bpm=bpm)
+                by_part[bpm, None] = self.spec.feature.extract(loaded, self.grid, start_bpm=bpm)
             if numbers:
-                starts, length = window_samples(self.job, len(loaded.samples), loaded.sample_rate)
-                rows = self.job.feature.extract_windows(
-                    loaded, starts[np.array(numbers)], length, self.grid, self.job.window_rows, start_bpm=bpm
+                starts, length = window_samples(self.spec, len(loaded.samples), loaded.sample_rate)
+                rows = self.spec.feature.extract_windows(
+                    loaded, starts[np.array(numbers)], length, self.grid, self.spec.window_rows, start_bpm=bpm
                 )
-                made |= {(bpm, number): of_slice for number, of_slice in zip(numbers, rows, strict=True)}
-        return [made[part] for part in parts]
+                by_part |= {(bpm, number): of_slice for number, of_slice in zip(numbers, rows, strict=True)}
+        return [by_part[part] for part in parts]
 
 
 def _signal(music: Music) -> SignalId:

@@ -1,7 +1,7 @@
 """AudioFeature: the base class of features of music."""
 
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -35,6 +35,8 @@ class AudioFeature(Plugin):
         Delay of the group "beat", rows: subtract it to get the instant of a beat.
     from_files
         Whether rows come from files beside the motion, not from a signal: `dancedata.audio.file`.
+    prefetch
+        Whether it computes on a device, so that the next song may be decoded at the same time.
     """
 
     packages: ClassVar[tuple[str, ...]]
@@ -42,11 +44,29 @@ class AudioFeature(Plugin):
     uses_tempo: ClassVar[bool] = True
     beat_rows_late: ClassVar[int] = 0
     from_files: ClassVar[bool] = False
+    prefetch: ClassVar[bool] = False
 
     @property
     def of_motion(self) -> bool:
         """Whether rows describe the dancer, not the music: every clip then has rows of its own."""
         return False
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """Metadata of its network for dataset.json: source, licence and the like; not part of any key."""
+        return {}
+
+    @property
+    def windows_per_call(self) -> int | None:
+        """Windows that `extract_windows` takes at once, after which they are published; None: all of a song.
+
+        A killed build loses at most this many.
+        """
+        return None
+
+    def workers(self, jobs: int) -> int:
+        """Return how many processes to run in, of `jobs`."""
+        return jobs
 
     @property
     @abstractmethod
