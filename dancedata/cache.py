@@ -186,9 +186,9 @@ def _arithmetics() -> tuple[str, ...]:
 def _made(cache: Cache, units: Sequence[Unit]) -> dict[str, Any]:
     """Return the results of the first unit that is in the cache, or those of the last, run as a build does."""
     for unit in units:
-        found = in_cache(cache, unit)
-        if found is not None:
-            return found
+        cached = in_cache(cache, unit)
+        if cached is not None:
+            return cached
     compute: Callable[..., dict[str, Any]] = as_in_builds(not units[-1].wanted[0][0].lane)
     return compute(make, cache, units[-1])
 

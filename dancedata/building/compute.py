@@ -48,35 +48,35 @@ def compute(
 ) -> list[Result]:
     """Return results with what all makers make of takes that have windows; dancers that one cannot make go."""
     asks = {(maker.place, r.take.place): maker.asks(r.take) for maker in makers for r in results if r.starts}
-    made: dict[str, Any] = {}
+    by_key: dict[str, Any] = {}
     for lane in dict.fromkeys(maker.lane for maker in makers):
         of_lane = [maker for maker in makers if maker.lane == lane]
         label = of_lane[0].lane or "computing"
-        made |= run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
-    return [_with(result, makers, asks, made) for result in results]
+        by_key |= run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
+    return [_with(result, makers, asks, by_key) for result in results]
 
 
 def make(cache: Cache, unit: Unit) -> dict[str, Any]:
     """Load a source, make what is missing of it, and publish it; return all results by key."""
     source, wanted = unit.source, unit.wanted
     with cache.lock("units", Cache.key("unit", source=source.key, lane=wanted[0][0].lane, number=unit.number)):
-        made = {ask.key: _look_up(cache, maker, ask.key) for maker, asks in wanted for ask in asks}
-        missing = [(maker, [ask for ask in asks if made[ask.key] is None]) for maker, asks in wanted]
+        by_key = {ask.key: _look_up(cache, maker, ask.key) for maker, asks in wanted for ask in asks}
+        missing = [(maker, [ask for ask in asks if by_key[ask.key] is None]) for maker, asks in wanted]
         if not any(asks for _, asks in missing):
-            return made
+            return by_key
         try:
             loaded = source.load()
         except DataError as error:
             reject = reject_of(error, file=source.path)
-            return {key: reject if found is None else found for key, found in made.items()}
+            return {key: reject if cached is None else cached for key, cached in by_key.items()}
         if unit.following is not None:
             unit.following.load_ahead()
         for within in dict.fromkeys(ask.within for _, asks in missing for ask in asks):
             for maker, asks in missing:
                 of_scene = [ask for ask in asks if ask.within == within]
                 for begin in range(0, len(of_scene), maker.batch):
-                    made |= _made(cache, source, maker, loaded, of_scene[begin : begin + maker.batch])
-    return made
+                    by_key |= _made(cache, source, maker, loaded, of_scene[begin : begin + maker.batch])
+    return by_key
 
 
 def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequence[Ask]]]) -> Iterator[Unit]:
@@ -102,11 +102,11 @@ def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, prog
     if not units:
         return {}
     cached, maker = [in_cache(cache, unit) for unit in units], units[0].wanted[0][0]
-    missing = [unit.source for unit, found in zip(units, cached, strict=True) if found is None]
+    missing = [unit.source for unit, of_cached in zip(units, cached, strict=True) if of_cached is None]
     following = iter([*missing[1:], None] if maker.looks_ahead else [None] * len(missing))
     calls = [
-        (cache, unit._replace(following=next(following)) if found is None else unit)
-        for unit, found in zip(units, cached, strict=True)
+        (cache, unit._replace(following=next(following)) if of_cached is None else unit)
+        for unit, of_cached in zip(units, cached, strict=True)
     ]
     if missing:  # devices are looked up only if there is something to compute
         jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
@@ -116,26 +116,26 @@ def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, prog
 
 def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
     """Return all that is made of a source by key; None if a part is missing."""
-    found = {}
+    by_key = {}
     for maker, asks in unit.wanted:
         for ask in asks:
-            found[ask.key] = _look_up(cache, maker, ask.key)
-            if found[ask.key] is None:
+            by_key[ask.key] = _look_up(cache, maker, ask.key)
+            if by_key[ask.key] is None:
                 return None
-    return found
+    return by_key
 
 
 def _with(
     result: Result,
     makers: Sequence[Maker],
     asks: Mapping[tuple[str, tuple[str, str]], Sequence[Ask]],
-    made: Mapping[str, Any],
+    by_key: Mapping[str, Any],
 ) -> Result:
     """Return a result with what was made of its take, without the dancers whose results are rejects."""
     of_take: dict[str, list[Any]] = {}
     for maker in makers if result.starts else ():
-        found = [(ask, made[ask.key]) for ask in asks[maker.place, result.take.place]]
-        rows = [Rows(x, ask.key, ask.offset) if isinstance(x, CachedArray) else x for ask, x in found]
+        pairs = [(ask, by_key[ask.key]) for ask in asks[maker.place, result.take.place]]
+        rows = [Rows(x, ask.key, ask.offset) if isinstance(x, CachedArray) else x for ask, x in pairs]
         of_take[maker.place] = rows or [()] * len(result.take.dancers)
     lost = {k: [of[k] for of in of_take.values() if isinstance(of[k], Reject)] for k in result.stay}
     return replace(result, made=of_take).without(lost)

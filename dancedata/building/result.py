@@ -50,7 +50,7 @@ class Result:
     def without(self, lost: Mapping[int, Sequence[Reject]]) -> Result:
         """Return the result without the dancers that have a reject, which is said instead of those of their windows.
 
-        Without any dancer, there are no windows.
+        A take without dancers has no windows.
         """
         gone = {k: of[0] for k, of in lost.items() if of and k in self.stay}
         stay = tuple(k for k in self.stay if k not in gone)

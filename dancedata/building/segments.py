@@ -80,9 +80,9 @@ def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> li
 
 def _unmirrored(layer: Layer, clips: Sequence[str], said: Sequence[Segment], lexicons: Sequence[Lexicon]) -> Reject:
     """Return the reject of a layer of which segments of these clips have no mirrored words."""
-    found = f"{counted(len(clips), 'segment')} of {counted(len(set(clips)), 'clip')}"
+    lost = f"{counted(len(clips), 'segment')} of {counted(len(set(clips)), 'clip')}"
     language = f"language {layer.language}" if layer.language else "without a language"
-    detail = f"mirrored copies go without {found}: layer {layer.name}, {language}, has no mirrored words for them"
+    detail = f"mirrored copies go without {lost}: layer {layer.name}, {language}, has no mirrored words for them"
     fix = "state the language of the layer, its texts_mirrored, or sided: no; or give a lexicon, annotators.captions"
     lexicon = lexicon_of(layer.language, lexicons)
     if lexicon is not None and (word := unread_word(layer, said, lexicon)):

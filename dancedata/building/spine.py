@@ -35,19 +35,19 @@ def build_clips(
     takes: Sequence[Take],
     parts: Parts,
     groups: Groups,
-    made: Sequence[Field],
+    computed: Sequence[Field],
     *,
     jobs: Jobs,
     progress: Progress,
 ) -> Clips:
-    """Return the clips of a source's takes, with the rows of the fields that are `made`: of a build all."""
+    """Return the clips of a source's takes, with rows of the fields `computed`, which in a build are all fields."""
     transforms, fields, annotators, rules, windows = parts
     results = cut(expand(takes, transforms), fields, windows)
-    results = compute(cache, results, [*made, *annotators], jobs=jobs, progress=progress)
+    results = compute(cache, results, [*computed, *annotators], jobs=jobs, progress=progress)
     results = judged(results, rules, fields, annotators, windows)
     results = whole(results, groups)
     results = annotated(results, annotators, windows.grid)
-    return stored(results, made, annotators, groups.sizes, windows.grid)
+    return stored(results, computed, annotators, groups.sizes, windows.grid)
 
 
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:
@@ -56,7 +56,7 @@ def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]
     SourceError if two dancers have one id, or two groups one name; UsageError if a step follows the one that copies.
     """
     for transform in transforms:
-        takes = [made for take in takes for made in transform.expand(take)]
+        takes = [expanded for take in takes for expanded in transform.expand(take)]
     named: dict[str, Take] = {}
     for take in takes:
         if take.parent is not None and (take.parent.parent, len(take.steps)) != (None, len(take.parent.steps) + 1):

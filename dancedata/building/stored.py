@@ -53,7 +53,7 @@ def stored(
     sizes: Mapping[str, int],
     grid: FrameGrid,
 ) -> Clips:
-    """Return the clips of the dancers that stay, all rejects, and the quality flags of clips that are no copies.
+    """Return the clips to store, all rejects, and the quality flags of every clip but copies.
 
     `sizes`: Dancers of each group in the source.
     """

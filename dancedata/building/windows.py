@@ -30,10 +30,10 @@ def cut(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> 
 
 def _cut(take: Take, fields: Sequence[Field], windows: WindowSpec) -> Result:
     grid, n_frames = windows.grid, take.time.frames_on(windows.grid)
-    found = {k: [f.reach(take, k, grid) for f in fields] for k in range(len(take.dancers))}
-    result = Result(take, stay=tuple(found))
-    result = result.without({k: [r for r in of if isinstance(r, Reject)] for k, of in found.items()})
-    reaches = [(k, r) for k in result.stay for r in found[k] if isinstance(r, Reach)]
+    covered = {k: [f.reach(take, k, grid) for f in fields] for k in range(len(take.dancers))}
+    result = Result(take, stay=tuple(covered))
+    result = result.without({k: [r for r in of if isinstance(r, Reject)] for k, of in covered.items()})
+    reaches = [(k, r) for k in result.stay for r in covered[k] if isinstance(r, Reach)]
     starts = [*windows.starts(windows.count(n_frames))]
     outside = {start: _beyond(reaches, start, start + windows.length) for start in starts}
     beyond = {start: of for start, of in outside.items() if of is not None}

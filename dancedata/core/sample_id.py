@@ -46,7 +46,7 @@ def safe_name(name: str) -> str:
 
 
 def _quoted(name: str) -> str:
-    return _UNSAFE.sub(lambda found: "".join(f"%{byte:02X}" for byte in found[0].encode()), name)
+    return _UNSAFE.sub(lambda unsafe: "".join(f"%{byte:02X}" for byte in unsafe[0].encode()), name)
 
 
 def id_text(clip: str, start: int | None = None, length: int | None = None, marks: str = "", source: str = "") -> str:

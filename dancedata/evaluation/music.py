@@ -122,8 +122,10 @@ def clip_music(
     for store in (clip_set.store, sources.like):
         without = [clip for clip in clips if clip.id not in music]
         if store is not None and without:
-            own = replace(clip_set, clips=tuple(without))
-            stored = stored_beats(store, rule, protocol.pieces(role), own, sources.songs, resources.cache.file_sha256)
+            lacking = replace(clip_set, clips=tuple(without))
+            stored = stored_beats(
+                store, rule, protocol.pieces(role), lacking, sources.songs, resources.cache.file_sha256
+            )
             problems += about_slices(store, rule) if stored else []
             music |= stored
     silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
@@ -234,8 +236,8 @@ _Beats = tuple[dict[_Song, ClipMusic], list[Reject]]
 def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
     field = MusicRows(job)
     asks = {song: field.ask(song.music) for song in songs}
-    made = _made(resources, field, list(asks.values()))
-    results = {song: made[ask.key] for song, ask in asks.items()}
+    by_key = _made(resources, field, list(asks.values()))
+    results = {song: by_key[ask.key] for song, ask in asks.items()}
     beats = {song: ClipMusic.of_rows(rows, job) for song, rows in results.items() if not isinstance(rows, Reject)}
     return beats, [result for result in results.values() if isinstance(result, Reject)]
 
@@ -243,14 +245,14 @@ def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _B
 def _windows(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
     field, nothing = MusicRows(job), MusicBeats.of([], job.grid)
     asks = {song: field.slice_asks(song.music) for song in songs}
-    made = _made(resources, field, [ask for of_song in asks.values() for ask in of_song])
+    by_key = _made(resources, field, [ask for of_song in asks.values() for ask in of_song])
     beats: dict[_Song, ClipMusic] = {}
     for song, of_song in asks.items():
-        rows = {job.window_spec.start(number): made[ask.key] for number, ask in enumerate(of_song)}
+        rows = {job.window_spec.start(number): by_key[ask.key] for number, ask in enumerate(of_song)}
         if rows and not any(isinstance(result, Reject) for result in rows.values()):
             by_piece = {start: field_beats(np.asarray(array), job) for start, array in rows.items()}
             beats[song] = ClipMusic(nothing, by_piece=by_piece)
-    rejects = {result.detail: result for result in made.values() if isinstance(result, Reject)}
+    rejects = {result.detail: result for result in by_key.values() if isinstance(result, Reject)}
     return beats, list(rejects.values())
 
 

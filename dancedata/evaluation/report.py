@@ -125,7 +125,7 @@ class Report:
             codes = Counter(score.why[0].code for score in void)
             want = "" if codes.most_common(1)[0][0] != "few_clips" else ", mostly for want of clips"
             return f"Nothing here is a result: {of}; {n} of {n} scores mean nothing{want}"
-        parts = [f"{len(some)} {word}" for some, word in ((weak, "weak"), (void, "without a meaning")) if some]
+        parts = [f"{len(scores)} {word}" for scores, word in ((weak, "weak"), (void, "without a meaning")) if scores]
         return f"{of[0].upper()}{of[1:]}: {counted(n, 'score')}{', ' * bool(parts)}{' and '.join(parts)}"
 
     def numbers(self) -> dict[str, float]:

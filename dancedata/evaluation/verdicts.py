@@ -145,7 +145,7 @@ def same_n_of(pool: Pool, number: int, metric: Metric, recordings: int, vectors:
     if len(ids) < LEAST_OF_POOL or not recordings:
         return {}
     random = np.random.default_rng(0)
-    found: dict[str, list[float]] = {}
+    distances: dict[str, list[float]] = {}
     for _ in range(DRAWS if len(rows) <= MAX_VECTORS else 3):
         drawn = np.isin(clips, random.permutation(ids)[: min(recordings, len(ids) // 2)])
         chosen = np.sort(random.permutation(np.flatnonzero(drawn))[:vectors])
@@ -154,6 +154,6 @@ def same_n_of(pool: Pool, number: int, metric: Metric, recordings: int, vectors:
         except Undefined:
             return {}
         for name in (name for name, better in metric.better.items() if better == "lower" and name in values):
-            found.setdefault(name, []).append(values[name])
-    finite = {name: values for name, values in found.items() if np.isfinite(values).all()}
+            distances.setdefault(name, []).append(values[name])
+    finite = {name: values for name, values in distances.items() if np.isfinite(values).all()}
     return {name: SameN(min(of), float(np.median(of)), max(of)) for name, of in finite.items()}

@@ -113,8 +113,10 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
             augment, lexicons = _recipe(store)
             of_file = laid.overlay.segments
-            known: dict[tuple[Any, ...], Layer] = {(layer_id(layer), layer.kind): layer for layer in store.layers}
-            read = [[_with_labels_of(s, known) for s in segments] for segments in of_file.values()]
+            stored_layers: dict[tuple[Any, ...], Layer] = {
+                (layer_id(layer), layer.kind): layer for layer in store.layers
+            }
+            read = [[_with_labels_of(s, stored_layers) for s in segments] for segments in of_file.values()]
             stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
             new = {layer_id(s.layer) for segments in stated.values() for s in segments}
             clips = {
@@ -143,10 +145,10 @@ def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
     return [f"mirrored copies go without {n} of {listed(sorted(set(lost)))}: no lexicon of the language"]
 
 
-def _with_labels_of(segment: Segment, known: Mapping[tuple[Any, ...], Layer]) -> Segment:
+def _with_labels_of(segment: Segment, by_name: Mapping[tuple[Any, ...], Layer]) -> Segment:
     """Return a segment whose layer also has the units and pairs of labels without a row, as the dataset has them."""
     layer = segment.layer
-    earlier = known.get((layer_id(layer), layer.kind))
+    earlier = by_name.get((layer_id(layer), layer.kind))
     if earlier is None:
         return segment
     units = dict(earlier.units) | dict(layer.units)
@@ -201,9 +203,9 @@ def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]
     layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
     document = {key: value for key, value in store.info.items() if key not in ("self_sha256", "layers")}
     entries = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
-    known = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
+    counts = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
     for layer, entry in zip(layers, entries, strict=True):
-        entry["empty"] = max(entry["empty"], known.get(layer, 0))  # a file of --to does not have those of the build
+        entry["empty"] = max(entry["empty"], counts.get(layer, 0))  # a file of --to does not have those of the build
     document |= {"layers": entries} if entries else {}
     document["files"] = {name: entry for name, entry in document["files"].items() if name != SEGMENTS_FILE}
     path = out / SEGMENTS_FILE

@@ -49,13 +49,13 @@ class Value:
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> Self:
         """Return the value of a mapping of parameters; UsageError for unknown and missing ones."""
-        known = {f.name: f for f in fields(cls)}
+        parameters = {f.name: f for f in fields(cls)}
         if not isinstance(plain, Mapping):
             raise UsageError(f"{cls.__name__} takes a mapping of its parameters", found=shown(plain),
-                             allowed=", ".join(known))  # fmt: skip
+                             allowed=", ".join(parameters))  # fmt: skip
         for name in plain:
-            if name not in known:
-                raise UsageError(f"{cls.__name__} has no parameter {name!r}", fix=did_you_mean(str(name), known))
+            if name not in parameters:
+                raise UsageError(f"{cls.__name__} has no parameter {name!r}", fix=did_you_mean(str(name), parameters))
         try:
             return cls(**plain)
         except TypeError as error:
@@ -339,14 +339,14 @@ def from_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments of a reader that plain data of `to_plain` stand for; UsageError for unknown parameters."""
     if not isinstance(arguments, Mapping):
         raise UsageError("arguments of a reader are a mapping", found=shown(arguments))
-    made = dict(arguments)
+    values = dict(arguments)
     for name, cls in _ARGUMENTS.items():
-        value = made.get(name)
+        value = values.get(name)
         if isinstance(value, Mapping) and (cls is not Scale or value.keys() & {f.name for f in fields(Scale)}):
-            made[name] = cls.from_dict(value)
-    if isinstance(made.get("fields"), list | tuple):
-        made["fields"] = tuple(_item(entry) for entry in made["fields"])
-    return made
+            values[name] = cls.from_dict(value)
+    if isinstance(values.get("fields"), list | tuple):
+        values["fields"] = tuple(_item(entry) for entry in values["fields"])
+    return values
 
 
 def _item(entry: Any) -> Item:
@@ -356,7 +356,7 @@ def _item(entry: Any) -> Item:
         if name in _ITEMS:
             return _ITEMS[name].from_dict(parameters or {})  # type: ignore[return-value]
     raise UsageError("an entry of fields is neither a name nor one of the mappings", found=repr(entry),
-                     allowed=", ".join(f"{{{known}: ...}}" for known in _ITEMS))  # fmt: skip
+                     allowed=", ".join(f"{{{kind}: ...}}" for kind in _ITEMS))  # fmt: skip
 
 
 def _plain(where: str, value: Any) -> Any:

@@ -236,8 +236,8 @@ def _switched(
         name, parameters = str(key), {} if isinstance(value, bool) else value
         registry = next((r for r in registries if name in r), registries[0])
         if len(registries) > 1 and name not in registry:
-            known = sorted(plugin for r in registries for plugin in r.names())
-            problems.append(f"{slot}: {unknown_plugin(registry.kind, name, parameters, known)}")
+            names = sorted(plugin for r in registries for plugin in r.names())
+            problems.append(f"{slot}: {unknown_plugin(registry.kind, name, parameters, names)}")
             continue
         plugin = make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=several)
         if plugin is not None and value is not False:

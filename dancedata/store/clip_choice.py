@@ -42,9 +42,9 @@ def require_where(store: RowQueries, where: Mapping[str, Any] | None) -> dict[st
         allowed = _COMPARED[types[name]]
         wrong = [v for v in values if not isinstance(v, allowed) or (isinstance(v, bool) and bool not in allowed)]
         if wrong or not values:
-            found = quoted(wrong[0], 60) if wrong else "no value"
+            value_text = quoted(wrong[0], 60) if wrong else "no value"
             kind = "or ".join(f"{t.__name__} " for t in allowed).strip()
-            raise UsageError(f"where: not a value of {name}", found=found, allowed=f"{kind}, or several of them")
+            raise UsageError(f"where: not a value of {name}", found=value_text, allowed=f"{kind}, or several of them")
         if name == "clip":
             for clip in values:
                 store._row(clip)  # an unknown one is an error, with the closest id

@@ -140,9 +140,9 @@ Column = Array | Texts | Lists
 
 def checked(name: str, kind: str, values: Sequence[Any]) -> Sequence[Any]:
     """Return the values of a column; StoreError for one that it cannot hold."""
-    found = next(filter(None, (problem(kind, value) for value in values)), "")
-    if found:
-        raise StoreError(f"a value of a table cannot be stored: {found}", where=name)
+    wrong = next(filter(None, (problem(kind, value) for value in values)), "")
+    if wrong:
+        raise StoreError(f"a value of a table cannot be stored: {wrong}", where=name)
     return values
 
 

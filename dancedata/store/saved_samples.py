@@ -56,11 +56,13 @@ class SavedSamples:
     def like(self, store: Store | None = None) -> Store:
         """Return the dataset, or another copy of it; DataError "other_dataset" if it is another one."""
         store = open_store(self.dataset) if store is None else store
-        (own, *sources), (mine, *of_mine) = self.hashes, _hashes(store).values()
-        if own == mine or (all(sources) and sources == of_mine):  # built again, by another version of numpy
+        (of_samples, *built_from), (of_store, *store_from) = self.hashes, _hashes(store).values()
+        if of_samples == of_store or (
+            all(built_from) and built_from == store_from
+        ):  # built again, by another version of numpy
             return store
         raise DataError("these samples are of another dataset", reason="other_dataset", where=str(self.folder),
-                        found=f"{self.dataset.name} {own[:12]}", allowed=f"{store.path.name} {mine[:12]}",
+                        found=f"{self.dataset.name} {of_samples[:12]}", allowed=f"{store.path.name} {of_store[:12]}",
                         fix="name the dataset of the training with --like, or delete samples.json")  # fmt: skip
 
 

@@ -39,17 +39,19 @@ def check_transform(cls: type[Transform]) -> None:
             require(n_dancers > 1 and bool(str(error)), f"takes of single dancers can be changed: {error}")
             continue
         require(len({d.id for t in takes for d in t.dancers}) == sum(len(t.dancers) for t in takes), "ids are unique")
-        for made in takes[:3]:
+        for expanded in takes[:3]:
             before = _arrays(scene)
-            first, second = (Scenes(scene).after(made.motion_steps) for _ in range(2))
+            first, second = (Scenes(scene).after(expanded.motion_steps) for _ in range(2))
             require(_equal(_arrays(scene), before), "`scene` does not write into the motion")
             require(_equal(_arrays(first), _arrays(second)), "equal motions give equal results")
             require(all(np.isfinite(a).all() for a in _arrays(first)), "motion is finite")
             times = {(m.n_frames, m.grid.rate) for m in first.motions}
-            require(times == {(made.time.n_frames, made.time.rate)}, f"a take has the time of its motion, {times}")
+            require(
+                times == {(expanded.time.n_frames, expanded.time.rate)}, f"a take has the time of its motion, {times}"
+            )
             flags = [[flag.to_json() for flag in of] for of in first.flags]
             require(len(flags) == n_dancers and json.loads(json.dumps(flags)) == flags, "flags are JSON")
-            segment = step.segment(Segment(Layer("words"), Fraction(1), Fraction(2), "turn"), made)
+            segment = step.segment(Segment(Layer("words"), Fraction(1), Fraction(2), "turn"), expanded)
             require(segment is None or segment.start <= segment.end, "a segment of a copy ends after its start")
 
 

@@ -62,5 +62,5 @@ def samples_in(store: Store, paths: Sequence[Path]) -> list[Sample]:
         if file.suffix.lower() in MOTION_SUFFIXES
     ]
     finder = Samples(store)
-    found = {file.stem: sample for file in files if (sample := finder.find(file.stem)) is not None}
-    return list(found.values()) if any(sample.id.start is not None for sample in found.values()) else []
+    by_stem = {file.stem: sample for file in files if (sample := finder.find(file.stem)) is not None}
+    return list(by_stem.values()) if any(sample.id.start is not None for sample in by_stem.values()) else []

@@ -51,8 +51,8 @@ class Captions(Stated):
     lexicon: Any = None
 
     def __post_init__(self) -> None:
-        known = self.lexicon is None or isinstance(self.lexicon, Lexicon)
-        object.__setattr__(self, "lexicon", self.lexicon if known else _lexicon(self.lexicon))
+        is_lexicon = self.lexicon is None or isinstance(self.lexicon, Lexicon)
+        object.__setattr__(self, "lexicon", self.lexicon if is_lexicon else _lexicon(self.lexicon))
 
     @property
     def lexicons(self) -> tuple[Lexicon, ...]:  # type: ignore[override]

@@ -94,11 +94,11 @@ class Curate(WindowRule):
     def judge(self, seen: Seen, dancer: int, starts: Sequence[int]) -> list[Reject]:
         split = seen.result.take.split
         limits = {score: of for score, of in self.limits.items() if of.splits is None or split in of.splits}
-        found = [s for s in seen.segments[dancer] if s.layer == LAYER and s.label in limits]
-        above = [s for s in found if s.value > limits[s.label].limit]
+        scored = [s for s in seen.segments[dancer] if s.layer == LAYER and s.label in limits]
+        above = [s for s in scored if s.value > limits[s.label].limit]
         of_clip = [s for s in above if s.data["of"] == "clip" and limits[s.label].leave_out == "clip"]
         if of_clip:
-            spans = [s for s in found if s.data["of"] == "spans" and s.label == of_clip[0].label]
+            spans = [s for s in scored if s.data["of"] == "spans" and s.label == of_clip[0].label]
             reject = _reject(of_clip[0], limits, max(spans, key=lambda s: s.value, default=None))
             return [replace(reject, file=str(seen.result.take.dancers[dancer].ref.motion_path))]
         spans = [s for s in above if s.data["of"] == "spans" and limits[s.label].leave_out == "windows"]
@@ -120,8 +120,8 @@ class Curate(WindowRule):
             notes.append(f"left out{where}: {what} with {score} above {of.limit:g}{unit}")
             absent = sorted(set(of.splits or ()) - set(splits))
             if absent:
-                known = listed(sorted(splits))
-                notes.append(f"rules.curate.{score}.splits: no clip is in {listed(absent)}, of {known}")
+                present = listed(sorted(splits))
+                notes.append(f"rules.curate.{score}.splits: no clip is in {listed(absent)}, of {present}")
         return notes
 
 
@@ -161,7 +161,7 @@ def _reject(segment: Segment, limits: Mapping[str, Limit], place: Segment | None
 
 
 def _touches(seen: Seen, start: int, segment: Segment) -> bool:
-    """Whether a window covers an instant of a segment, or has a row that is interpolated from one of its frames.
+    """Whether a window overlaps a segment, or has a row that is interpolated from one of its frames.
 
     Rows between two frames are made of both, at the rate of each field.
     """

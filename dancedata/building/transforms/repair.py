@@ -33,7 +33,7 @@ class Repair(Transform):
     smoothing
         Least jitter, metres.
     original
-        Whether each motion field has a second one, NAME.original, with the motion as it was.
+        Whether a second field, NAME.original, is stored beside each motion field: the motion before the repair.
     """
 
     version: ClassVar[int] = VERSION

@@ -46,7 +46,7 @@ class Slices(Transform):
 
     @override
     def on(self, grid: FrameGrid) -> SlicesOnGrid:
-        """Return the slices in frames of a recipe; UsageError for ones that are no whole number of frames."""
+        """Return the slices in frames of a recipe; UsageError unless length and stride are whole frames."""
         length, stride = grid.frames(self.length_s, "slices.length_s"), grid.frames(self.stride_s, "slices.stride_s")
         if min(length, stride) < 1:
             raise UsageError("slices: length and stride must be above 0", found=f"{self.length_s}, {self.stride_s}")

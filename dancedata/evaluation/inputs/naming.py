@@ -58,23 +58,23 @@ def named_clips(
     clips: Sequence[ClipInput],
     songs: Mapping[str, str],
     like: Store | None,
-    known: frozenset[str] = frozenset(),
+    song_names: frozenset[str] = frozenset(),
 ) -> Named:
     """Find out of what clips of a dataset, and to which music, motion is: every command does it by this function.
 
     The sample is what the entry ``id`` of a file, or else its name, is of `like`: with its music, from the right
     second on. The song is from `songs`, the clip itself, the sample, or the name, which then is that of one of
-    `known` songs or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
+    `song_names` or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
 
     Raises DataError: "two_ids" and "two_samples" for names that contradict; "no_clip", "outside" for windows that
         the dataset does not have.
     Raises UsageError: for a window whose song is named without the second.
     """
     finder = None if like is None else Samples(like)
-    known = known | {c.music for c in like.clips if c.music} if like is not None else known
-    songs = of_known(songs, known | {clip.music for clip in clips})
+    song_names = song_names | {c.music for c in like.clips if c.music} if like is not None else song_names
+    songs = of_known(songs, song_names | {clip.music for clip in clips})
     tempos = {} if like is None else {c.music: c.tempo_bpm for c in like.clips if c.music and c.tempo_bpm}
-    found: list[ClipInput] = []
+    named: list[ClipInput] = []
     samples: dict[str, Sample] = {}
     by_song: list[str] = []
     unknown: list[str] = []
@@ -82,7 +82,11 @@ def named_clips(
         sample = None if finder is None or clip.stored else _sample(finder, clip)
         song, name = songs.get(clip.id), parse_name(clip.id)
         record = None if sample is None else sample.clip
-        guesses = (clip.id if clip.id in known else "", name.music if name else "", _song_within(clip.id, known))
+        guesses = (
+            clip.id if clip.id in song_names else "",
+            name.music if name else "",
+            _song_within(clip.id, song_names),
+        )
         names = (song, clip.music, record and record.music, *guesses)
         music = next((text for text in names if text), "")
         same = [c for c in (clip, record) if c is not None and song in (None, c.music)]
@@ -95,9 +99,9 @@ def named_clips(
         elif not clip.stored:
             (by_song if music else unknown).append(clip.id)
             clip = replace(clip, recording=f"song:{music}" if music and name is None else "")
-        found.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
+        named.append(replace(clip, music=music, tempo_bpm=tempo, audio_start=start))
     _require_one_each(samples)
-    return Named(tuple(found), samples, tuple(by_song), tuple(unknown))
+    return Named(tuple(named), samples, tuple(by_song), tuple(unknown))
 
 
 def _require_all_dancers(clip: ClipInput, sample: Sample) -> None:
@@ -161,7 +165,7 @@ def _begin(clip: ClipInput, sample: Sample | None, song: Song | None, music: str
     )  # fmt: skip
 
 
-def _song_within(name: str, known: frozenset[str]) -> str:
-    """Return the known song that is a part of a name between underscores, as in gBR_sBM_cAll_d04_mBR0_ch01."""
-    parts = known.intersection(name.split("_"))
+def _song_within(name: str, songs: frozenset[str]) -> str:
+    """Return the one song that is a part of a name between underscores, as in gBR_sBM_cAll_d04_mBR0_ch01."""
+    parts = songs.intersection(name.split("_"))
     return next(iter(parts)) if len(parts) == 1 else ""
