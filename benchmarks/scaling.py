@@ -28,6 +28,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dancedata.building.build import build
+from dancedata.building.clips import compute_clips, sources_of
+from dancedata.building.plan import make_plan
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.columns import Columns, Group
 from dancedata.core.grid import FrameGrid
@@ -39,9 +42,6 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units, start_workers
-from dancedata.pipeline.build import build
-from dancedata.pipeline.clips import compute_clips, sources_of
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
 

@@ -111,12 +111,12 @@ def _removes(*folders: Path) -> Callable[[], None]:
 
 def worker_cases(folder: Path) -> list[Case]:
     """Return what workers do: load a unit, and run it."""
+    from dancedata.building.clips import sources_of
     from dancedata.building.compute import make, units_of
     from dancedata.building.recipe import parts_of
     from dancedata.building.source import takes_of
     from dancedata.execution.cache import Cache
     from dancedata.execution.progress import Progress
-    from dancedata.pipeline.clips import sources_of
     from dancedata.recipes.parse import load_recipe
 
     recipe, cache = load_recipe(folder / "tiny.yaml"), Cache(folder / "worker")

@@ -28,7 +28,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from dancedata.pipeline import build as build_module
+from dancedata.building import build as build_module
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import write_store
 

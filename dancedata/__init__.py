@@ -49,21 +49,21 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic, training
+    from dancedata.alignment import align
+    from dancedata.building.arrays import encode, extract
+    from dancedata.building.commands import build, check, plan
+    from dancedata.building.quality import quality
     from dancedata.cache import FeatureCache
+    from dancedata.comparison import diff
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
     from dancedata.core.plugin_files import load_plugins
     from dancedata.core.skeleton import Skeleton
+    from dancedata.decoding.decode import decode, decode_group
+    from dancedata.decoding.files import decode_file
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
     from dancedata.exports.base.run import export
-    from dancedata.pipeline.align import align
-    from dancedata.pipeline.arrays import encode, extract
-    from dancedata.pipeline.commands import build, check, plan
-    from dancedata.pipeline.decode_file import decode_file
-    from dancedata.pipeline.decoding import decode, decode_group
-    from dancedata.pipeline.diff import diff
-    from dancedata.pipeline.quality import quality
     from dancedata.publish.run import push
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
@@ -75,22 +75,22 @@ else:  # type checkers take the imports above, and so find misspelt names
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
             "Skeleton": "dancedata.core.skeleton",
-            "align": "dancedata.pipeline.align",
-            "build": "dancedata.pipeline.commands",
-            "check": "dancedata.pipeline.commands",
-            "decode": "dancedata.pipeline.decoding",
-            "decode_file": "dancedata.pipeline.decode_file",
-            "decode_group": "dancedata.pipeline.decoding",
-            "diff": "dancedata.pipeline.diff",
-            "encode": "dancedata.pipeline.arrays",
+            "align": "dancedata.alignment",
+            "build": "dancedata.building.commands",
+            "check": "dancedata.building.commands",
+            "decode": "dancedata.decoding.decode",
+            "decode_file": "dancedata.decoding.files",
+            "decode_group": "dancedata.decoding.decode",
+            "diff": "dancedata.comparison",
+            "encode": "dancedata.building.arrays",
             "evaluate": "dancedata.evaluation.run",
             "export": "dancedata.exports.base.run",
-            "extract": "dancedata.pipeline.arrays",
+            "extract": "dancedata.building.arrays",
             "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
-            "plan": "dancedata.pipeline.commands",
+            "plan": "dancedata.building.commands",
             "push": "dancedata.publish.run",
-            "quality": "dancedata.pipeline.quality",
+            "quality": "dancedata.building.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),
     )

@@ -372,7 +372,7 @@ def _no_other_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="session")
 def run_build(cache: Path) -> Build:
     """Return a function that builds a recipe, given by name, with overrides as on the command line."""
-    from dancedata.pipeline.build import build
+    from dancedata.building.build import build
     from dancedata.recipes.parse import load_recipe
 
     def run(source: Path, out: Path, name: str = "aist++", set: Sequence[str] = (), **options: Any) -> Any:

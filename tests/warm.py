@@ -98,12 +98,12 @@ def _serve() -> None:
 
     adopt()
     import dancedata.audio.librosa35.feature
+    import dancedata.building.commands
     import dancedata.contacts.velocity
     import dancedata.datasets.aistpp
     import dancedata.datasets.folder
     import dancedata.evaluation.run
     import dancedata.execution.executors
-    import dancedata.pipeline.commands
     import dancedata.representations.edge151  # noqa: F401
 
     for package in ("scipy.ndimage", "scipy.spatial.transform", "soundfile", "soxr"):

@@ -211,8 +211,8 @@ def _read_file_names(path: Path) -> None:
 
 def _show(folder: Path) -> None:
     """Print what `info --clips`, `info --json` and `check` print."""
+    from dancedata.building.describe import describe_clips, describe_problems, describe_store, store_json
     from dancedata.core.text import json_text
-    from dancedata.pipeline.describe import describe_clips, describe_problems, describe_store, store_json
     from dancedata.store import verify_store
 
     _require_plain(describe_problems(folder, verify_store(folder)))
@@ -242,7 +242,7 @@ def _read_description(path: Path) -> None:
 
 
 def _read_stats(path: Path) -> None:
-    from dancedata.pipeline.describe import describe_problems
+    from dancedata.building.describe import describe_problems
     from dancedata.store import open_store, verify_store
 
     _put_side_files(path)
@@ -252,7 +252,7 @@ def _read_stats(path: Path) -> None:
 
 
 def _read_lines(path: Path) -> None:
-    from dancedata.pipeline.describe import describe_store
+    from dancedata.building.describe import describe_store
 
     _put_side_files(path)
     _require_plain(describe_store(path.parent))

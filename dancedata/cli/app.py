@@ -95,8 +95,8 @@ def build(
     exit code 1 if the bytes are others.
     """
     load_plugins(*(plugins or ()))
-    from dancedata.pipeline import commands
-    from dancedata.pipeline.describe import store_json
+    from dancedata.building import commands
+    from dancedata.building.describe import store_json
 
     options: dict[str, Any] = {
         "overrides": overrides or (), "jobs": jobs, "strict": strict, "cache": cache,
@@ -137,7 +137,7 @@ def plan(
     Reads lengths only and writes nothing under OUT.
     """
     load_plugins(*(plugins or ()))
-    from dancedata.pipeline import commands
+    from dancedata.building import commands
 
     planned = commands.plan(
         recipe, source, out, overrides=overrides or (), jobs=jobs, cache=cache, progress=not (quiet or as_json)
@@ -168,8 +168,8 @@ def check(
     Of several datasets, what they share. Exit code 1 if something is wrong.
     """
     load_plugins(*(plugins or ()))
-    from dancedata.pipeline import commands
-    from dancedata.pipeline.describe import describe_problems
+    from dancedata.building import commands
+    from dancedata.building.describe import describe_problems
     from dancedata.remote import path_text
 
     problems = commands.check(
@@ -214,7 +214,7 @@ def decode(
     dancedata decode FILE... --as edge151 --to bvh --out DIR
     """
     load_plugins(*(plugins or ()))
-    from dancedata.pipeline.decode_file import decode_file
+    from dancedata.decoding.files import decode_file
 
     kind: Any = to  # checked there
     written = decode_file(
@@ -267,7 +267,7 @@ def info(
     as_json: AsJson = False,
 ) -> None:
     """Show the contents of a built dataset."""
-    from dancedata.pipeline.describe import describe_clips, describe_store, store_json
+    from dancedata.building.describe import describe_clips, describe_store, store_json
 
     print_result(as_json, lambda: store_json(path), lambda: describe_store(path))
     if clips and not as_json:
@@ -288,7 +288,7 @@ def segments(
 
     These are the segments of a dataset.
     """
-    from dancedata.pipeline.segments import segments as run_segments
+    from dancedata.segments import segments as run_segments
 
     result = run_segments(path, to=to, set_file=set_file, layer=layer)
     print_result(as_json, result.to_json, lambda: str(result))
@@ -334,7 +334,7 @@ def features(
     as_json: AsJson = False,
 ) -> None:
     """Compute features of your own music, as in training."""
-    from dancedata.pipeline.own_songs import describe_features, find_jobs, write_features
+    from dancedata.songs import describe_features, find_jobs, write_features
 
     load_plugins(*(plugins or ()))
     written = write_features(songs, out, find_jobs(feature, like), bpm, weights or (), like=like)
@@ -352,8 +352,8 @@ def diff(
 
     Exit code 1 if there are some.
     """
-    from dancedata.pipeline.diff import diff as run_diff
-    from dancedata.pipeline.diff import folded
+    from dancedata.comparison import diff as run_diff
+    from dancedata.comparison import folded
 
     compared = run_diff(a, b, atol=atol)
     differences = [d for d in compared if d.kind != "note"]

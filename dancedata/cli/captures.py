@@ -43,7 +43,7 @@ def quality(
     dancedata quality PATH: spikes, frozen spans, jitter, sliding, the floor, bones, joint limits, self-contact, sides
     and the up axis, and how many clips are above each limit. Changes no file.
     """
-    from dancedata.pipeline.quality import quality as run_quality
+    from dancedata.building.quality import quality as run_quality
 
     result = run_quality(
         path, dataset=dataset, recipe=recipe, overrides=overrides or (), out=out, jobs=jobs, cache=cache,
@@ -73,7 +73,7 @@ def align(
 
     dancedata align SRC: offset, width, p, or why it is unknown. Changes no file.
     """
-    from dancedata.pipeline.align import align as run_align
+    from dancedata.alignment import align as run_align
 
     result = run_align(
         source, by=by, dataset=dataset, recipe=recipe, overrides=overrides or (), window_s=window, level=level,

@@ -227,7 +227,7 @@ def _about_worker(number: int) -> tuple[int, str]:
 
 def check_build() -> Iterator[Finding]:
     """Build four short clips of the demo by two worker processes, and check the dataset."""
-    from dancedata.pipeline.commands import build, check
+    from dancedata.building.commands import build, check
 
     with tempfile.TemporaryDirectory(prefix="dancedata-doctor-") as name:
         folder = Path(name)

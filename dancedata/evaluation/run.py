@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy.typing as npt
 
+from dancedata.building.commands import folder_of, jobs_of
 from dancedata.core.grid import Number, as_fraction
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.inputs.songs import Song, read_songs, song_name
@@ -19,7 +20,6 @@ from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend
-from dancedata.pipeline.commands import folder_of, jobs_of
 from dancedata.store import Store
 from dancedata.store.like import opened, store_of
 from dancedata.store.saved_samples import saved_samples

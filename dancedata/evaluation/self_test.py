@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.check import scan_folder
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
@@ -17,7 +18,6 @@ from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published, protoc
 from dancedata.evaluation.report import LABELS, Report
 from dancedata.evaluation.request import Inputs
 from dancedata.execution.progress import Progress
-from dancedata.pipeline.check import scan_folder
 
 
 @dataclass(frozen=True)

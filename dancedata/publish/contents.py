@@ -27,7 +27,7 @@ from dancedata.store.writer import dump_json, dump_lines
 #: Folder of the card's pictures.
 PICTURES = "README_files"
 RECIPE_FILE, CLIPS_FILE = "recipe.yaml", "clips.jsonl"
-#: Attributes of a clip that are part of its hash, see `pipeline.source_record`.
+#: Attributes of a clip that are part of its hash, see `building.source_record`.
 _ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
 #: Largest file that is published beside a recipe, such as a manifest.
 _MAX_BESIDE = 1 << 26

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from dancedata.building.left_out import BY_CHOICE
 from dancedata.core.text import counted, listed
-from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.report.document import SHIFTED_MS, Document
 from dancedata.report.groups import group_findings
 from dancedata.report.markup import number, rounded

@@ -9,6 +9,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
+from dancedata.comparison import Difference, diff, folded
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
 from dancedata.core.version import __version__
@@ -17,7 +18,6 @@ from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.place import foreign_files, read_about, remove_export, replaced_export, write_about
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
-from dancedata.pipeline.diff import Difference, diff, folded
 from dancedata.remote import local_folder
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing

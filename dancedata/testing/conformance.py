@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from dancedata.audio.hf.feature import HuggingFace
 from dancedata.audio.jukebox.feature import Jukebox
+from dancedata.building.left_out import BY_CHOICE
 from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
@@ -46,7 +47,6 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.rejects import BY_CHOICE
 from dancedata.testing.building_checks import check_annotator, check_rule, check_transform
 from dancedata.testing.dataset_checks import SLICES, check_dataset, recipe_with
 from dancedata.testing.examples import (
@@ -351,7 +351,7 @@ def _check_changed_motion(spec: Copy, motion: Motion) -> None:
 
 
 def _check_copies(spec: Copy, motion: str, transforms: Sequence[Any], folder: Path) -> None:
-    from dancedata.pipeline.build import build
+    from dancedata.building.build import build
     from dancedata.store import open_store, verify_store
 
     source, out = folder / "source", folder / "out"

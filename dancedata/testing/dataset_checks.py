@@ -105,7 +105,7 @@ def _check_bad_sources(reader: Any, folder: Path) -> None:
 
 
 def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
-    from dancedata.pipeline.build import build
+    from dancedata.building.build import build
     from dancedata.store import open_store, verify_store
 
     build(recipe, source, out, cache=out.parent / "cache")

@@ -35,7 +35,7 @@ def check_export(cls: type[Export], folder: Path) -> None:
 
 def build_for_export(plugin: Export, folder: Path) -> tuple[Path, Path]:
     """Build a small dataset from an export's own recipe; returns its source and the dataset."""
-    from dancedata.pipeline.build import build
+    from dancedata.building.build import build
     from dancedata.recipes.parse import parse_recipe
 
     document = {

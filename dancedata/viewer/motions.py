@@ -209,8 +209,8 @@ class MotionScenes(SceneList):
             return Rhythm(self.beats[name], np.zeros(0), field="beats"), []
         if self.music is None:
             return Rhythm.none(), []
+        from dancedata.building.arrays import extract
         from dancedata.core.registry import FEATURES
-        from dancedata.pipeline.arrays import extract
 
         try:
             signal = self.music.signal(name, self.grid.seconds(item.n_frames))

@@ -13,12 +13,12 @@ from typing import Protocol
 import numpy as np
 
 from dancedata.audio.signal import load_audio, resample
+from dancedata.building.source_music import SourceMusic, dataset_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import carried_over, has_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.pipeline.source_music import SourceMusic, dataset_of
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store
 from dancedata.viewer.figure import Figure

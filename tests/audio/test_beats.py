@@ -348,7 +348,7 @@ def test_neighbouring_peaks_are_one_beat_between_them():
 
 @pytest.mark.nightly
 def test_a_dataset_with_beats_of_both_sources(tmp_path):
-    from dancedata.pipeline.build import build
+    from dancedata.building.build import build
     from dancedata.recipes.parse import parse_recipe
     from dancedata.store import open_store, verify_store
 

@@ -15,10 +15,10 @@ from dancedata.audio.ffmpeg import ffmpeg_version, find_ffmpeg
 from dancedata.audio.signal import audio_length, load_audio
 from dancedata.audio.silence import levels, without_sound
 from dancedata.audio.sound_files import held
+from dancedata.building.left_out import describe_implausible
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.quality import OF_MUSIC, music_flags
-from dancedata.pipeline.rejects import describe_implausible
 from tests.messages import raises_message
 
 SECONDS = 3

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.building.build import build
 from dancedata.core.registry import DATASETS
-from dancedata.pipeline.build import build
 from dancedata.recipes.parse import parse_recipe
 
 RECIPE = {

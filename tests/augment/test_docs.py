@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import load_recipe
 
 pytest.importorskip("torch")

@@ -12,6 +12,9 @@ import dancedata
 from dancedata.audio.signal import load_audio
 from dancedata.audio.stretch import stretched, stretched_length
 from dancedata.augment.tempo import Tempo
+from dancedata.building.build import build
+from dancedata.building.part import Part, build_part
+from dancedata.building.plan import make_plan
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError
@@ -20,9 +23,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, KEYMOTIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.build import build
-from dancedata.pipeline.part import Part, build_part
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import parse_recipe
 from dancedata.report.numbers import splits
 from dancedata.store import verify_store

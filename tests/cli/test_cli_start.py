@@ -56,7 +56,8 @@ def test_listing_is_light():
     names = modules("-c", code)
     assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "pydantic", "typer", "rich"}) == set()
     rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
-    assert rooms & {"pipeline", "store", "api", "readers", "testing"} == set()
+    assert rooms & {"store", "readers", "testing"} == set()
+    assert "dancedata.building.build" not in names
     names = modules("-m", "dancedata", "list")
     assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "rich", "pydantic"}) == set()
     rest = {name for name in names if name.startswith("dancedata.audio.hf.families")}

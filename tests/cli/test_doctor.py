@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.building import commands as api
 from dancedata.cli import doctor
 from dancedata.cli.doctor import Finding
 from dancedata.execution import arithmetic
-from dancedata.pipeline import commands as api
 from tests.commands import as_json, run
 
 

@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.signal import load_audio
+from dancedata.building.left_out import BY_CHOICE, left_out_lines
 from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import self_hash
 from dancedata.core.registry import DATASETS
-from dancedata.pipeline.rejects import BY_CHOICE, left_out_lines
 from dancedata.store import Store
 from tests.commands import run
 from tests.conftest import Once
@@ -292,7 +292,7 @@ def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path, rej
 
 
 def test_flags_are_summed_up_by_kind(built_copy: Path, monkeypatch: pytest.MonkeyPatch):
-    from dancedata.pipeline.describe import describe_built
+    from dancedata.building.describe import describe_built
 
     assert "flagged" not in describe_built(built_copy)
     flags = [

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 import dancedata
+from dancedata.building.commands import build_part
 from dancedata.cli import app as commands
 from dancedata.cli import options
-from dancedata.pipeline.commands import build_part
 
 #: Options of the command line alone: its output, and other functions of Python.
 OUTPUT = {"as_json", "quiet", "plugins"}

@@ -14,8 +14,8 @@ import pytest
 
 from dancedata.cli.app import app
 from dancedata.cli.terminal import say
+from dancedata.comparison import Difference, folded
 from dancedata.core.text import age_text
-from dancedata.pipeline.diff import Difference, folded
 from tests.commands import run
 
 

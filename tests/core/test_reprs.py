@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.build import BuildResult
+from dancedata.building.plan import make_plan
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SKELETONS
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -16,8 +18,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.keymotion import KeyMotion, primitives
-from dancedata.pipeline.build import BuildResult
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store

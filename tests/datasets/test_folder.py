@@ -11,6 +11,7 @@ import soundfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from dancedata.building.check import scan_folder
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
@@ -18,7 +19,6 @@ from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import COLUMNS, read_manifest
 from dancedata.formats.bvh.producers import producers
-from dancedata.pipeline.check import scan_folder
 from tests.messages import raises_message
 
 

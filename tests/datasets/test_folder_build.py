@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.building.build import build
+from dancedata.building.describe import describe_store
+from dancedata.building.plan import make_plan
 from dancedata.core.errors import SourceError
 from dancedata.datasets.folder import Folder
-from dancedata.pipeline.build import build
-from dancedata.pipeline.describe import describe_store
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 

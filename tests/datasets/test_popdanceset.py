@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from dancedata.building.build import build
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.datasets.popdanceset.motion import load_motion, write_example
-from dancedata.pipeline.build import build
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.verify import verify_store
 from dancedata.testing.dataset_checks import recipe_with

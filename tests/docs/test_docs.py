@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dancedata.building.describe import describe_built
 from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.pipeline.describe import describe_built
 from dancedata.readers.options import PRESETS
 from dancedata.store import open_store, verify_store
 from tests import warm

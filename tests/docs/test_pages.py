@@ -9,7 +9,7 @@ import yaml
 import dancedata
 from dancedata.core.registry import FEATURES
 from dancedata.core.resources import resource
-from dancedata.pipeline.decode_file import FORMATS
+from dancedata.decoding.files import FORMATS
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from tests.docs.pages import blocks, text_of, with_output
 

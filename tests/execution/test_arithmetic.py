@@ -38,7 +38,7 @@ augment: {mirror: true}
 BUILD = """
 import sys
 from pathlib import Path
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import load_recipe
 
 recipe, source, out, cache, jobs = sys.argv[1:]

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from dancedata.building import build as build_module
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution import cache_files
@@ -19,7 +20,6 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import cache_json, prune
 from dancedata.files import publish
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline import build as build_module
 from dancedata.store import open_store
 from tests import warm
 from tests.messages import raises_message
@@ -106,7 +106,7 @@ def dying(original):
     return call
 for name in ("replace", "rename", "unlink", "rmdir"):
     setattr(os, name, dying(getattr(os, name)))
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import load_recipe
 recipe = load_recipe("aist++", ["audio={}", *sys.argv[5:]])
 build(recipe, Path(sys.argv[1]), Path(sys.argv[2]), cache=Path(sys.argv[3]), overwrite=True)

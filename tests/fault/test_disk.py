@@ -16,6 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.building import build as build_module
+from dancedata.building.build import build
+from dancedata.building.part import Part, build_part
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.execution import cache_files
@@ -23,9 +26,6 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import prune, verify_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
-from dancedata.pipeline import build as build_module
-from dancedata.pipeline.build import build
-from dancedata.pipeline.part import Part, build_part
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import verify_store
 

@@ -29,8 +29,8 @@ def test_parts_that_are_collected_give_the_same_bytes(slow, corpus, out, undistu
 
 
 def test_dancers_of_a_group_are_in_one_part() -> None:
+    from dancedata.building.part import Part
     from dancedata.core.clip import ClipRef
-    from dancedata.pipeline.part import Part
 
     clips = [
         ClipRef(f"g{g}_p{m}", Path(f"g{g}.pkl"), None, "train", group=f"g{g}", member=m)
@@ -43,8 +43,8 @@ def test_dancers_of_a_group_are_in_one_part() -> None:
 
 @pytest.mark.parametrize("count", [1, 3, 16])
 def test_parts_share_the_clips_out(corpus: Path, count: int):
+    from dancedata.building.part import Part
     from dancedata.datasets.aistpp import AistPP
-    from dancedata.pipeline.part import Part
 
     clips = AistPP().scan(corpus).clips
     parts = [Part(k, count).of(clips) for k in range(1, count + 1)]

@@ -204,9 +204,9 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str)
 
 def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
+    from dancedata.building.build import build
     from dancedata.core.errors import DanceDataError
     from dancedata.execution import clusters
-    from dancedata.pipeline.build import build
     from dancedata.recipes.parse import load_recipe
 
     monkeypatch.setattr(clusters, "TIMEOUT_S", 0.5)
@@ -219,7 +219,7 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
 CRASH = """
 import signal, sys
 from dancedata.__main__ import main
-from dancedata.pipeline import commands
+from dancedata.building import commands
 commands.plan = lambda *args, **options: signal.raise_signal(signal.SIGSEGV)
 sys.argv = ["dancedata", "plan", "demo"]
 main()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.building.build import build
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
@@ -15,7 +16,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.formats.body_model import body_model_skeleton, find_model, gender_of
-from dancedata.pipeline.build import build
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
 from tests.messages import raises_message

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.build import build
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef
@@ -18,7 +19,6 @@ from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.formats.video_pose import open_people
-from dancedata.pipeline.build import build
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import parse_recipe
 from tests.messages import raises_message

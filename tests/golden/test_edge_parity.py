@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 import dancedata
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 

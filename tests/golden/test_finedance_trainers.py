@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("torch")
 
 import dancedata
+from dancedata.building.build import build
 from dancedata.core.clip import Window
-from dancedata.pipeline.build import build
 from dancedata.readers import PRESETS, Primitives, Scale, WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store

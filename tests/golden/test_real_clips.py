@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 

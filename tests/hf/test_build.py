@@ -14,13 +14,13 @@ pytest.importorskip("transformers")
 
 import dancedata
 from dancedata.audio.hf import HuggingFace
+from dancedata.building.build import build
+from dancedata.building.plan import make_plan
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.build import build
-from dancedata.pipeline.own_songs import find_jobs, write_features
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import load_recipe
+from dancedata.songs import find_jobs, write_features
 from dancedata.store import verify_store
 from dancedata.synthetic import write_synthetic
 from dancedata.testing.jukebox import random_checkpoint

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dancedata.pipeline.build import build
+from dancedata.building.build import build
 from dancedata.recipes.parse import parse_recipe
 
 PAGE = Path(__file__).parents[2] / "docs" / "key-motions.md"

@@ -13,8 +13,8 @@ pytest.importorskip("torch")
 
 from torch.utils.data import DataLoader
 
+from dancedata.building.out_folder import locked, new_dataset
 from dancedata.core.errors import StoreError
-from dancedata.pipeline.out_folder import locked, new_dataset
 from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import open_store
 from dancedata.testing.stores import random_fields

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.build import build
+from dancedata.building.plan import make_plan
 from dancedata.building.signals import FeatureKeys
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.files.regular_file import sha256_file
-from dancedata.pipeline.build import build
-from dancedata.pipeline.plan import make_plan
 from dancedata.recipes.parse import apply_override, parse_recipe
 from dancedata.recipes.recipe import Recipe
 from tests.messages import raises_message
@@ -103,7 +103,7 @@ def test_bad_instances_are_named(changes: dict[str, Any]) -> None:
 
 
 def test_a_song_gets_the_features_of_instances(corpus: Path, tmp_path: Path, run_build: Callable[..., Any]) -> None:
-    from dancedata.pipeline.own_songs import find_jobs, write_features
+    from dancedata.songs import find_jobs, write_features
 
     build(recipe(), corpus, tmp_path / "out", cache=tmp_path / "cache")
     song = sorted((corpus / "wavs").glob("*.wav"))[0]
@@ -113,7 +113,7 @@ def test_a_song_gets_the_features_of_instances(corpus: Path, tmp_path: Path, run
 
 
 def test_fields_of_files_are_not_computed_for_a_song(tmp_path: Path) -> None:
-    from dancedata.pipeline.own_songs import find_jobs
+    from dancedata.songs import find_jobs
 
     of_files = '{path: "muq/{clip}.npy", rate: 25, fps: 25, columns_per_row: 8}'
     (tmp_path / "r.yaml").write_text(

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 import dancedata
+from dancedata.building.build import build
+from dancedata.building.check import check
 from dancedata.cli.app import app
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.registry import FEATURES, REGISTRIES
-from dancedata.pipeline.build import build
-from dancedata.pipeline.check import check
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.motion_fields import clip_pose

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.rebuild import Published
 from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import DATASETS, REGISTRIES
-from dancedata.pipeline.rebuild import Published
 from dancedata.remote import pull
 from tests.commands import run
 from tests.messages import raises_message

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building import describe
 from dancedata.core.columns import Columns, Group
-from dancedata.pipeline import describe
 from dancedata.report import write_report
 from dancedata.report.document import ColumnRange
 from dancedata.report.heat import heat_map

@@ -24,9 +24,9 @@ SCRIPT = """
 import dataclasses, sys
 from pathlib import Path
 import dancedata
-from dancedata.pipeline.describe import describe_clips
+from dancedata.building.describe import describe_clips
 from dancedata.core.errors import StoreError
-from dancedata.pipeline.diff import diff
+from dancedata.comparison import diff
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.testing.stores import write_random_store
 

@@ -20,8 +20,8 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building.source_music import SourceMusic
 from dancedata.core.errors import UsageError
-from dancedata.pipeline.source_music import SourceMusic
 from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.source import ClipSource
 from dancedata.viewer.view import ViewRequest, export_page

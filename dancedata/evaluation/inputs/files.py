@@ -29,12 +29,12 @@ from dancedata.datasets.folder import (
     same_rate,
     stated_grid,
 )
+from dancedata.decoding.files import PERSON_MASK
 from dancedata.evaluation.inputs.clip import ClipInput
 from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
-from dancedata.pipeline.decode_file import PERSON_MASK
 from dancedata.recipes.documents import document_of
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in

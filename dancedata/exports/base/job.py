@@ -15,8 +15,8 @@ from dancedata.core.registry import Registry
 from dancedata.execution.progress import Progress
 
 if TYPE_CHECKING:
+    from dancedata.building.source_music import SourceMusic
     from dancedata.exports.base.folder import ExportFolder
-    from dancedata.pipeline.source_music import SourceMusic
     from dancedata.store import Clip, Store
 
 T = TypeVar("T")
@@ -84,7 +84,7 @@ class ExportJob:
     @cached_property
     def music(self) -> SourceMusic:
         """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
-        from dancedata.pipeline.source_music import SourceMusic
+        from dancedata.building.source_music import SourceMusic
 
         return SourceMusic.of(self.store, self.source)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.source_music import is_source
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
@@ -13,7 +14,6 @@ from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.place import README, new_export, read_about, write_about
-from dancedata.pipeline.source_music import is_source
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
 from dancedata.remote import local_folder

@@ -1,0 +1,289 @@
+"""dancedata build: one recipe, one source, one dataset."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
+from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
+from dancedata.building.out_folder import check_out, locked, new_dataset
+from dancedata.building.rebuild import Published
+from dancedata.building.signals import libsndfile_version
+from dancedata.building.source_record import SourceRecord, source_differences
+from dancedata.building.sources import Sources
+from dancedata.building.stored import Clips
+from dancedata.core.clip import Reject, Scan
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.hashing import recipe_hash
+from dancedata.core.text import counted, shown
+from dancedata.core.version import __version__
+from dancedata.execution.arithmetic import expected
+from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
+from dancedata.execution.cache_files import running, sweep
+from dancedata.execution.executors import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import check_backend, start_workers
+from dancedata.recipes.documents import document_differences, shaping
+from dancedata.recipes.recipe import Recipe, resolve
+from dancedata.store import Field, Store, StoreHeader, open_store, write_store
+from dancedata.store.schema import DATASET_FILE
+from dancedata.store.songs import songs_of
+
+
+@dataclass(frozen=True)
+class BuildResult:
+    """The result of a build, as dataset.json has it.
+
+    `path`: Folder of the dataset.
+    `built`: False if the dataset existed already and nothing had to be done.
+    `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
+    `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
+    `notes`: Notes of the dataset's reader on the source.
+    `summary`: The text that the command line prints.
+    `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
+    """
+
+    path: Path
+    built: bool
+    counts: Mapping[str, Mapping[str, Any]]
+    left_out: Mapping[str, int]
+    notes: tuple[str, ...]
+    summary: str
+    rebuilt: bool | None = None
+
+    @classmethod
+    def of(cls, path: Path, built: bool) -> BuildResult:
+        """Describe a finished dataset."""
+        with open_store(path) as store:
+            counts, left_out = dict(store.info["splits"]), reasons(store)
+            notes = tuple(store.info.get("source", {}).get("notes", ()))
+        summary = describe_built(path) if built else describe_unchanged(path)
+        return cls(path, built, counts, left_out, notes, summary)
+
+    def __repr__(self) -> str:
+        clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
+        size = f"{counted(clips, 'clip')}, {counted(windows, 'window')}, {sum(self.left_out.values()):,} left out"
+        return f"BuildResult({str(self.path)!r}, {size}, built={self.built})"
+
+    def open(self) -> Store:
+        """Open the dataset, as `dancedata.open` does."""
+        return open_store(self.path)
+
+
+def build(
+    recipe: Recipe,
+    source: Path,
+    out: Path,
+    *,
+    jobs: int = 1,
+    overwrite: bool = False,
+    strict: bool = False,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+    backend: str | None = None,
+    scheduler: str | None = None,
+    published: Published | None = None,
+) -> BuildResult:
+    """Build a dataset from a parsed recipe; parameters and errors as of `building.commands.build`.
+
+    With `published`, the source and the result are compared with those of a publication.
+    """
+    progress = progress or Progress(quiet=True)
+    check_backend(backend, scheduler)
+    if overwrite and Path.cwd().is_relative_to(out.resolve()):
+        raise UsageError(
+            "cannot replace the current working directory", where=out, fix="build from another working folder"
+        )
+    header_of(recipe, {}).check()  # now, not after everything is computed
+    source = source.absolute()  # so that it can be found in the text of rejects
+    store_cache = Cache((cache or default_cache()).absolute())
+    recipe = resolve(recipe, store_cache.file_sha256)
+    with locked(out):
+        check_out(out, overwrite=overwrite)
+        scan = scan_of(recipe, source)
+        with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
+            build_run = _Build(
+                recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
+            )
+            result = BuildResult.of(out, built=build_run.run())
+        if published is None:
+            return result
+        same = published.same(out)
+        line = f"{'the same bytes as' if same else 'other bytes than'} {published.place}"
+        return replace(result, rebuilt=same, summary=f"{result.summary}\n{line}")
+
+
+@contextmanager
+def workers_for(
+    recipe: Recipe, source: Path, cache: Cache, jobs: int, backend: str | None = None, scheduler: str | None = None
+) -> Iterator[Executor]:
+    """Start workers for a recipe, see `start_workers`; first sweep leftovers of killed processes out of the cache."""
+    sweep(cache.root)
+    packages = {name for job in recipe.audio for name in job.feature.packages}
+    started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
+    with running(cache.root), started as workers:
+        yield workers
+
+
+@dataclass(frozen=True)
+class _Build:
+    """A build whose arguments are checked and whose folder is locked."""
+
+    recipe: Recipe
+    source: Path
+    out: Path
+    scan: Scan
+    cache: Cache
+    workers: Executor
+    progress: Progress
+    overwrite: bool
+    strict: bool
+    published: Published | None
+
+    def run(self) -> bool:
+        """Build; return False if the dataset existed already."""
+        return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
+
+    def _run(self) -> bool:
+        sources = sources_of(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
+        record = SourceRecord.of_source(sources, self.source)
+        if self.published is not None:
+            self.published.warn(sources.sha256, record, self.progress)
+        if (self.out / DATASET_FILE).exists() and not self.overwrite:
+            _require_same(self.out, self.recipe, sources.sha256, record)
+            with open_store(self.out) as store:
+                stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
+                stop_if_implausible(self.strict, store.quality)
+            return False
+        stop_if_strict(self.strict, sources.rejects, self.scan)
+        computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
+        stop_if_strict(self.strict, computed.rejects, self.scan)
+        stop_if_implausible(self.strict, computed.quality)
+        computed = computed._replace(rejects=[relative_to(r, self.source) for r in computed.rejects])
+        if not computed.clips:
+            raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
+        stored = {clip.original for clip in computed.clips}
+        meta = _meta(self.recipe, sources, record.to_json(stored))
+        with new_dataset(self.out) as folder:
+            _write(folder, self.recipe, self.scan, computed, meta, self.progress)
+        return True
+
+
+def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
+    """Return the header of the store."""
+    axes = {f.name: f.representation.axes for f in recipe.motion}
+    return StoreHeader(
+        fps=recipe.fps,
+        length=recipe.windows.length,
+        stride=recipe.windows.stride,
+        fields=tuple(
+            Field(
+                f.name,
+                f.stored_kind,
+                f.columns,
+                f.grid.rate,
+                f.dtype,
+                f.codebook,
+                optional=f.optional,
+                axes=axes.get(f.name, ""),
+            )
+            for f in recipe.fields
+        ),
+        skeleton=recipe.skeleton,
+        meta=meta,
+    )
+
+
+def _write(
+    out: Path, recipe: Recipe, scan: Scan, computed: Clips, meta: Mapping[str, Any], progress: Progress
+) -> None:
+    with progress.stage("writing", len(computed.clips)) as advance:
+        write_store(
+            out,
+            header_of(recipe, meta),
+            computed.clips,
+            rejects=sorted(computed.rejects, key=_reject_order),
+            quality=computed.quality,
+            shard_bytes=recipe.shard_mb * 2**20,
+            card=dataset_card(recipe, scan, computed, songs_of(computed.clips), _networks(recipe)),
+            progress=lambda done, total: advance(1),
+        )
+
+
+def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict[str, Any]:
+    packages = {"numpy", "scipy", "h5py", "soundfile"}
+    decoders = {clip.signal.ffmpeg for clip in sources.clips if clip.signal and clip.signal.ffmpeg}
+    versions = {"libsndfile": libsndfile_version(), **({"ffmpeg": max(decoders)} if decoders else {})}
+    packages.update(name for job in recipe.audio for name in job.feature.packages)
+    return {
+        "name": recipe.name,
+        "recipe": recipe.document,
+        "source": {
+            "reader": recipe.dataset.name,
+            "sha256": sources.sha256,
+            **({"split_rule": "official"} if recipe.dataset.official_split else {}),
+            "layout": sources.scan.layout,
+            "notes": [
+                *sources.scan.notes,
+                *recipe.notes({ref.split for ref in sources.scan.clips}),
+            ],
+            "clips": dict(left_out),
+            "content": sources.content,
+        },
+        "licence": recipe.dataset.licence,
+        "citation": recipe.dataset.citation,
+        "genre_ids": dict(sources.scan.genre_ids or recipe.dataset.genre_ids),
+        **({"encoders": networks} if (networks := _networks(recipe)) else {}),
+        "versions": {
+            "dancedata": __version__,
+            "arithmetic": expected(),
+            **versions,
+            **{name: package_version(name) for name in sorted(packages)},
+            **({"plugins": local} if (local := _local_plugins(recipe)) else {}),
+        },
+    }
+
+
+def _local_plugins(recipe: Recipe) -> dict[str, Any]:
+    """Return name and hash of the file of each local plug-in; the folder of a file does not matter."""
+    return {name: {"file": file.path.name, "sha256": file.sha256} for name, file in recipe.plugin_files.items()}
+
+
+def _networks(recipe: Recipe) -> dict[str, Any]:
+    """Return the statements of audio fields on their networks, by field."""
+    return {job.name: dict(about) for job in recipe.audio if (about := job.feature.about)}
+
+
+def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
+    """Raise StoreError with the differences if `out` was built from another recipe or source."""
+    store = open_store(out)
+    meta = store.info
+    old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
+    differences = [
+        f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
+        for key, a, b in document_differences(old, new)
+    ]
+    if recipe_hash(meta.get("recipe", {})) != recipe.sha256:
+        listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
+        raise StoreError("this folder holds a dataset built from a different recipe", where=out,
+                         found=f"these differences:\n{listed}\n",
+                         fix="choose another --out, or --overwrite to replace it")  # fmt: skip
+    if meta.get("source", {}).get("sha256") != source_sha256:
+        changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
+        listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"
+        raise StoreError(
+            "the dataset there was made from another source",
+            where=out,
+            found=f"these differences:\n{listed}\n",
+            fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
+        )
+
+
+def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
+    return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file

@@ -1,0 +1,57 @@
+"""The clips of a recipe and a source: what builds, plans and checks ask of `building`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from dancedata.building.groups import Groups, groups_of
+from dancedata.building.recipe import parts_of
+from dancedata.building.rhythm import with_found_starts
+from dancedata.building.source import takes_of
+from dancedata.building.sources import Sources, identify, scan_source
+from dancedata.building.spine import Parts, build_clips
+from dancedata.building.stored import Clips
+from dancedata.core.clip import Scan
+from dancedata.core.errors import UsageError
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
+from dancedata.recipes.recipe import Recipe
+
+
+def scan_of(recipe: Recipe, source: Path) -> Scan:
+    """List the clips of a source, see `scan_source`."""
+    return scan_source(recipe.dataset, parts_of(recipe).fields, source)
+
+
+def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress, **inputs: Any) -> Sources:
+    """Identify the files of a source, see `identify`; find the offsets of music that it leaves to the build."""
+    scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
+    fields = parts_of(recipe).fields
+    return identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
+
+
+def compute_clips(
+    cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress, networks: bool = True
+) -> Clips:
+    """Compute all fields and segments, or all but those of networks; the rejects include those of the sources."""
+    parts = parts_of(recipe)
+    groups = source_groups(recipe, parts, sources.scan)
+    takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
+    computed = [field for field in parts.fields if networks or not field.lane]
+    clips, rejects, quality = build_clips(cache, takes, parts, groups, computed, jobs=jobs, progress=progress)
+    return Clips(clips, [*sources.rejects, *unusable, *rejects], quality)
+
+
+def source_groups(recipe: Recipe, parts: Parts, scan: Scan) -> Groups:
+    """Return the groups of a source; UsageError if a part of the recipe cannot be of groups."""
+    groups = groups_of(scan.clips, recipe.incomplete_groups == "keep")
+    reasons = {f"the transform {step.name}": step.not_for_groups for step in parts.transforms}
+    reasons |= {f"the field {field.name}": field.not_for_groups(parts.fields) for field in parts.fields}
+    for part, reason in reasons.items():
+        if groups.sizes and reason:
+            raise UsageError(f"groups cannot have {part}: {reason}",
+                             found=f"groups in the source of {recipe.dataset.name}",
+                             fix=f"leave out {part}, or choose another one")  # fmt: skip
+    return groups

@@ -1,0 +1,45 @@
+"""Shared parts of `align` and `quality`: the choice of a reader, and the written table."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from dancedata.building.commands import RecipeLike
+from dancedata.core.errors import UsageError
+from dancedata.files.atomic import write_text
+from dancedata.recipes.parse import Overrides
+
+
+def require_new_csv(file: Path | None) -> None:
+    """Raise UsageError for a file that exists or is not a .csv file; None: nothing is written."""
+    if file is not None and (file.suffix.lower() != ".csv" or file.exists()):
+        problem = "the file exists already" if file.exists() else "not a .csv file"
+        raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another --out")
+
+
+def require_one_reader(recipe: RecipeLike | None, dataset: str | None, overrides: Overrides) -> None:
+    """Raise UsageError if both a recipe and a dataset choose the reader of a folder, or overrides have no recipe."""
+    if recipe is not None and dataset is not None:
+        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
+    if overrides and recipe is None:
+        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
+
+
+def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
+    return text.getvalue()
+
+
+def write_csv(file: Path, text: str) -> None:
+    """Write the table; UsageError if the file cannot be written."""
+    try:
+        write_text(file, text)
+    except OSError as error:
+        raise UsageError(
+            "the file cannot be written", where=file, found=str(error), fix="choose another --out"
+        ) from error

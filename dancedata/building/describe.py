@@ -1,0 +1,350 @@
+"""Text and JSON about built datasets: the summary of a build, its card, the output of `info` and `check`."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dancedata.building.left_out import NOTED, describe_implausible, left_out_lines
+from dancedata.core.clip import Reject
+from dancedata.core.hashing import recipe_hash
+from dancedata.core.licence import Licence
+from dancedata.core.quality import OF_CLIPS, REPAIRED
+from dancedata.core.text import counted, shown, size_text, table
+from dancedata.remote import path_text
+from dancedata.store import Problem, Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.free_columns import free_columns
+from dancedata.store.licence import clips_by_terms, terms_text
+from dancedata.store.schema import sort_splits
+
+if TYPE_CHECKING:  # `info` needs neither stages nor recipes
+    from dancedata.building.stored import Clips
+    from dancedata.core.clip import Scan
+    from dancedata.recipes.recipe import Recipe
+
+#: Notes of one kind that `check` prints.
+_NAMED = 3
+#: Columns of the table of clips that come first; the others follow in the order of CLIP_COLUMNS.
+_FIRST_COLUMNS = ("clip", "split", "music", "frames", "windows")
+#: Most characters that are shown of a sentence or list from a dataset.
+_NOTE = 2000
+#: The end of a window's music: slices differ where the music ends within the last frame of a window.
+_MUSIC_OF_WINDOWS = "a frame is an instant: a window has music up to its last frame, not up to the next one after it"
+_MUSIC_OF_SLICES = "clips are slices: each has music for its whole length, in samples, as EDGE counts"
+_FIRST_LOOK = """## How to read it
+
+```python
+import dancedata
+
+ds = dancedata.open("PATH OF THIS FOLDER")
+window = ds.windows("{split}")[0]
+ds.read(window, "{field}").shape
+```
+
+It is plain HDF5: any tool that reads HDF5 reads it.
+"""
+
+
+def windows_text(length: int, stride: int) -> str:
+    """Return the length and stride of windows, in frames, as text."""
+    return f"windows of {length} frames every {stride}"
+
+
+def rate_text(fps: str, windows: str) -> str:
+    """Return the line on frame rate and windows that `plan` and `info` print."""
+    return f"  {shown(fps)} frames per second, {windows}"
+
+
+# After a build
+
+
+def describe_built(path: Path) -> str:
+    """Return the text that `build` prints of the dataset that it made."""
+    with open_store(path) as store:
+        windows = store.info["windows"]
+        fields = (f"{name} ({counted(columns.width, 'column')})" for name, columns in store.fields.items())
+        name = shown(store.info.get("name", path.name))
+        lines = [
+            f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
+            *_splits(store.info["splits"]),
+            f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
+            *_left_out(store, details=False),
+            *describe_implausible(store.quality),
+            *_repaired(store.quality),
+            *_flagged([flag for flag in store.quality if flag["kind"] not in (*OF_CLIPS, *REPAIRED)]),
+        ]
+    return "\n".join([*lines, _next_steps(path)])
+
+
+def describe_unchanged(path: Path) -> str:
+    """Return the two lines that `build` prints if the dataset was there already."""
+    with open_store(path) as store:
+        size = _size(store)
+    done = f"nothing to do: {shown(path)} is this dataset already, from the same recipe and source ({size})"
+    return f"{done}\n{_next_steps(path)}"
+
+
+def _next_steps(path: Path) -> str:
+    folder = shlex.quote(shown(path))
+    return f"next: dancedata view {folder}; dancedata check {folder}; details: dancedata info {folder}"
+
+
+def _size(store: Store) -> str:
+    counts = store.info["splits"].values()
+    return ", ".join(counted(sum(n[f"{noun}s"] for n in counts), noun) for noun in ("clip", "window"))
+
+
+def _splits(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    grouped = ["groups"] if any("groups" in n for n in counts.values()) else []
+    return table(
+        ["split", "clips", *grouped, "windows", "songs", "minutes"],
+        [
+            [split, n["clips"], *(n.get("groups", 0) for _ in grouped), n["windows"], n["songs"],
+             f"{round(n['hours'] * 60, 6):.1f}"]
+            for split, n in counts.items()
+        ],
+    )  # fmt: skip
+
+
+def reasons(store: Store) -> dict[str, int]:
+    """Return how many were left out for each reason."""
+    return dict(sorted(Counter(row["reason"] for row in store.rejects).items()))
+
+
+def _bytes(store: Store) -> int:
+    return sum(int(shard["size"]) for shard in store.info["shards"])
+
+
+def _left_out(store: Store, *, details: bool) -> list[str]:
+    lines = left_out_lines([Reject.from_json(row) for row in store.rejects], details=details)
+    return (
+        ["  left out (rejects.jsonl):", *(f"    {line}" for line in lines)] if lines else ["  nothing was left out"]
+    )
+
+
+def _flagged(flags: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Count the clips that have flags of each kind."""
+    clips = {str(kind): len({str(flag["clip"]) for flag in rows}) for kind, rows in _grouped(flags, "kind").items()}
+    kinds = ", ".join(f"{kind} in {counted(n, 'clip')}" for kind, n in sorted(clips.items()))
+    return [f"  flagged, not repaired: {kinds}"] if kinds else []
+
+
+def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(row[key], []).append(row)
+    return groups
+
+
+# The card
+
+
+def dataset_card(
+    recipe: Recipe, scan: Scan, computed: Clips, songs: Mapping[str, str], networks: Mapping[str, Any]
+) -> str:
+    """Return the card's Markdown: content, source, terms, and what was left out.
+
+    `songs` are by clip, `networks` the statements of audio fields on their networks, by field.
+    """
+    splits = sort_splits({c.split for c in computed.clips})
+    notes = "\n".join(f"- {note}" for note in scan.notes)
+    counts = Counter(r.reason for r in computed.rejects)
+    reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
+    flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
+    changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
+    if changed:
+        flags = f"{len(computed.quality)} quality flags among the segments, {changed} of them of repaired frames."
+    parts = [
+        f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
+        _splits_table(recipe, computed, splits, songs),
+        _fields_list(recipe, networks),
+        _FIRST_LOOK.format(split=splits[0], field=recipe.motion[0].name),
+        f"## Source\n\nDataset `{recipe.dataset.name}`, layout {scan.layout}.\n\n{notes}\n\n"
+        f"Licence: {recipe.dataset.licence}\n\nCite: {recipe.dataset.citation}\n{_terms_list(computed)}",
+        "\n".join(["## Left out (rejects.jsonl)", "", *reasons, "", flags, ""]),
+    ]
+    return "\n".join(parts)
+
+
+def _terms_list(computed: Clips) -> str:
+    counts = Counter(c.terms for c in computed.clips if not c.source)
+    if set(counts) <= {None}:
+        return ""
+    terms = {k: counts[k] for k in sorted(counts, key=lambda k: (k is None, k or Licence("")))}
+    return "\nClips have terms of their own:\n\n" + "".join(f"- {line}\n" for line in terms_text(terms))
+
+
+def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
+    rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
+    for split in splits:
+        clips = [c for c in computed.clips if c.split == split]
+        minutes = float(recipe.grid.seconds(sum(c.n_frames for c in clips)) / 60)
+        n_songs = len({songs[c.id] for c in clips if c.id in songs})
+        rows.append(f"| {split} | {len(clips)} | {sum(len(c.starts) for c in clips)} | {n_songs} | {minutes:.1f} |")
+    windows = f"Windows of {recipe.windows.length_s:g} s every {recipe.windows.stride_s:g} s"
+    text = f"{windows} at {recipe.grid} frames per second."
+    return "\n".join(["## Splits", "", *rows, "", text, ""])
+
+
+def _fields_list(recipe: Recipe, networks: Mapping[str, Any]) -> str:
+    lines = ["## Fields", ""]
+    for field in recipe.motion:
+        rule = f", contacts by {field.contacts.name}" if field.contacts is not None else ""
+        lines.append(f"- `{field.name}`: {field.columns.width} columns, {field.representation.axes}{rule}")
+    for finder in recipe.keymotion:
+        lines.append(f"- `{finder.name}`: key motions, {', '.join(finder.columns.labels)}")
+    for job in recipe.audio:
+        about = networks.get(job.name, {})
+        origin = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
+        lines.append(f"- `{job.name}`: {job.columns.width} columns{origin}")
+    return "\n".join([*lines, ""])
+
+
+# info
+
+
+def store_json(path: Path) -> dict[str, Any]:
+    """Return the output of `info --json` for a built dataset."""
+    with open_store(path) as store:
+        return _store_json(store, path)
+
+
+def _store_json(store: Store, path: Path) -> dict[str, Any]:
+    keys = ("name", "fps", "windows", "splits", "licence", "citation")
+    heights = [c.height_m for c in store.clips if c.height_m is not None]
+    return {
+        "path": path_text(path),
+        **{key: store.info[key] for key in keys if key in store.info},
+        "rejects": reasons(store),
+        "quality_flags": len(store.quality),
+        "slices": store.has_slices,
+        "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
+        "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
+        "notes": list(store.info.get("source", {}).get("notes", [])),
+        "fields": {name: _field_json(store, name) for name in store.fields},
+        "bytes": _bytes(store),
+        "recipe_sha256": recipe_hash(store.info["recipe"]) if "recipe" in store.info else None,
+        "weights": store.weights,
+        **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
+        **(
+            {"licences": [{**(Licence("") if k is None else k).to_json(), "clips": n} for k, n in terms.items()]}
+            if (terms := clips_by_terms(store))
+            else {}
+        ),
+    }
+
+
+def _field_json(store: Store, name: str) -> dict[str, Any]:
+    field = store.field(name)
+    return {
+        "kind": field.kind,
+        "columns": field.columns.width,
+        "groups": list(field.columns.names),
+        "rate": str(field.rate),
+        "dtype": field.dtype,
+        **({"without": sum(name not in clip for clip in store.clips)} if field.optional else {}),
+        **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
+        "axes": field.axes or None,
+    }
+
+
+def describe_store(path: Path) -> str:
+    """Return the output of `info` for a built dataset."""
+    with open_store(path) as store:
+        info = _store_json(store, path)
+        left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
+        columns, terms = free_columns(store), terms_text(clips_by_terms(store))
+        quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
+        quality = [*_repaired(store.quality), *quality]
+    windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
+    lines = [
+        f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
+        rate_text(info["fps"], windows),
+        f"  {_MUSIC_OF_SLICES if info['slices'] else _MUSIC_OF_WINDOWS}",
+        *_splits(info["splits"]),
+    ]
+    for name, field in info["fields"].items():
+        groups = shown(", ".join(map(shown, field["groups"])), _NOTE)
+        axes = f"; {shown(field['axes'])}" if field["axes"] else ""
+        if book := field.get("codebook"):
+            sizes = " x ".join(map(str, book["sizes"]))
+            axes += f"; codes of {shown(book['name'], _NOTE)}, {shown(sizes, _NOTE)}, pad {book['pad']}"
+        axes += f"; optional, {counted(field['without'], 'clip')} without it" if "without" in field else ""
+        lines.append(
+            f"  {name}: {field['columns']} columns ({groups}), {field['rate']} per second, {field['dtype']}{axes}"
+        )
+    if info["source_rates"]:
+        rates = ", ".join(f"{rate} per second: {n}" for rate, n in info["source_rates"].items())
+        lines.append(f"  clips by their source's frame rate: {shown(rates, _NOTE)}")
+    if info["height_m"]:
+        low, high = info["height_m"]["min"], info["height_m"]["max"]
+        lines.append(f"  lowest to highest joint, +Y up, median of a clip: {low:.2f} to {high:.2f} m")
+    lines += [f"  {shown(str(column), _NOTE)}" for column in columns]
+    lines += [f"  source: {shown(note, _NOTE)}" for note in info["notes"]]
+    lines += [*left_out, *implausible, *quality]
+    lines.append(f"  licence: {shown(info.get('licence', 'unknown'), _NOTE)}")
+    lines += [f"  licence of {shown(line, _NOTE)}" for line in terms]
+    return "\n".join([*lines, *(f"  weights of {shown(name)}: {text}" for name, text in info["weights"].items())])
+
+
+def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not flags:
+        return ["  no quality flags"]
+    lines = ["  quality flags, not repaired:"]
+    for clip, of_clip in _grouped(flags, "clip").items():
+        worst = max(of_clip, key=lambda f: float(f.get("value", 0)))
+        frames = len({f.get("frame") for f in of_clip})
+        kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))
+        lines.append(
+            f"    {shown(clip)}: {len(of_clip)} in {frames} frame steps, the worst {kind} of {joint} "
+            f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
+        )
+    return lines
+
+
+def _repaired(flags: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a line for each kind of repair: in how many frames, or whole clips."""
+    lines = []
+    for kind in REPAIRED:
+        of_kind = [flag for flag in flags if flag.get("kind") == kind]
+        frames = len({(flag["clip"], flag["frame"]) for flag in of_kind if "frame" in flag})
+        clips = counted(len({flag["clip"] for flag in of_kind}), "clip")
+        where = f"{counted(frames, 'frame')} of {clips}" if frames else clips
+        lines += [f"  repaired: {kind.removeprefix('repaired_')} in {where}"] if of_kind else []
+    return lines
+
+
+def describe_clips(path: Path) -> str:
+    """Return a table of all clips."""
+    with open_store(path) as store:
+        rows = [
+            {column.heading: column.show(getattr(clip, column.name)) for column in CLIP_COLUMNS if column.heading}
+            | {"split": clip.split, "windows": len(store[clip.id].windows())}
+            for clip in store.clips
+        ]
+    head = list(dict.fromkeys([*_FIRST_COLUMNS, *(heading for row in rows[:1] for heading in row)]))
+    return "\n".join(table(head, [[row[heading] for heading in head] for row in rows]))
+
+
+# check
+
+
+def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
+    """Return the output of `check`: all errors; of notes with the same reason the first few, and a count."""
+    errors = [p for p in problems if p.severity == "error"]
+    lines = [str(p) for p in errors]
+    kinds: dict[str, list[Problem]] = {}
+    for problem in problems:
+        if problem.severity == "note":
+            reason = problem.message.split(":")[0]
+            kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
+    for kind, notes in kinds.items():
+        lines += [str(p) for p in notes[:_NAMED]]
+        if len(notes) > _NAMED:
+            lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
+    numbers = f"{counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"
+    return "\n".join([*lines, f"{shown(path_text(path))}: {numbers}"])

@@ -1,0 +1,128 @@
+"""dancedata build --part 3/16: a share of a build's units of work, for job arrays; a build afterwards collects."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from heapq import heappop, heappush
+from pathlib import Path
+from typing import Any
+
+from dancedata.building.build import workers_for
+from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.left_out import stop_if_implausible, stop_if_strict
+from dancedata.building.rhythm import with_found_starts
+from dancedata.building.sources import Sources
+from dancedata.building.stored import Clips
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import UsageError
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.execution.progress import Progress
+from dancedata.recipes.recipe import Recipe, resolve
+
+
+@dataclass(frozen=True)
+class Part:
+    """The `number`-th (from 1) of `count` parts."""
+
+    number: int
+    count: int
+
+    @classmethod
+    def parse(cls, text: str) -> Part:
+        """Read "3/16"; UsageError for anything else."""
+        match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text.strip())
+        if not match or not 1 <= int(match[1]) <= int(match[2]):
+            raise UsageError("a part is NUMBER/COUNT", found=repr(text), allowed="such as 1/16 to 16/16")
+        return cls(int(match[1]), int(match[2]))
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.count}"
+
+    def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
+        """Return the clips of this part, in the order of `clips`.
+
+        All clips of a song are in one part, so that no song is decoded in two, and all dancers of a group. Songs are
+        assigned by their number of clips, the largest first, each to the part that has the fewest clips. The result
+        depends on the clips alone.
+        """
+        songs: dict[str, list[ClipRef]] = defaultdict(list)
+        for ref in clips:
+            songs[str(ref.audio_path) if ref.audio_path is not None else f"\0{ref.group or ref.id}"].append(ref)
+        sizes = [(0, number) for number in range(1, self.count + 1)]
+        chosen: set[str] = set()
+        for of_song in sorted(songs.values(), key=lambda of_song: (-len(of_song), of_song[0].id)):
+            size, number = heappop(sizes)
+            heappush(sizes, (size + len(of_song), number))
+            if number == self.number:
+                chosen.update(ref.id for ref in of_song)
+        return tuple(ref for ref in clips if ref.id in chosen)
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """The result of a part: clips of the source, clips and songs of the part, and counts of clips left out."""
+
+    part: Part
+    clips_in_all: int
+    clips: int
+    songs: int
+    left_out: dict[str, int]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "part": str(self.part),
+            "clips": self.clips,
+            "clips_in_all": self.clips_in_all,
+            "songs": self.songs,
+            "left_out": self.left_out,
+        }
+
+    def __str__(self) -> str:
+        text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
+        return text + "".join(f"\n  will be left out: {reason}: {n}" for reason, n in self.left_out.items())
+
+
+def build_part(
+    recipe: Recipe,
+    source: Path,
+    part: Part,
+    *,
+    jobs: int = 1,
+    strict: bool = False,
+    cache: Path | None = None,
+    progress: Progress | None = None,
+) -> PartResult:
+    """Compute a part's units of work into the cache; other parameters and errors as of `building.commands.build`.
+
+    Parts may run at the same time, on any machines that share the cache and the source, in any order and more
+    than once. A build of the whole then finds the results in the cache, and computes only missing ones.
+    """
+    progress = progress or Progress(quiet=True)
+    source = source.absolute()
+    store_cache = Cache((cache or default_cache()).absolute())
+    # As in the build that collects: what depends on the machine is in the keys.
+    recipe = resolve(recipe, store_cache.file_sha256)
+    scanned = scan_of(recipe, source)
+    clips = part.of(scanned.clips)
+    with workers_for(recipe, source, store_cache, jobs) as workers:
+
+        def run(cache: Cache) -> tuple[Sources, Clips]:
+            # Of all clips: offsets are compared with those of other songs.
+            scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=progress)
+            ids = {clip.id for clip in clips}
+            share = replace(scan, clips=tuple(clip for clip in scan.clips if clip.id in ids), rejects=())
+            sources = sources_of(cache, recipe, share, jobs=workers, progress=progress)
+            stop_if_strict(strict, sources.rejects, scan)
+            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            stop_if_strict(strict, computed.rejects, scan)
+            stop_if_implausible(strict, computed.quality)
+            return sources, computed
+
+        sources, computed_part = with_lost_entries(store_cache, run, progress)
+    left_out = Counter(reject.reason for reject in computed_part.rejects)
+    songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
+    return PartResult(part, len(scanned.clips), len(clips), len(songs), dict(sorted(left_out.items())))

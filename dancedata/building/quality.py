@@ -1,0 +1,289 @@
+"""dancedata quality: the scores of faults in motions, in a folder to build from or in a built dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dancedata.building.check import scan_folder
+from dancedata.building.commands import RecipeLike, folder_of, jobs_of
+from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
+from dancedata.building.left_out import left_out_lines, relative_to
+from dancedata.building.rejects import attempt
+from dancedata.building.take import Scene, Scenes, Transform
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.text import counted, csv_cell, shown, table
+from dancedata.curation.scores import MEASURES, Score, score_motion
+from dancedata.curation.spans import Span
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
+from dancedata.recipes.parse import Overrides, load_recipe
+from dancedata.recipes.recipe import Recipe, resolve
+from dancedata.remote import local_folder
+from dancedata.store import Store, open_store
+from dancedata.store.schema import DATASET_FILE
+
+#: Multiples of the limits at which clips are counted.
+MULTIPLES = (0.5, 1.0, 2.0, 4.0)
+_CSV = ("clip", "score", "value", "unit", "limit", "above", "start_s", "end_s", "span_value", "joint")
+#: Clips and spans that the text shows.
+_CLIPS, _SPANS = 20, 3
+
+
+@dataclass(frozen=True)
+class ClipQuality:
+    """The scores of a clip, by name, and the rate of the frames of their spans."""
+
+    clip: str
+    rate: Fraction
+    scores: Mapping[str, Score]
+
+    def above(self, score: str, limit: float | None = None) -> bool:
+        """Whether a score is above a limit, by default its own."""
+        value = self.scores[score].value
+        return value is not None and value > (MEASURES[score].limit if limit is None else limit)
+
+    def seconds(self, span: Span) -> tuple[float, float]:
+        """Return start and end of a span, seconds."""
+        return float(span.start / self.rate), float(span.end / self.rate)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        scores = {}
+        for name, score in self.scores.items():
+            spans = [
+                {"start_s": round(a, 4), "end_s": round(b, 4), "value": span.value, "joint": span.joint}
+                for span in score.spans
+                for a, b in [self.seconds(span)]
+            ]
+            scores[name] = {"value": score.value, "above": self.above(name), "spans": spans}
+        return {"clip": self.clip, "rate": str(self.rate), "scores": scores}
+
+
+@dataclass(frozen=True)
+class Quality:
+    """The scores of motions.
+
+    `where`: Source, dataset, or "motion".
+    `clips`: A row for each clip.
+    `rejects`: Clips and files that could not be read.
+    `file`: The file that was written.
+    """
+
+    where: str
+    clips: tuple[ClipQuality, ...]
+    rejects: tuple[Reject, ...] = ()
+    file: Path | None = None
+
+    def losses(self, score: str, limits: Sequence[float]) -> list[int]:
+        """Return how many clips are above each limit."""
+        return [sum(clip.above(score, limit) for clip in self.clips) for limit in limits]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        measures = {
+            name: {
+                "what": m.what, "unit": m.unit, "limit": m.limit, "of": m.of, "source": m.source,
+                "losses": dict(zip(map(str, limits), self.losses(name, limits), strict=True)),
+            }
+            for name, m in MEASURES.items()
+            for limits in [_limits(name)]
+        }  # fmt: skip
+        return {
+            "where": self.where,
+            "scores": measures,
+            "clips": [clip.to_json() for clip in self.clips],
+            "rejects": [reject.to_json() for reject in self.rejects],
+            "file": None if self.file is None else str(self.file),
+        }
+
+    def to_csv(self) -> str:
+        """Return a table with a line for each score of a clip, and one for each of its spans."""
+        rows: list[list[object]] = []
+        for clip in self.clips:
+            for name, score in clip.scores.items():
+                value = "" if score.value is None else score.value
+                head = [csv_cell(clip.clip), name, value, MEASURES[name].unit, MEASURES[name].limit, clip.above(name)]
+                rows.append([*head, "", "", "", ""])
+                for span in score.spans:
+                    places = [f"{second:.4f}" for second in clip.seconds(span)]
+                    rows.append([*head, *places, span.value, csv_cell(span.joint)])
+        return csv_text(_CSV, rows)
+
+    def __str__(self) -> str:
+        head = ["score", "limit", "median", "worst", *(f"x {multiple:g}" for multiple in MULTIPLES), "seconds"]
+        faulty = [clip for clip in self.clips if any(map(clip.above, MEASURES))]
+        clips = counted(len(self.clips), "clip")
+        text = [f"{shown(self.where)}: {clips}, {len(faulty)} with a score above its limit"]
+        if self.clips:
+            text += table(head, [self._row(name) for name in MEASURES])
+            text.append("  x N: clips above N times the limit; seconds: spans above the limit")
+        for clip in faulty[:_CLIPS]:
+            text.append(f"  {shown(clip.clip)}:")
+            text += [f"    {line}" for name in MEASURES if clip.above(name) for line in [_sentence(clip, name)]]
+        rest = len(faulty) - _CLIPS
+        text += [f"  ... {counted(rest, 'more clip')} (all with --json, or --out FILE.csv)"] if rest > 0 else []
+        left_out = left_out_lines(self.rejects)
+        text += [line if line.startswith(" ") else f"  left out: {line}" for line in left_out]
+        return "\n".join([*text, *([f"written to {self.file}"] if self.file else [])])
+
+    def _row(self, name: str) -> list[object]:
+        measure = MEASURES[name]
+        values = [v for clip in self.clips if (v := clip.scores[name].value) is not None]
+        middle, worst = (f"{np.median(values):.3g}", f"{max(values):.3g}") if values else ("-", "-")
+        unit = "" if measure.unit == "1" else f" {measure.unit}"
+        seconds = sum(
+            end - start
+            for clip in self.clips
+            for start, end in (clip.seconds(span) for span in clip.scores[name].above(measure.limit))
+        )
+        of_clip = measure.of == "clip"
+        lost = ["" if limit is None else n for limit, n in zip(_columns(name), self._lost(name), strict=True)]
+        return [name, f"{measure.limit:g}{unit}", middle, worst, *lost, "" if of_clip else f"{seconds:.2f}"]
+
+    def _lost(self, name: str) -> list[int]:
+        return [0 if limit is None else self.losses(name, [limit])[0] for limit in _columns(name)]
+
+
+def _columns(name: str) -> list[float | None]:
+    """Return the limits of the columns of the text; a cosine's limit has no multiples."""
+    limit = MEASURES[name].limit
+    return [limit * m if MEASURES[name].unit != "1" or m == 1 else None for m in MULTIPLES]
+
+
+def _limits(name: str) -> list[float]:
+    return [round(limit, 6) for limit in _columns(name) if limit is not None]
+
+
+def _sentence(clip: ClipQuality, name: str) -> str:
+    measure, score = MEASURES[name], clip.scores[name]
+    unit = "" if measure.unit == "1" else f" {measure.unit}"
+    worst = sorted(score.above(measure.limit), key=lambda span: -span.value)
+    places = []
+    for span in worst[:_SPANS]:
+        start, end = clip.seconds(span)
+        joint = f" {span.joint}" if span.joint else ""
+        places.append(f"{start:.2f}-{end:.2f} s{joint}")
+    more = f", {len(worst) - _SPANS} more" if len(worst) > _SPANS else ""
+    at = f": {', '.join(places)}{more}" if places else ""
+    return f"{name} {score.value:.3g}{unit}, {measure.what}{at}"
+
+
+def quality(
+    what: Motion | Store | str | Path,
+    *,
+    dataset: str | None = None,
+    recipe: RecipeLike | None = None,
+    overrides: Overrides = (),
+    out: str | Path | None = None,
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = True,
+) -> Quality:
+    """Score the faults of motions, as ``dancedata quality`` does.
+
+    No file is changed. docs/quality.md has the scores, their limits, and what they find of planted faults.
+
+    Parameters
+    ----------
+    what
+        A motion; a built dataset, its folder or its address, of which copies are left out; or a folder to build from.
+    dataset
+        Reader of a folder to build from, such as "folder". Default: the first one that recognises it.
+    recipe, overrides
+        Read a folder to build from as this recipe does, repaired and retargeted.
+    out
+        New .csv file, with a line for each score of a clip and for each of its spans.
+    jobs, cache, progress
+        As in `build`.
+
+    Returns
+    -------
+    Quality
+        `clips` with their scores and spans, `losses`, `to_json()`, `to_csv()`; its text is the table.
+
+    Raises
+    ------
+    UsageError
+        For a file that exists, and a dataset without whole clips of motion.
+    SourceError
+        If the folder is neither a built dataset nor a source of a known one.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> from dancedata.synthetic import synthesise_motion
+    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
+    >>> dancedata.quality(motion).clips[0].scores["spikes"].value
+    0.0
+    """
+    file = folder_of(out)
+    require_new_csv(file)
+    require_one_reader(recipe, dataset, overrides)
+    reporter = Progress(quiet=not progress)
+    if isinstance(what, Motion):
+        result = Quality("motion", (ClipQuality("motion", what.grid.rate, score_motion(what)),))
+    elif isinstance(what, Store):
+        result = _of_store(what, reporter)
+    else:
+        path = local_folder(what)
+        if (path / DATASET_FILE).exists():
+            with open_store(path) as store:
+                result = _of_store(store, reporter)
+        else:
+            parsed = None if recipe is None else _parsed(recipe, overrides, cache)
+            result = _of_source(path, dataset, parsed, jobs_of(jobs), reporter)
+    if file is None:
+        return result
+    write_csv(file, result.to_csv())
+    return replace(result, file=file)
+
+
+def _parsed(recipe: RecipeLike, overrides: Overrides, cache: str | Path | None) -> Recipe:
+    held = Cache((folder_of(cache) or default_cache()).absolute())
+    return resolve(load_recipe(recipe, overrides), held.file_sha256)
+
+
+def _of_store(store: Store, progress: Progress) -> Quality:
+    clips, rows = [clip for clip in store.clips if not clip.source], []
+    with progress.stage("scoring clips", len(clips)) as advance:
+        for clip in clips:
+            motion = clip.motion()
+            rows.append(ClipQuality(clip.id, motion.grid.rate, score_motion(motion)))
+            advance(1)
+    return Quality(str(store.path), tuple(rows))
+
+
+def _of_source(path: Path, dataset: str | None, recipe: Recipe | None, jobs: int, progress: Progress) -> Quality:
+    reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
+    if recipe is None and any(reject.reason == "missing_music" for reject in scan.rejects):
+        reader, scan = scan_folder(path, _without_music(reader))
+    steps = () if recipe is None else tuple(step for step in recipe.transforms if step.moves)
+    calls = [(reader, steps, ref) for ref in scan.clips]
+    scored = run_units(score_clip, calls, jobs=jobs, label="scoring motion", progress=progress)
+    rows = tuple(row for row in scored if not isinstance(row, Reject))
+    rejects = [*scan.rejects, *(row for row in scored if isinstance(row, Reject))]
+    return Quality(str(path), rows, tuple(relative_to(reject, path) for reject in rejects))
+
+
+def _without_music(reader: Dataset) -> Dataset:
+    """Return a reader that keeps clips without music, where it has such a key: faults are those of the motion."""
+    return replace(reader, music="optional") if getattr(reader, "music", None) == "required" else reader
+
+
+def score_clip(reader: Dataset, steps: Sequence[Transform], ref: ClipRef) -> ClipQuality | Reject:
+    """Load a clip, go through the transforms of a recipe, and score it."""
+
+    def load() -> Motion:
+        return Scenes(Scene((reader.load(ref),), (ref,), ((),))).after(steps).motions[0]
+
+    motion = attempt(load, ref.motion_path, ref.id)
+    return motion if isinstance(motion, Reject) else ClipQuality(ref.id, motion.grid.rate, score_motion(motion))

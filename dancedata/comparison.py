@@ -1,0 +1,360 @@
+"""Differences between two built datasets."""
+
+import json
+import math
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.building.source_record import SourceRecord, source_differences
+from dancedata.core.errors import UsageError
+from dancedata.core.segments import Segment
+from dancedata.core.text import counted, listed, shown
+from dancedata.recipes.documents import document_differences, shaping
+from dancedata.store import Store, open_store
+from dancedata.store.clip_columns import CLIP_COLUMNS
+from dancedata.store.clip_view import Clip
+
+Row = Mapping[str, Any]
+
+
+def is_same_number(a: Any, b: Any, atol: float | None) -> bool:
+    """Return whether two values are equal, floating-point numbers within the tolerance."""
+    if atol is not None and isinstance(a, float) and isinstance(b, float):
+        return abs(a - b) <= atol
+    return bool(a == b)
+
+
+def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tuple[list[Row], list[Row]]:
+    """Return the rows of each side without an equal row on the other side, in order.
+
+    Rows are equal if floating-point numbers are equal within the tolerance, and all other values exactly.
+    """
+    sides = _by_text(one), _by_text(two)
+    left: tuple[dict[int, Row], dict[int, Row]] = ({}, {})
+    for text in {**sides[0], **sides[1]}:
+        ours, theirs = (sorted(side.get(text, ()), key=lambda entry: entry[0]) for side in sides)
+        for a, b in _pairs(ours, theirs, atol):
+            if a is not None:
+                left[0][a[1]] = one[a[1]]
+            if b is not None:
+                left[1][b[1]] = two[b[1]]
+    return [left[0][k] for k in sorted(left[0])], [left[1][k] for k in sorted(left[1])]
+
+
+_Entry = tuple[tuple[float, ...], int]
+
+
+def _by_text(rows: Sequence[Row]) -> dict[str, list[_Entry]]:
+    """Return floating-point numbers and index of each row, by the rest of the row; equal rows count once."""
+    by_text: dict[str, dict[tuple[float, ...], int]] = defaultdict(dict)
+    for index, row in enumerate(rows):
+        numbers: list[float] = []
+        text = json.dumps(_without_floats(row, numbers), sort_keys=True)
+        by_text[text].setdefault(tuple(numbers), index)
+    return {text: list(entries.items()) for text, entries in by_text.items()}
+
+
+def _without_floats(value: Any, numbers: list[float]) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_floats(value[key], numbers) for key in sorted(value)}
+    if isinstance(value, list):
+        return [_without_floats(item, numbers) for item in value]
+    if isinstance(value, float):
+        numbers.append(value)
+        return "a number"
+    return value
+
+
+def _pairs(
+    ours: list[_Entry], theirs: list[_Entry], atol: float | None
+) -> Iterator[tuple[_Entry | None, _Entry | None]]:
+    """Yield entries without an equal one; both lists are sorted by their numbers."""
+    i = j = 0
+    while i < len(ours) and j < len(theirs):
+        a, b = ours[i], theirs[j]
+        if all(is_same_number(x, y, atol) for x, y in zip(a[0], b[0], strict=True)):
+            i, j = i + 1, j + 1
+        elif a[0] < b[0]:
+            yield a, None
+            i += 1
+        else:
+            yield None, b
+            j += 1
+    for a in ours[i:]:
+        yield a, None
+    for b in theirs[j:]:
+        yield None, b
+
+
+#: Most names, and characters of a message, in a line; JSON has all of them.
+_SHOWN, _MESSAGE = 5, 600
+#: Keys shown of those that differ below one key.
+_EXAMPLES = 2
+_ABOUT_STORE = ("format", "fps", "windows", "genre_ids", "licence", "citation")
+#: Hashes of sources and songs are compared as such.
+_ABOUT_CLIP = ("split", *(c.name for c in CLIP_COLUMNS if c.name not in ("id", "made_of", "song")), "columns")
+_NOTED = ("name", "versions")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One thing in which two datasets differ.
+
+    `kind`: recipe, source, store, fields, clips, windows, values, rejects, quality, segments; or note, for names and
+        versions, which do not change the data.
+    `message`: The difference, A first.
+    `names`: Clips or fields that differ.
+    """
+
+    kind: str
+    message: str
+    names: tuple[str, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "kind": self.kind,
+            "message": self.message,
+            "names": list(self.names),
+            "numbers": dict(self.numbers),
+        }
+
+    def __str__(self) -> str:
+        names = f": {listed(self.names, _SHOWN)}" if self.names else ""
+        return f"{self.kind}: {shown(self.message, _MESSAGE)}{names}"
+
+
+#: The key above the one that a difference names: "genre_ids" of "genre_ids.gBR: 0, null".
+_ABOVE = re.compile(r"([^\s:]+)\.([^\s:.]+): ")
+
+
+def folded(differences: Iterable[Difference]) -> list[str]:
+    """Return the lines of differences; those of keys below one key, and those of several fields, are one line."""
+    groups: dict[tuple[str, str], list[Difference]] = {}
+    for difference in differences:
+        above = _ABOVE.match(difference.message)
+        groups.setdefault((difference.kind, above[1] if above else difference.message), []).append(difference)
+    lines = []
+    for (kind, key), group in groups.items():
+        if len(group) == 1:
+            lines.append(str(group[0]))
+        elif key == group[0].message:
+            lines.append(str(Difference(kind, key, tuple(name for d in group for name in d.names))))
+        else:
+            examples = "; ".join(d.message.removeprefix(f"{key}.") for d in group[:_EXAMPLES])
+            more = ", ..." if len(group) > _EXAMPLES else ""
+            lines.append(f"{kind}: {counted(len(group), 'key')} of {key} differ: {shown(examples, _MESSAGE)}{more}")
+    return lines
+
+
+def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:
+    """Compare two built datasets.
+
+    Parameters
+    ----------
+    a, b
+        Folders that `build` wrote. Their content is compared, independent of the borders of shards; use `check` to
+        compare a dataset with its own dataset.json.
+    atol
+        Floating-point numbers that differ by no more than this are the same: values of fields, metadata of clips,
+        numbers of rejects and quality flags. Whole numbers, texts and counts are compared exactly. A note says how
+        much each field differs. None: everything is compared exactly.
+
+    Returns
+    -------
+    list of Difference
+        Empty if they are equal; only notes if names or versions differ and the data do not.
+
+    Raises
+    ------
+    StoreError
+        If one of them is not a finished dataset, or a copy of the other with other bytes.
+    UsageError
+        If `atol` is not a number >= 0.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [str(difference) for difference in dancedata.diff("data/aistpp", "data/the-same-again")]
+    []
+    """
+    if atol is not None and not (math.isfinite(atol) and atol >= 0):
+        raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
+    with open_store(a) as one, open_store(b) as two:
+        if one.info["self_sha256"] == two.info["self_sha256"]:
+            one.require_intact()
+            two.require_intact()
+            return []
+        differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
+        pairs = {c.id: c for c in two.clips}
+        common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
+        differences += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
+        differences += _rows("rejects", one.rejects, two.rejects, atol)
+        differences += _rows("quality", one.quality, two.quality, atol)
+        differences += _segments(one, two, common)
+        return differences + list(_notes(one, two))
+
+
+def _recipes(one: Store, two: Store) -> Iterator[Difference]:
+    recipes = shaping(one.info.get("recipe", {})), shaping(two.info.get("recipe", {}))
+    for key, old, new in document_differences(*recipes):
+        yield Difference("recipe", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+    sources = [str(store.info.get("source", {}).get("sha256")) for store in (one, two)]
+    if sources[0] != sources[1]:
+        hashes = [sha256[:12] for sha256 in sources]
+        yield Difference("source", f"built from other files, splits or metadata of clips: {hashes[0]}, {hashes[1]}")
+        records = SourceRecord.of_store(one), SourceRecord.of_store(two)
+        # The metadata of clips are compared separately.
+        for difference in source_differences(*records, "in A", "in B", about=False):
+            yield Difference("source", difference.message, difference.names)
+
+
+def _stores(one: Store, two: Store) -> Iterator[Difference]:
+    for key, old, new in document_differences(*_meta(one, two, _ABOUT_STORE)):
+        yield Difference("store", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+
+
+def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    return {key: one.info.get(key) for key in keys}, {key: two.info.get(key) for key in keys}
+
+
+def _fields(one: Store, two: Store) -> Iterator[Difference]:
+    yield from _one_sided("fields", "field", one.fields, two.fields)
+    for name in _common_fields(one, two, columns=False):
+        ours, theirs = one.field(name).to_json(), two.field(name).to_json()
+        for key, old, new in document_differences(ours, theirs):
+            texts = [json.dumps(value) for value in (old, new)]
+            values = f"{texts[0]}, {texts[1]}" if max(map(len, texts)) < 60 else "differ"
+            yield Difference("fields", f"{key} {values}", (name,))
+
+
+def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
+    """Return the fields of both; with `columns`, those whose values can be compared."""
+    names = [name for name in one.fields if name in two.fields]
+    if not columns:
+        return names
+    same = (one.fields[n].labels == two.fields[n].labels and one.field(n).rate == two.field(n).rate for n in names)
+    return [name for name, yes in zip(names, same, strict=True) if yes]
+
+
+def _clips(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: float | None) -> Iterator[Difference]:
+    yield from _one_sided("clips", "clip", (c.id for c in one.clips), (c.id for c in two.clips))
+    changed: dict[str, list[str]] = {}
+    example: dict[str, str] = {}
+    for ours, theirs in common:
+        for key in _ABOUT_CLIP:
+            old, new = getattr(ours, key), getattr(theirs, key)
+            if not is_same_number(old, new, atol):
+                changed.setdefault(key, []).append(ours.id)
+                example.setdefault(key, f"{old!r}, {new!r}")
+    for key, ids in changed.items():
+        yield Difference("clips", f"{key} of {counted(len(ids), 'clip')}, as {example[key]}", tuple(ids))
+
+
+def _segments(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]]) -> Iterator[Difference]:
+    """Compare words and events; quality flags are compared as such."""
+    if one.layers == two.layers == ():
+        return
+    ids = [ours.id for ours, theirs in common if _words(one, ours.id) != _words(two, theirs.id)]
+    if ids:
+        yield Difference("segments", f"segments of {counted(len(ids), 'clip')}", tuple(ids))
+
+
+def _words(store: Store, clip: str) -> list[Segment]:
+    return [segment for segment in store.segments(clip) if segment.layer.name != "quality"]
+
+
+def _windows(one: Store, two: Store) -> Iterator[Difference]:
+    starts = [_starts(store) for store in (one, two)]
+    ids = tuple(clip for clip in starts[0] if clip in starts[1] and starts[0][clip] != starts[1][clip])
+    if ids:
+        counts = [sum(len(s[clip]) for clip in ids) for s in starts]
+        yield Difference("windows", f"windows of {counted(len(ids), 'clip')}: {counts[0]}, {counts[1]}", ids)
+
+
+def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
+    windows = {clip.id: store[clip.id].windows() for clip in store.clips}
+    return {clip: {(w.start, w.length) for w in of_clip} for clip, of_clip in windows.items() if of_clip}
+
+
+def _values(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: float | None) -> Iterator[Difference]:
+    shards = [{s["sha256"] for s in store.info["shards"]} for store in (one, two)]
+    if shards[0] == shards[1] or one.fps != two.fps:
+        return
+    for name in _common_fields(one, two, columns=True):
+        gap = _gap(one, two, name, common)
+        if gap.other_shapes:
+            message = f"{name}: other numbers of rows in {counted(len(gap.other_shapes), 'clip')}"
+            yield Difference("values", message, tuple(gap.other_shapes))
+        if gap.clips:
+            within = atol is not None and gap.worst <= atol
+            message = f"{name}: other values in {len(gap.clips)} of {len(common)} clips"
+            message += f", by at most {gap.worst:.3g} ({gap.where})" + (f", within {atol:g}" if within else "")
+            yield Difference("note" if within else "values", message, tuple(gap.clips), {"max_abs": gap.worst})
+        elif atol is not None:
+            yield Difference("note", f"{name}: the same values", numbers={"max_abs": 0.0})
+
+
+@dataclass
+class _Gap:
+    """Differences of a field: clips with other numbers of rows, clips with other values, the largest gap."""
+
+    other_shapes: dict[str, None] = field(default_factory=dict)
+    clips: dict[str, None] = field(default_factory=dict)
+    worst: float = 0.0
+    where: str = ""
+
+
+def _gap(one: Store, two: Store, name: str, common: Sequence[tuple[Clip, Clip]]) -> _Gap:
+    largest = _Gap()
+    for clip, same in common:
+        rows = _clip_rows(one, clip, name), _clip_rows(two, same, name)
+        if rows[0].shape != rows[1].shape:
+            largest.other_shapes[clip.id] = None
+        elif not np.array_equal(*rows):
+            largest.clips[clip.id] = None
+            gap = np.abs(rows[0].astype(np.float64) - rows[1])
+            if gap.max() > largest.worst:
+                largest.worst = float(gap.max())
+                row, column = np.unravel_index(int(gap.argmax()), gap.shape)
+                largest.where = f"row {row} of {clip.id}, column {one.fields[name].labels[column]}"
+    return largest
+
+
+def _clip_rows(store: Store, clip: Clip, name: str) -> npt.NDArray[Any]:
+    """Return the rows of a field within a clip; none where the clip does not have it."""
+    if name in clip:
+        return store[clip.id].rows_within(name)[1]
+    return np.empty((0, store.fields[name].width))
+
+
+def _rows(
+    kind: str, one: Sequence[Mapping[str, Any]], two: Sequence[Mapping[str, Any]], atol: float | None
+) -> Iterator[Difference]:
+    """Compare the lines of rejects.jsonl or quality.jsonl."""
+    for side, only in zip(("A", "B"), unmatched(one, two, atol), strict=True):
+        if only:
+            names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))
+            yield Difference(kind, f"{counted(len(only), 'line')} only in {side}", names)
+
+
+def _notes(one: Store, two: Store) -> Iterator[Difference]:
+    for key, old, new in document_differences(*_meta(one, two, _NOTED)):
+        yield Difference("note", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
+
+
+def _one_sided(kind: str, what: str, one: Iterable[str], two: Iterable[str]) -> Iterator[Difference]:
+    names = [list(one), list(two)]
+    for k, side in enumerate(("A", "B")):
+        other = set(names[1 - k])
+        only = tuple(name for name in names[k] if name not in other)
+        if only:
+            yield Difference(kind, f"{counted(len(only), what)} only in {side}", only)

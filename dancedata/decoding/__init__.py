@@ -1,0 +1,1 @@
+"""Columns of samples, arrays and files back to motions."""

@@ -1,0 +1,287 @@
+"""decode_file: the output of a trainer, of single dancers or of groups, as motion files."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy.typing as npt
+
+from dancedata.core.clip import member_id
+from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import Number
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Representation
+from dancedata.core.text import listed, shown
+from dancedata.datasets.files import MOTION_SUFFIXES, named_files
+from dancedata.decoding.decode import Decoder, Like, ScalerLike
+from dancedata.files import atomic
+from dancedata.formats.arrays import Array, ArrayFile
+from dancedata.formats.body_mesh import BodyMesh, obj_text
+from dancedata.formats.gltf import motion_glb
+from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.formats.values import open_arrays
+
+_log = logging.getLogger(__name__)
+
+#: Entries of a group's file: which of its dancers there are, and where they are.
+PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
+#: Names of the formats; obj needs a body model, and has a file for each frame.
+FORMATS = (*MOTION_FILES, "obj")
+_SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
+
+
+def decode_file(
+    path: str | Path | Sequence[str | Path],
+    representation: str | None = None,
+    *,
+    to: Literal["bvh", "npz", "smpl", "smplx", "glb", "obj"],
+    out: str | Path,
+    like: Like = None,
+    fps: Number | None = None,
+    key: str | None = None,
+    overwrite: bool = False,
+    normalized: bool | None = None,
+    scaler: ScalerLike = None,
+    clip: bool = False,
+    body_model: str | Path | None = None,
+    betas: npt.ArrayLike | None = None,
+    frames: str | None = None,
+    **parameters: Any,
+) -> list[Path]:
+    """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
+
+    Parameters
+    ----------
+    path
+        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
+        entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
+        rate. A group (P, T, D), by its entry ``person_mask`` (P,) or ``root_place`` (P, T, 6), and a batch of groups
+        (B, P, T, D) are decoded as in `dancedata.decode_group`. A folder of such files, a pattern such as
+        ``gen/*.npy``, and several of these are decoded file by file.
+    representation, like, normalized, scaler, clip, parameters
+        As in `decode`. Default of what `WindowDataset.save_samples` wrote: what it states.
+    to
+        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
+        and "smplx" on SMPL-X, both +Z up. "glb": glTF, an animated skeleton, with `body_model` its skinned mesh.
+        "obj": a mesh for each frame, with pose correctives.
+    out
+        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch; <name>_p0.bvh and so on for the
+        dancers of a group who are there, <name>_000_p0.bvh in a batch. Meshes: <name>/<name>_000000.obj and so on.
+    fps
+        Frames per second. Default: those of `like` or of the file, or of the representation.
+    key
+        Name of the array, where the file has several. Default: the only one with the representation's columns.
+    overwrite
+        Overwrite existing files.
+    body_model
+        File of SMPL, SMPL-H or SMPL-X, whose mesh is written; required for "obj". The motion is put onto its bones.
+    betas
+        (n,) shape of the body; default: the model's mean.
+    frames
+        Frames of "obj", from 0: one, or begin:end or begin:end:step as slices of Python. Default: all.
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of the batch.
+
+    Raises
+    ------
+    UsageError
+        As `decode`; for an unknown format or array, an unknown rate, and existing files.
+    DataError
+        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
+    StoreError
+        If the files cannot be written; then none is left.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
+    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
+    """
+    out = Path(out).expanduser()
+    if to not in FORMATS:
+        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
+    given = [path] if isinstance(path, str | Path) else list(path)
+    paths = named_files([Path(p).expanduser() for p in given], _SUFFIXES)
+    if len(paths) > 1:
+        stems = [p.stem for p in paths]
+        if twice := sorted({stem for stem in stems if stems.count(stem) > 1}):
+            raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
+        written: list[Path] = []
+        for one in paths:
+            written += decode_file(
+                one, representation, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+                normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas, frames=frames,
+                **parameters,
+            )  # fmt: skip
+        return written
+    (path,) = paths
+    from dancedata.datasets.folder import stated_grid
+    from dancedata.store.saved_samples import saved_samples
+    from dancedata.store.scaling import stated_in
+
+    if (saved := saved_samples(path)) is not None:
+        like, scaler = saved.dataset if like is None else like, saved.scaler if scaler is None else scaler
+        representation = representation or saved.field
+    if representation is None:
+        raise UsageError("nothing states what these columns are", where=path, fix="name it: --as edge151")
+    mesh = _mesh(to, body_model, betas, frames)
+    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
+    with open_arrays(path) as arrays:
+        array = arrays.read(_key(arrays, decoder.representation, key))
+        mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
+        decoder = replace(decoder, file=stated_in(arrays), grid=stated_grid(arrays))
+    if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
+        raise UsageError("the frame rate of these columns is unknown", where=path,
+                         fix="give it with --fps, or name the dataset that the trainer read with --like")  # fmt: skip
+    try:
+        motions = _motions(decoder, array, mask, place)
+    except DanceDataError as error:
+        error.where = f"{path}, {error.where}" if error.where else path
+        raise
+    if mesh is not None:
+        for sentence in dict.fromkeys(filter(None, map(mesh.lost, motions.values()))):
+            _log.warning(sentence)
+    files = {
+        out / name: data
+        for end, motion in motions.items()
+        for name, data in _files(f"{path.stem}{end}", motion, to, mesh, frames).items()
+    }
+    if any(file.exists() and file.samefile(path) for file in files):
+        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
+    return _written(files, overwrite)
+
+
+def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, frames: str | None) -> BodyMesh | None:
+    """Return the body model; UsageError for options that do not go with the format."""
+    if frames is not None and to != "obj":
+        raise UsageError("frames are chosen for --to obj only", found=f"--frames {frames} with --to {to}")
+    if body_model is None:
+        if to == "obj":
+            fix = "name it with --body-model, or write the skeleton alone with --to glb"
+            raise UsageError("obj files need a body model", allowed="a file of SMPL, SMPL-H or SMPL-X", fix=fix)
+        if betas is not None:
+            raise UsageError("betas are the shape of a body model", fix="name it with --body-model")
+        return None
+    if to not in ("glb", "obj"):
+        raise UsageError("a body model goes with the formats glb and obj", found=f"--body-model with --to {to}")
+    return BodyMesh.read(body_model, betas)
+
+
+def _files(
+    name: str, motion: Motion, to: str, mesh: BodyMesh | None, frames: str | None
+) -> dict[str, Callable[[], bytes]]:
+    """Return the files of a motion by name; meshes are made one at a time."""
+    if mesh is None:
+        return {f"{name}{MOTION_FILES[to][0]}": partial(bytes, motion_file(motion, to))}
+    if to == "glb":
+        return {f"{name}.glb": partial(bytes, motion_glb(motion, mesh))}
+    posed = mesh.on(motion)
+    return {f"{name}/{name}_{k:06d}.obj": partial(_obj, posed, mesh, k) for k in _chosen(frames, motion.n_frames)}
+
+
+def _obj(motion: Motion, mesh: BodyMesh, frame: int) -> bytes:
+    return obj_text(next(mesh.posed(motion.part(frame, frame + 1))), mesh.faces).encode()
+
+
+def _chosen(frames: str | None, n_frames: int) -> range:
+    """Return the frames that a text such as "12" or "0:300:10" names."""
+    whole = range(n_frames)
+    if frames is None:
+        return whole
+    chosen = range(0)
+    if re.fullmatch(r"\d{1,9}|\d{0,9}:\d{0,9}(:[1-9]\d{0,8})?", frames):
+        begin, *rest = [int(part) if part else None for part in frames.split(":")]
+        chosen = whole[slice(begin, *rest)] if rest else whole[begin:][:1] if begin in whole else chosen
+    if not chosen:
+        raise UsageError(
+            "no such frames", found=shown(frames), where=f"a motion of {n_frames} frames",
+            allowed=f"0 to {n_frames - 1}, or BEGIN:END or BEGIN:END:STEP, such as 0:{n_frames}:10",
+        )  # fmt: skip
+    return chosen
+
+
+def _motions(decoder: Decoder, array: Array, mask: Array | None, place: Array | None) -> dict[str, Motion]:
+    """Return the motions by the ends of their files' names: "", _000 in a batch, _p0 in a group, _000_p0 in both."""
+    if array.ndim < 4 and mask is None and place is None:
+        motions = decoder.motions(array)
+        return (
+            {"": motions} if isinstance(motions, Motion) else dict(zip(_numbers(len(motions)), motions, strict=True))
+        )
+    if array.ndim < 4:
+        return _members("", decoder.group(array, mask, place))
+    for name, beside in ((PERSON_MASK, mask), (ROOT_PLACE, place)):
+        if beside is not None and len(beside) != len(array):
+            raise UsageError(f"{name} is of another number of groups", found=len(beside), allowed=len(array))
+    dancers: dict[str, Motion] = {}
+    for number, name in enumerate(_numbers(len(array))):
+        one = [None if entry is None else entry[number] for entry in (array, mask, place)]
+        try:
+            dancers |= _members(name, decoder.group(*one))
+        except DanceDataError as error:
+            error.where = f"group {number} of the batch" + (f", {error.where}" if error.where else "")
+            raise
+    return dancers
+
+
+def _members(name: str, motions: list[Motion | None]) -> dict[str, Motion]:
+    return {member_id(name, p): motion for p, motion in enumerate(motions) if motion is not None}
+
+
+def _numbers(n: int) -> list[str]:
+    digits = max(3, len(str(n - 1)))
+    return [f"_{k:0{digits}}" for k in range(n)]
+
+
+def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
+    width = plugin.columns.width
+    if key is not None:
+        if key not in arrays.names:
+            raise UsageError(
+                f"the file has no array {key!r}", where=arrays.path, fix=did_you_mean(key, list(arrays.names))
+            )
+        return key
+    if len(arrays.names) == 1:
+        return arrays.names[0]
+    fitting = [name for name in arrays.names if _shape(arrays, name)[-1:] == (width,)]
+    if len(fitting) != 1:
+        raise UsageError(
+            f"{'several arrays have' if fitting else 'no array has'} {width} columns",
+            where=arrays.path,
+            found=arrays.listed,
+            fix="name the array with --key" if fitting else "name the representation that the file holds with --as",
+        )
+    return fitting[0]
+
+
+def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
+    try:
+        return arrays.shape(name)
+    except DanceDataError:
+        return ()  # not numbers
+
+
+def _written(files: Mapping[Path, Callable[[], bytes]], overwrite: bool) -> list[Path]:
+    existing = [path for path in files if path.exists()]
+    if existing and not overwrite:
+        raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
+    done: list[Path] = []
+    try:
+        for path, data in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic.write_bytes(path, data())
+            done.append(path)
+    except OSError as error:
+        for path in done:
+            if path not in existing:
+                path.unlink(missing_ok=True)
+        raise StoreError("the motion files cannot be written", where=path.parent, found=str(error)) from error
+    return done

@@ -1,1 +1,0 @@
-"""Build, plan, check, diff: the stages in their order. No other package has that order."""

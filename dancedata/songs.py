@@ -1,0 +1,354 @@
+"""Features of any music, exactly as in training."""
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.audio.signal import load_audio
+from dancedata.audio.silence import noted
+from dancedata.building.left_out import implausible_problems
+from dancedata.building.signals import window_samples
+from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
+from dancedata.core.grid import FrameGrid
+from dancedata.core.hashing import json_sha256
+from dancedata.core.plugins import AudioFeature
+from dancedata.core.quality import music_flags
+from dancedata.core.registry import FEATURES
+from dancedata.core.text import listed, shown
+from dancedata.datasets.files import AUDIO_SUFFIXES, named_files
+from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.units import as_in_builds
+from dancedata.files.atomic import atomic_file, write_json
+from dancedata.files.publish import new_folders
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.strict_json import read_json
+from dancedata.recipes.fields import FeatureJob
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.plugins import make_named
+from dancedata.recipes.recipe import Recipe
+from dancedata.store import Store, open_store
+from dancedata.store.schema import DATASET_FILE
+from dancedata.store.songs import music_hashes
+
+#: Largest .json of features: it lists the first frames of a day's windows.
+_MAX_ABOUT_BYTES = 1 << 26
+
+
+def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
+    """Return the features to compute: those of a built dataset or recipe, or defaults at 30 rows per second.
+
+    Without `feature`, all audio features of `like`, or librosa35.
+    """
+    if like is None:
+        plugin = make_named(FEATURES, "audio", feature or "librosa35", {})
+        return [FeatureJob(plugin.name, FrameGrid.of(30), plugin)]
+    recipe = _recipe_like(like)
+    names = [job.name for job in recipe.audio]
+    if not names:
+        raise UsageError(f"{like} has no audio features", fix="use another --like, or omit it")
+    if feature is not None and feature not in names:
+        raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
+    jobs = [job for job in recipe.audio if feature in (None, job.name)]
+    if of_files := [job.name for job in jobs if job.feature.from_files]:
+        computed = [job.name for job in recipe.audio if not job.feature.from_files]
+        raise UsageError(f"{listed(of_files)} of {like} comes from files and is not computed",
+                         fix=f"choose others with --feature: {listed(computed) or 'there are none'}")  # fmt: skip
+    return jobs
+
+
+def write_features(
+    songs: Sequence[Path],
+    out: Path,
+    jobs: Sequence[FeatureJob],
+    bpm: float | None,
+    weights: Path | Sequence[str | Path] = (),
+    *,
+    like: str | None = None,
+) -> list[dict[str, Any]]:
+    """Write OUT/<song>.<feature>.npy and a .json that describes it; return the content of the JSON files.
+
+    Songs are files, folders of them, and patterns such as ``songs/*.wav``.
+
+    (T, D); (W, L, D) for a dataset of slices, each window by itself as in training. An error leaves no file
+    behind; an interrupt leaves those of the songs that are done.
+
+    `bpm`: Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the
+        same name; without such a song it is estimated.
+    `weights`: Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
+    `like`: The dataset or recipe of the jobs, see `find_jobs`.
+    Raises UsageError: for songs, weights or a tempo that cannot be used, or if the dataset states several tempos of a
+        song.
+    """
+    if bpm is not None and not 0 < bpm < float("inf"):
+        fix = "without --bpm the tempo is estimated"
+        raise UsageError("not a valid tempo; nothing was computed", found=bpm, allowed="--bpm above 0", fix=fix)
+    songs = named_files(songs, AUDIO_SUFFIXES)
+    _check_songs(songs)
+    _check_names(songs, out, jobs)
+    # Only now: weights are ten gigabytes to hash.
+    dataset = None if like is None else _dataset_like(like)
+    folders = _weights_of([weights] if isinstance(weights, Path) else weights, jobs)
+    jobs = [replace(job, feature=_ready(job, folders.get(job.name), dataset)) for job in jobs]
+    _check_signals(songs, jobs)
+    written = []
+    try:
+        with _undone_if_it_fails(out) as new:
+            for song in songs:
+                signal = load_audio(song)
+                stated = (bpm, "--bpm") if bpm is not None else _stated_tempo(dataset, signal, song)
+                for job in jobs:
+                    path = _rows_file(out, song, job)
+                    new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
+                    compute = as_in_builds(job.feature.exact)
+                    computed = compute(_compute, job, signal, stated[0], song)
+                    with atomic_file(path) as temporary, open(temporary, "wb") as file:
+                        np.save(file, computed.rows)
+                    record = _about(job, song, signal, computed, stated, path)
+                    write_json(path.with_suffix(".json"), record)
+                    written.append(record)
+    except OSError as error:
+        raise StoreError("the features cannot be written", where=out, found=str(error)) from error
+    return written
+
+
+def _check_songs(songs: Sequence[Path]) -> None:
+    absent = [str(song) for song in songs if not song.is_file()]
+    if absent:
+        raise UsageError("the song does not exist; nothing was computed", where=listed(absent), fix="check the path")
+    names = [song.stem for song in songs]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
+
+
+def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -> None:
+    """Raise UsageError if a file would be replaced that this command did not write."""
+    paths = [_rows_file(out, song, job) for song in songs for job in jobs]
+    foreign = [path for path in paths if not _is_free(path)]
+    if foreign:
+        raise UsageError("refusing to overwrite files that dancedata did not write; nothing was computed", where=out,
+                         found=listed(path.name for path in foreign),
+                         allowed="no such files, or a .npy with the .json that was written with it",
+                         fix="choose another --out, or move them away")  # fmt: skip
+
+
+def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
+    return out / f"{song.stem}.{job.name}.npy"
+
+
+def _is_free(path: Path) -> bool:
+    """Return whether features may be written to a path: it is free, or has the features that its .json describes."""
+    record_path = path.with_suffix(".json")
+    if not os.path.lexists(record_path):
+        return not os.path.lexists(path)
+    try:
+        record = read_json(record_path, _MAX_ABOUT_BYTES)
+        if not isinstance(record, dict) or record.get("file") != path.name or "sha256" not in record:
+            return False
+        return not os.path.lexists(path) or sha256_file(path) == record["sha256"]
+    except (OSError, ValueError):
+        return False
+
+
+def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
+    """Raise the error of the first song that cannot be used, before the others are computed."""
+    if len(songs) > 1:  # for a single song, computing it raises the same error
+        for song in songs:
+            signal = load_audio(song)
+            for job in jobs:
+                if job.windows is not None:
+                    _windows(job, signal, song)
+
+
+@contextmanager
+def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
+    """Make the folder; on an error remove it again, and the files that the caller has added to the set."""
+    new: set[Path] = set()
+    with new_folders(out):
+        try:
+            yield new
+        except Exception:
+            for path in new:
+                path.unlink(missing_ok=True)
+            raise
+
+
+def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
+    """Return the folder of weights by feature; UsageError for weights that no feature takes."""
+    networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
+    takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
+    folders: dict[str, Path] = {}
+    for text in map(str, options):
+        name, named, folder = text.partition("=")
+        if not named or (name not in takers and Path(text).expanduser().exists()):
+            if len(takers) != 1:
+                problem = "several features take weights, and a folder alone does not name one"
+                allowed = listed(f"{taker}=FOLDER" for taker in takers) or None
+                problem = problem if takers else "no feature here takes weights"
+                raise UsageError(problem, found=f"--weights {text}", allowed=allowed)
+            name, folder = takers[0], text
+        if name not in takers:
+            raise UsageError(
+                f"no feature {name!r} here takes weights", found=f"--weights {text}", fix=did_you_mean(name, takers)
+            )
+        if name in folders:
+            raise UsageError(f"--weights names two folders for {name}", found=f"{folders[name]} and {folder}")
+        folders[name] = Path(folder).expanduser()
+    return folders
+
+
+def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
+    """Return a feature with its weights; a dataset records their hash, not their place."""
+    feature = job.feature
+    if weights is not None and isinstance(feature, NetworkFeature):
+        feature = feature.with_weights(weights)
+    try:
+        return feature.resolved(Cache(default_cache()).file_sha256)
+    except (UsageError, SourceError) as error:
+        model = None if dataset is None else dataset.weights.get(job.name)
+        if dataset is not None and model:
+            name = shown(job.name)
+            weights_fix = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
+            error.fix = f"{error.fix}. {weights_fix}" if error.fix else weights_fix
+        raise
+
+
+def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tuple[float | None, str]:
+    """Return a dataset's tempo of a song, in BPM, and the evidence: "samples" or "name".
+
+    None if the dataset states none: then training estimated it too.
+    """
+    if dataset is None:
+        return None, ""
+    hashes = music_hashes(dataset.clips)
+    clips = [clip for clip in dataset.clips if not clip.source]
+    same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
+    tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
+    if len(tempos) > 1:
+        raise UsageError("the dataset states several tempos of this song", where=song,
+                         found=listed(sorted("none" if tempo is None else f"{tempo:g} BPM" for tempo in tempos)),
+                         fix="set --bpm")  # fmt: skip
+    return next(iter(tempos), None), by
+
+
+@dataclass(frozen=True)
+class _Computed:
+    """Rows of a song, the windows' first rows, and the estimated tempo: one, or one per window."""
+
+    rows: Any
+    starts: list[int] | None = None
+    estimated_bpm: float | list[float] | None = None
+
+
+def _compute(job: FeatureJob, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
+    feature = job.feature
+    if job.windows is None:
+        estimated = feature.estimated_bpm(signal, job.grid) if bpm is None else None
+        start_bpm = bpm if estimated is None else estimated
+        return _Computed(feature.extract(signal, job.grid, start_bpm=start_bpm), estimated_bpm=estimated)
+    starts, length = _windows(job, signal, song)
+    rows = feature.extract_windows(signal, starts, length, job.grid, job.window_rows, start_bpm=bpm)
+    tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
+    frames = job.windows.grid
+    first_rows = [frames.rows(start, of=job.grid) for start in job.windows.starts(len(starts))]
+    return _Computed(rows, first_rows, tempos)
+
+
+def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
+    """Return first samples and length of a song's windows; UsageError if it has none."""
+    starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+    if not len(starts):
+        raise UsageError("the song is shorter than one window", where=song,
+                         found=f"{signal.n_samples / signal.sample_rate:.2f} s",
+                         allowed=f"at least {length / signal.sample_rate:g} s")  # fmt: skip
+    return starts, length
+
+
+def _about(
+    job: FeatureJob,
+    song: Path,
+    signal: AudioSignal,
+    computed: _Computed,
+    stated: tuple[float | None, str],
+    path: Path,
+) -> dict[str, Any]:
+    bpm, source = stated
+    tempo = computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None
+    return {
+        "song": song.name,
+        "file": path.name,
+        "sha256": sha256_file(path),
+        "feature": {job.name: job.document()},
+        "shape": list(computed.rows.shape),
+        "dtype": str(computed.rows.dtype),
+        "fps": str(job.grid),
+        "window_starts": computed.starts,
+        "start_bpm": bpm,
+        "tempo_bpm": tempo,
+        "tempo_estimated": computed.estimated_bpm is not None,
+        "tempo_from": None if tempo is None else "estimate" if bpm is None else source,
+        "signal_sha256": signal.sha256,
+        "music": [[kind, value] for kind, value in _noted(signal)],
+        "columns": list(job.feature.columns.labels),
+    }
+
+
+def _noted(signal: AudioSignal) -> list[tuple[str, float]]:
+    """Return what is to be said of a song: (kind of flag, value)."""
+    return noted(signal, Fraction(0), FrameGrid.of(signal.sample_rate).seconds(signal.n_samples))
+
+
+def describe_features(out: Path, record: Mapping[str, Any]) -> str:
+    """Return the lines that `features` prints of a song."""
+    rows = [{"clip": record["song"], **flag.to_json()} for flag in music_flags(record["music"])]
+    return "\n".join([_line(out, record), *(f"  note: {p.reason}: {p.detail}" for p in implausible_problems(rows))])
+
+
+def _line(out: Path, record: Mapping[str, Any]) -> str:
+    shape = " x ".join(str(n) for n in record["shape"])
+    rate = f"{record['fps']} rows per second"
+    text = f"{shown(out / record['file'])}: {shape} {record['dtype']}, {rate}"
+    tempo = record["tempo_bpm"]
+    if record["tempo_estimated"] and isinstance(tempo, list):
+        return f"{text}; tempo of each window estimated: {min(tempo):.5g} to {max(tempo):.5g} BPM"
+    if record["tempo_estimated"]:
+        return f"{text}; tempo estimated: {tempo:.5g} BPM (--bpm sets it)"
+    phrases = {
+        "samples": "as the dataset states for this song, known by its samples",
+        "name": "as the dataset states for a song of this name, whose samples are others (--bpm sets it)",
+    }
+    return (
+        f"{text}; tempo {tempo:g} BPM, {phrases[record['tempo_from']]}" if record["tempo_from"] in phrases else text
+    )
+
+
+def _dataset_like(like: str) -> Store | None:
+    """Open a dataset; return None for the name of a recipe."""
+    return open_store(like) if (Path(like) / DATASET_FILE).exists() else None
+
+
+def _recipe_like(like: str) -> Recipe:
+    folder = Path(like)
+    if not folder.is_dir():
+        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
+            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
+        return load_recipe(like)
+    if not (folder / DATASET_FILE).exists():
+        raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
+    meta = open_store(folder).info
+    document = json.loads(json.dumps(meta.get("recipe", {})))
+    recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
+    if json_sha256(recipe.document) != json_sha256(document):
+        raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)
+    return recipe

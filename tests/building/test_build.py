@@ -1,0 +1,249 @@
+"""Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
+
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import soundfile
+
+import dancedata
+from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.building import build as build_module
+from dancedata.building.describe import describe_store
+from dancedata.core.errors import DataError, SourceError, StoreError
+from dancedata.datasets.aistpp import AistPP
+from dancedata.files import publish
+from dancedata.files.locks import writing_lock
+from dancedata.store import verify_store
+from tests.messages import raises_message
+
+Hashes = Callable[[Path], dict[str, str]]
+TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
+FILES = {
+    "README.md", "dataset.json", "rejects.jsonl", "stats.json", "train-00000-of-00001.h5", "val-00000-of-00001.h5",
+    "test-00000-of-00001.h5", "tables.h5",
+}  # fmt: skip
+
+
+def count_calls(monkeypatch: pytest.MonkeyPatch, cls: type[Any], name: str) -> list[str]:
+    """Record the calls of a method."""
+    calls: list[str] = []
+    original = getattr(cls, name)
+
+    def counted(self: Any, *args: Any, **options: Any) -> Any:
+        calls.append(name)
+        return original(self, *args, **options)
+
+    monkeypatch.setattr(cls, name, counted)
+    return calls
+
+
+def break_clip(source: Path, clip: str = TRAIN) -> None:
+    """Leave half of a motion pickle."""
+    path = source / "motions" / f"{clip}.pkl"
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_built_dataset_is_whole_and_sound(built_in: dict[str, Path], scope: str):
+    assert {p.name for p in built_in[scope].iterdir()} == FILES
+    assert [p for p in verify_store(built_in[scope]) if p.severity == "error"] == []
+    with dancedata.open(built_in[scope]) as ds:
+        assert ds.splits == ("train", "val", "test")
+        window = ds.windows("train")[0]
+        assert ds.read(window, "edge151").shape == (150, 151)
+        assert ds.read(window, "librosa35").shape == (150, 35)
+
+
+def test_two_jobs_and_a_source_elsewhere_made_in_another_order_give_the_same_bytes(
+    run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Hashes
+):
+    elsewhere = tmp_path / "мои dänce 舞 files"
+    for path in sorted(corpus.rglob("*"), reverse=True):
+        if path.is_file():
+            target = elsewhere / path.relative_to(corpus)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, target)
+    run_build(elsewhere, out, jobs=2, cache=tmp_path / "cache")
+    assert hashes(out) == hashes(built)
+
+
+def test_the_second_time_nothing_is_done(run_build: Any, corpus: Path, built_copy: Path):
+    before = {p: (p.stat().st_mtime_ns, p.stat().st_ino) for p in built_copy.iterdir()}
+    assert run_build(corpus, built_copy).built is False
+    assert {p: (p.stat().st_mtime_ns, p.stat().st_ino) for p in built_copy.iterdir()} == before
+
+
+def test_another_recipe_is_refused_with_the_difference(
+    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes
+):
+    before = hashes(built_copy)
+    with raises_message(StoreError, "different", where="outs/out"):
+        run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
+    assert hashes(built_copy) == before
+
+
+def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, source: Path, out: Path):
+    """`tar xf` of another song of the same size and time: the file keeps its path, size, time of change and inode."""
+    run_build(source, out)
+    song = source / "wavs" / "mHO3.wav"
+    before, sound = song.stat(), song.read_bytes()
+    song.write_bytes(sound[:1000] + sound[:999:-1])
+    os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (song.stat().st_ino, song.stat().st_size) == (before.st_ino, before.st_size)
+    with raises_message(StoreError, "rebuild", where="outs/out"):
+        run_build(source, out)
+
+
+@pytest.mark.parametrize("through_a_link", [False, True])
+def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(
+    run_build: Any, corpus: Path, built_copy: Path, through_a_link: bool
+):
+    link = built_copy.parent.parent / "link"
+    link.symlink_to(built_copy)
+    assert run_build(corpus, link if through_a_link else built_copy, set=["windows.stride_s=1"], overwrite=True).built
+    assert link.is_symlink()
+    assert {p.name for p in built_copy.iterdir()} == FILES
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+    with dancedata.open(built_copy) as ds:
+        assert [w.start for w in ds.windows("val")] == [0, 30]
+
+
+def test_overwrite_that_fails_leaves_the_old_dataset(
+    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes, monkeypatch: pytest.MonkeyPatch
+):
+    def fail(folder: Path, *args: Any, **options: Any) -> None:
+        (folder / "stats.json").write_text("half")
+        raise StoreError("the disk is full")
+
+    before = hashes(built_copy)
+    monkeypatch.setattr(build_module, "write_store", fail)
+    with raises_message(StoreError, "full"):
+        run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
+    assert hashes(built_copy) == before
+    assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
+
+
+def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
+    out.parent.mkdir()
+    with writing_lock(out, "build"), raises_message(StoreError, "writing", where="outs/out"):
+        run_build(corpus, out)
+    assert not out.exists()
+    assert run_build(corpus, out).built
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_the_rest_of_a_killed_build_is_replaced(
+    run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes, overwrite: bool
+):
+    out.mkdir(parents=True)
+    if overwrite:
+        shutil.copytree(built, out, dirs_exist_ok=True)
+    unfinished = [out.parent / ".dancedata-out.new-0123abcd"] if overwrite else [out / publish.STAGING]
+    for folder in unfinished:
+        publish.claim(folder)
+        for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".dancedata-abc_1234.tmp"):
+            (folder / name).write_text("half")
+    if overwrite:
+        shutil.copytree(built, out.parent / ".dancedata-out.old-0123abcd")
+    run_build(corpus, out, overwrite=overwrite)
+    assert hashes(out) == hashes(built)
+    assert [p.name for p in out.parent.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
+def test_cached_units_are_not_computed_again(
+    run_build: Any, built: Path, source: Path, out: Path, monkeypatch: pytest.MonkeyPatch, scope: str, extract: str
+):
+    loads = count_calls(monkeypatch, AistPP, "load")
+    extracts = count_calls(monkeypatch, Librosa35, extract)
+    # Equal content in another folder, cut differently where windows do not affect the results.
+    stride = ["windows.stride_s=1"] if scope == "aist++" else []
+    run_build(source, out, scope, set=[*stride, "name=another"])
+    assert (loads, extracts) == ([], [])
+
+
+def test_another_parameter_of_the_audio_recomputes_no_motion(
+    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    loads = count_calls(monkeypatch, AistPP, "load")
+    extracts = count_calls(monkeypatch, Librosa35, "extract")
+    run_build(corpus, out, set=["audio.librosa35.tightness=1"])
+    assert loads == []
+    assert len(extracts) == 2
+    with dancedata.open(out) as new, dancedata.open(built) as old:
+        clip = new.clips[0].id
+        assert np.array_equal(new[clip].read("edge151"), old[clip].read("edge151"))
+        assert not np.array_equal(new[clip].read("librosa35"), old[clip].read("librosa35"))
+
+
+def test_another_contact_rule_recomputes_no_audio(
+    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    extracts = count_calls(monkeypatch, Librosa35, "extract")
+    run_build(corpus, out, set=["motion.edge151.contacts.velocity.max_speed_m_s=1"])
+    assert extracts == []
+    with dancedata.open(out) as new, dancedata.open(built) as old:
+        contacts = [ds[TRAIN].read("edge151")[:, :4] for ds in (new, old)]
+    assert (contacts[0] > contacts[1]).any()
+
+
+def test_a_damaged_entry_of_the_cache_is_made_again(
+    run_build: Any, corpus: Path, built: Path, cache: Path, out: Path, tmp_path: Path, hashes: Hashes
+):
+    damaged = shutil.copytree(cache, tmp_path / "cache")
+    paths = list(damaged.rglob("*.npy")) + list(damaged.rglob("*.json"))
+    assert len(paths) > 10
+    for path in paths:
+        os.truncate(path, path.stat().st_size // 2)
+    run_build(corpus, out, cache=damaged)
+    assert hashes(out) == hashes(built)
+
+
+def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
+    break_clip(source)
+    with raises_message(DataError, f"{source}/motions/{TRAIN}.pkl", reason="broken_file"):
+        run_build(source, out, strict=True)
+    assert not out.exists()
+
+
+def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: Any, source: Path, out: Path):
+    break_clip(source)
+    assert run_build(source, out).built
+    assert run_build(source, out).built is False
+    with pytest.raises(DataError, match="1 broken clip in a strict build"):
+        run_build(source, out, strict=True)
+
+
+@pytest.mark.parametrize(("recipe", "windows"), [("aist++", 3), ("aist++-edge-exact", 2)])
+def test_music_that_ends_within_the_last_frame_of_a_window(
+    run_build: Any, source: Path, out: Path, recipe: str, windows: int
+):
+    """A window needs music at its last instant, 5.967 s here; a slice for 6 s of samples, as EDGE's."""
+    for song in (source / "wavs").glob("*.wav"):
+        samples, rate = soundfile.read(song, dtype="int16")
+        soundfile.write(song, samples[: int(5.983 * rate)], rate)
+    run_build(source, out, recipe)
+    with dancedata.open(out) as ds:
+        assert {len(ds.windows(split)) for split in ds.splits if ds.windows(split)} <= {windows, 2 * windows}
+    assert ("as EDGE counts" in describe_store(out)) == (windows == 2)
+
+
+def test_two_clips_of_one_id_are_named_before_anything_is_computed(
+    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
+):
+    plain = AistPP.scan
+
+    def scan(self: AistPP, source: Path) -> Any:
+        found = plain(self, source)
+        first, second, *rest = found.clips
+        return replace(found, clips=(first, replace(second, id=first.id), *rest))
+
+    monkeypatch.setattr(AistPP, "scan", scan)
+    with raises_message(SourceError, "different"):
+        run_build(corpus, out)

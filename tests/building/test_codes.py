@@ -1,0 +1,386 @@
+"""Codes: from files into datasets, what reads them, and what is refused."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.audio.file import FileRows
+from dancedata.building.describe import describe_store
+from dancedata.building.plan import make_plan
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.codebook import Codebook
+from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.plugins import Dataset
+from dancedata.core.registry import DATASETS
+from dancedata.core.skeleton import SMPL24
+from dancedata.readers import (
+    BatchLoader,
+    ClipDataset,
+    Dancers,
+    EpochSampler,
+    GroupDataset,
+    Scale,
+    WindowDataset,
+    pad_clips,
+)
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.report import write_report
+from dancedata.store import Store, verify_store
+from tests.messages import raises_message
+
+#: Frames at 30 per second, and rows of codes at 7.5: the last two frames have none.
+N, ROWS, WIDTH, SIZES, FIRST = 182, 45, 3, (8, 8, 16), (4096, 4104, 4112)
+RECORDS = {"a": ("", -1), "g_p0": ("g", 0), "g_p1": ("g", 1)}
+
+
+@dataclass(frozen=True)
+class Coded(Dataset):
+    """A single dancer and a couple, without music."""
+
+    name: ClassVar[str] = "coded"
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = "none"
+    citation: ClassVar[str] = "none"
+
+    clips: tuple[str, ...] = tuple(RECORDS)
+
+    def scan(self, source: Path) -> Scan:
+        refs = []
+        for clip in self.clips:
+            group, member = RECORDS[clip]
+            refs.append(ClipRef(clip, source / "x.npz", None, "train", music="m", group=group, member=member))
+        return Scan("coded", tuple(refs))
+
+    def load(self, ref: ClipRef) -> Motion:
+        poses = np.cumsum(np.random.default_rng(0).normal(scale=0.01, size=(N, 24, 3)), axis=0)
+        place = [0.5 * ref.member, 0.9, 0.0]
+        return Motion(np.tile(place, (N, 1)), poses, FrameGrid.of(30), SMPL24)
+
+    def make_example(self, folder: Path) -> None:
+        folder.mkdir()
+
+
+def codes(clip: str, n: int = ROWS) -> np.ndarray:
+    """Random codes from 0 on, where 0 occurs, (n, 3)."""
+    rng = np.random.default_rng(sum(map(ord, clip)))
+    return np.stack([rng.integers(0, size, n) for size in SIZES], axis=1)
+
+
+def save(source: Path, clip: str, n: int = ROWS) -> Path:
+    """Write tokens as InfiniteDance does: flat, each level with numbers of its own."""
+    path = source / "tokens" / f"{clip}.npy"
+    np.save(path, (codes(clip, n) + FIRST).reshape(-1))
+    return path
+
+
+@pytest.fixture
+def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    DATASETS.names()
+    monkeypatch.setitem(DATASETS._classes, "coded", Coded)
+    folder = tmp_path / "source"
+    (folder / "tokens").mkdir(parents=True)
+    (folder / "x.npz").write_bytes(b"x")
+    for clip in RECORDS:
+        save(folder, clip)
+    return folder
+
+
+TOKENS = {
+    "path": "tokens/{clip}.npy", "rate": "15/2", "columns_per_row": WIDTH, "fps": "15/2", "dtype": "int16",
+    "begins": "clip", "of": "motion", "first_codes": list(FIRST),
+    "codebook": {"name": "vq", "sizes": list(SIZES), "sha256": "ab" * 32},
+}  # fmt: skip
+
+
+def document(changes: dict[str, Any], **keys: Any) -> dict[str, Any]:
+    return {
+        "recipe": 1, "name": "codes", "dataset": {"coded": {}}, "fps": 30, "motion": {"joints": {}},
+        "windows": {"length_s": 2, "stride_s": "4/3"}, "audio": {"file.tokens": {**TOKENS, **changes}},
+    } | keys  # fmt: skip
+
+
+@pytest.fixture
+def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
+    def run(changes: dict[str, Any] | None = None, **keys: Any) -> Store:
+        recipe, out = document(changes or {}, **keys), tmp_path / "out"
+        store = dancedata.build(recipe, source, out, jobs=1, cache=cache, progress=False, overwrite=True).open()
+        assert verify_store(out) == []
+        return store
+
+    return run
+
+
+#: The transforms of whole clips, and of slices.
+SCOPES: dict[str, list[Any]] = {"track": [], "window": [{"slices": {"length_s": 2, "stride_s": "4/3"}}]}
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_codes_of_motion(build: Callable[..., Store], source: Path, scope: str) -> None:
+    clips = {"clips": ["a"]} if scope == "window" else {}  # groups are stored whole
+    store = build(transforms=SCOPES[scope], dataset={"coded": clips})
+    field = store.field("file.tokens")
+    assert (field.kind, field.dtype, field.rate) == ("motion", "int16", Fraction(15, 2))
+    assert field.codebook == Codebook("vq", SIZES, "ab" * 32)
+    windows = [(store[window.clip], window) for window in store.windows("train")]
+    assert [c.slice_start + w.start for c, w in windows if c.original == "a"] == [0, 40, 80, 120]
+    for clip, window in windows:
+        first = (clip.slice_start + window.start) // 4
+        np.testing.assert_array_equal(store.read(window, field.name), codes(clip.original)[first : first + 15])
+    if scope == "track":
+        np.testing.assert_array_equal(store["g_p1"].read(field.name), codes("g_p1"))
+    sample = WindowDataset(store, fields=("joints", "file.tokens"))[1]
+    assert sample["file.tokens"].dtype.is_floating_point is False
+    np.testing.assert_array_equal(sample["file.tokens"], codes("a")[10:25])
+    assert "int16; codes of vq, 8 x 8 x 16, pad -1" in describe_store(store.path)
+
+
+def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: Path) -> None:
+    store = build()
+    stats = store.stats["fields"]["file.tokens"]
+    covered = np.concatenate([codes(clip) for clip in RECORDS])
+    counts = [np.bincount(covered[:, level], minlength=size).tolist() for level, size in enumerate(SIZES)]
+    assert stats == {
+        "n": 3 * ROWS, "min": covered.min(axis=0).tolist(), "max": covered.max(axis=0).tolist(), "counts": counts,
+    }  # fmt: skip
+    with raises_message(UsageError, "scale", where="out"):
+        store.scaler("file.tokens")
+    (tmp_path / "report").mkdir()
+    write_report(store.path, tmp_path / "report" / "page.html")
+    assert "file.tokens" in (tmp_path / "report" / "page.html").read_text(encoding="utf-8")
+
+
+def test_rows_without_a_code_are_not_counted(
+    source: Path, build: Callable[..., Store], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = np.full((ROWS, WIDTH), -1)
+    rows[:4, 1] = [FIRST[1] + 5, -1, FIRST[1] + 5, FIRST[1] + 2]
+    for clip in RECORDS:
+        np.save(source / "tokens" / f"{clip}.npy", rows)
+    stats = build().stats["fields"]["file.tokens"]
+    assert (stats["n"], stats["min"], stats["max"]) == (3 * ROWS, [-1, 2, -1], [-1, 5, -1])
+    assert [sum(level) for level in stats["counts"]] == [0, 9, 0]
+    assert stats["counts"][1] == [0, 0, 3, 0, 0, 6, 0, 0]
+    monkeypatch.setattr("dancedata.store.stats._MOST_COUNTS", sum(SIZES) - 1)
+    assert set(build().stats["fields"]["file.tokens"]) == {"n", "min", "max"}
+
+
+def test_bytes(source: Path, build: Callable[..., Store]) -> None:
+    rows = codes("a")
+    rows[7] = 255
+    np.save(source / "tokens" / "a.npy", rows.astype(np.uint16))
+    book = {"name": "vq", "sizes": list(SIZES), "pad": 255}
+    store = build({"dtype": "uint8", "first_codes": [], "codebook": book}, dataset={"coded": {"clips": ["a"]}})
+    read = store["a"].read("file.tokens")
+    assert read.dtype == np.uint8
+    np.testing.assert_array_equal(read, rows)
+
+
+def test_other_first_codes_are_other_rows(build: Callable[..., Store]) -> None:
+    """From one cache: the codebook is part of the key."""
+    book = {"codebook": {"name": "vq", "sizes": [size + 1 for size in SIZES]}}
+    np.testing.assert_array_equal(build(book)["a"].read("file.tokens"), codes("a"))
+    one_less = {**book, "first_codes": [first - 1 for first in FIRST]}
+    np.testing.assert_array_equal(build(one_less)["a"].read("file.tokens"), codes("a") + 1)
+
+
+def test_codes_at_the_nearest_row(build: Callable[..., Store]) -> None:
+    """Rates are changed by repeating codes, not by averaging them; of two the later."""
+    store = build({"fps": 30, "resample": "nearest"})
+    rows = store["a"].read("file.tokens")
+    nearest = np.minimum((np.arange(4 * ROWS) + 2) // 4, ROWS - 1)
+    np.testing.assert_array_equal(rows[: 4 * ROWS], codes("a")[nearest])
+    assert (rows[4 * ROWS :] == -1).all(), "two frames beyond the file"
+    assert len(rows) == N
+
+
+def test_files_that_end_before_the_clip(source: Path, build: Callable[..., Store]) -> None:
+    """Within the tolerance codes are filled up with the pad; windows there are left out, as for any file."""
+    save(source, "a", ROWS - 2)
+    store = build(
+        {"tolerance_s": "1/2"}, dataset={"coded": {"clips": ["a"]}}, windows={"length_s": 2, "stride_s": "2/15"}
+    )
+    rows = store["a"].read("file.tokens")
+    np.testing.assert_array_equal(rows, [*codes("a", ROWS - 2), *[[-1] * WIDTH] * 2])
+    assert store.windows("train")[-1].start + 60 == 4 * (ROWS - 2)
+    assert sum(row["reason"] == "no_audio" for row in store.rejects) == 2
+
+
+def test_windows_of_a_group_are_those_that_all_files_reach(source: Path, build: Callable[..., Store]) -> None:
+    save(source, "g_p1", ROWS - 2)
+    store = build({"tolerance_s": "1/2"}, windows={"length_s": 2, "stride_s": "2/15"})
+    starts = {clip: [w.start for w in store.windows("train") if w.clip == clip] for clip in RECORDS}
+    assert starts["g_p0"] == starts["g_p1"] == starts["a"][:-2]
+    lost = [(row["clip"], row["window"], row["reason"]) for row in store.rejects]
+    assert sorted(lost) == [(clip, start, "no_audio") for clip in ("g_p0", "g_p1") for start in starts["a"][-2:]]
+
+
+@pytest.mark.parametrize("scope", ["track", "window"])
+def test_a_plan_counts_what_a_build_stores(
+    source: Path, build: Callable[..., Store], cache: Path, scope: str
+) -> None:
+    save(source, "a", ROWS - 2)
+    keys = {"transforms": SCOPES[scope], "dataset": {"coded": {"clips": ["a"]}}}
+    changes = {"tolerance_s": "1/2"}
+    plan = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert plan.to_json()["fields"]["file.tokens"] == {"columns": 3, "dtype": "int16"}
+    store = build(changes, **keys)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train")) == 3
+    again = make_plan(load_recipe(document(changes, **keys)), source, cache=cache)
+    assert again.cached["file.tokens"].cached == 1
+
+
+@pytest.mark.parametrize("incomplete", ["set_aside", "keep"])
+def test_a_dancer_with_a_bad_file_is_not_stored(source: Path, build: Callable[..., Store], incomplete: str) -> None:
+    np.save(source / "tokens" / "g_p1.npy", np.full(3 * ROWS, 9999))
+    kept = ["a"] if incomplete == "set_aside" else ["a", "g_p0"]
+    assert [clip.id for clip in build(groups={"incomplete": incomplete}).clips] == kept
+    save(source, "g_p1", ROWS - 9)
+    store = build(groups={"incomplete": incomplete})
+    assert [clip.id for clip in store.clips] == kept
+    assert ("g_p1", "feature_length") in [(row.get("clip"), row["reason"]) for row in store.rejects]
+
+
+def test_real_rows_of_motion_last_as_long_as_it(source: Path, build: Callable[..., Store]) -> None:
+    real = {"dtype": "float32", "codebook": None, "first_codes": [], "rate": 30, "fps": 30}
+    for clip in RECORDS:
+        np.save(source / "tokens" / f"{clip}.npy", np.ones((N + (1 if clip == "a" else 0), WIDTH)))
+    assert build(real)["a"].read("file.tokens").shape == (N, WIDTH)
+    np.save(source / "tokens" / "a.npy", np.ones((N - 1, WIDTH)))
+    store = build(real)
+    assert [(row["clip"], row["reason"]) for row in store.rejects] == [("a", "feature_length")]
+
+
+def test_codes_of_music_are_shared(source: Path, build: Callable[..., Store]) -> None:
+    save(source, "m")
+    store = build({"of": "music", "path": "tokens/{music}.npy"})
+    assert store.field("file.tokens").kind == "audio"
+    sample = GroupDataset(store, fields=("joints", "file.tokens"), augment={"mirror": 1.0})
+    assert sample[0]["file.tokens"].shape == (15, WIDTH)
+    np.testing.assert_array_equal(sample[0]["file.tokens"], codes("m")[:15])
+
+
+def test_padding_is_the_pad(build: Callable[..., Store]) -> None:
+    store = build({"codebook": {"name": "vq", "sizes": list(SIZES), "pad": -7}})
+    fields = ("joints", "file.tokens")
+    groups = GroupDataset(store, fields=fields, dancers=Dancers(persons=4))
+    rows = groups[0]["file.tokens"]
+    np.testing.assert_array_equal(rows[:2], [codes("g_p0")[:15], codes("g_p1")[:15]])
+    assert (rows[2:] == -7).all()
+    loader = BatchLoader(groups, batch_size=2, sampler=EpochSampler(groups, seed=0))
+    for batch in loader:
+        assert (batch["file.tokens"][:, 2:] == -7).all()
+        assert (batch["file.tokens"][:, :2] >= 0).all()
+    masked = {"drop": {"fields": ["file.tokens"], "p": 1.0}}
+    assert (WindowDataset(store, fields=fields, augment=masked)[0]["file.tokens"] == -7).all()
+    assert (GroupDataset(store, fields=fields, augment=masked)[0]["file.tokens"] == -7).all()
+    clips = ClipDataset(store, fields=fields, augment=masked)
+    assert (clips[0]["file.tokens"] == -7).all()
+    whole = ClipDataset(store, fields=fields)
+    assert whole.blanks == {"joints": 0, "file.tokens": -7}
+    padded = pad_clips([whole[0]], length=200, value=whole.blanks)
+    assert (padded["file.tokens"][0, ROWS:] == -7).all()
+    assert (padded["joints"][0, N:] == 0).all()
+    with raises_message(UsageError, "filled"):
+        pad_clips([whole[0]])
+
+
+CHANGES: tuple[dict[str, Any], ...] = (
+    {"scale": Scale(fields=("file.tokens",))}, {"augment": {"mirror": 0.5}}, {"augment": ["yaw"]},
+    {"augment": ["noise"]}, {"augment": ["yaw", {"mirror": 0.5}]},
+)  # fmt: skip
+
+
+def test_codes_are_not_changed(build: Callable[..., Store]) -> None:
+    store = build()
+    for changes in CHANGES:
+        for reader in (WindowDataset, GroupDataset):
+            with raises_message(UsageError, "codes", where="out"):
+                reader(store, fields=("file.tokens",), **changes)
+
+
+@pytest.mark.parametrize("augment", [{"mirror": True}, {"tempo": {}}])
+def test_copies_need_codes_of_their_own(build: Callable[..., Store], augment: dict[str, Any]) -> None:
+    with raises_message(RecipeError, "copies", where="recipe"):
+        build(augment=augment)
+
+
+def test_windows_begin_at_rows_of_codes(build: Callable[..., Store]) -> None:
+    with raises_message(RecipeError, r"file\.tokens", where="recipe"):
+        build(windows={"length_s": 2, "stride_s": 0.5})
+
+
+BAD: dict[str, tuple[Any, str]] = {
+    "too large": (np.array([4096, 4104, 4128] * ROWS), "bad_code"),
+    "too small": (np.array([4095, 4104, 4112] * ROWS), "bad_code"),
+    "not whole rows": (np.array([4096, 4104, 4112] * ROWS + [4096]), "bad_shape"),
+    "width": (np.full((ROWS, 2), 4096), "bad_shape"),
+    "real": (np.full((ROWS, 3), 4096.0), "bad_dtype"),
+    "empty": (np.zeros(0, np.int64), "empty"),
+}
+
+
+def feature_of_tokens() -> FileRows:
+    keys = {key: value for key, value in TOKENS.items() if key not in ("fps", "codebook", "first_codes")}
+    return FileRows(**keys, codebook=Codebook("vq", SIZES), first_codes=FIRST)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_files(source: Path, case: str) -> None:
+    content, reason = BAD[case]
+    path, feature = source / "tokens" / "a.npy", feature_of_tokens()
+    np.save(path, content)
+    with raises_message(DataError, "codes|features|first_codes", reason=reason):
+        feature.rows(path, feature.placed(feature.length(path), Fraction(0), feature.grid))
+
+
+def test_padded_codes_stay(source: Path) -> None:
+    path = source / "tokens" / "a.npy"
+    np.save(path, np.array([4097, -1, 4112, -1, 4105, -1]))
+    feature = feature_of_tokens()
+    rows = feature.rows(path, feature.placed(2, Fraction(0), feature.grid))
+    np.testing.assert_array_equal(rows, [[1, -1, 0], [-1, 1, -1]])
+    np.save(path, np.array([4096.5] * 3))
+    with raises_message(DataError, "codes", where="source/tokens/a.npy", reason="bad_dtype"):
+        feature.length(path)
+
+
+BAD_KEYS: dict[str, dict[str, Any]] = {
+    "no codebook": {"codebook": None}, "real": {"dtype": "float32"}, "linear": {"resample": "linear"},
+    "levels": {"codebook": {"name": "vq", "sizes": [8, 8]}},
+    "no size": {"codebook": {"name": "vq", "sizes": [8, 8, 0]}},
+    "large": {"dtype": "uint8", "codebook": {"name": "vq", "sizes": [8, 8, 512], "pad": 255}},
+    "pad": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "pad": 3}},
+    "no name": {"codebook": {"name": "", "sizes": [8, 8, 16]}},
+    "hash": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "sha256": "x"}},
+    "unknown key": {"codebook": {"name": "vq", "sizes": [8, 8, 16], "size": 3}}, "first codes": {"first_codes": [1]},
+    "of": {"of": "dancer"}, "music's begin": {"begins": "music"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", BAD_KEYS)
+def test_wrong_keys(build: Callable[..., Store], case: str) -> None:
+    with raises_message(RecipeError, "problem", where="recipe"):
+        build(BAD_KEYS[case])
+
+
+def test_first_codes_are_of_codes() -> None:
+    with raises_message(UsageError, "first_codes"):
+        FileRows("{clip}.npy", 30, 2, first_codes=(1, 2))
+
+
+@pytest.mark.usefixtures("source")
+def test_codes_are_in_the_document_of_a_recipe() -> None:
+    plain = parse_recipe(document({}, audio={"file": {"path": "{clip}.npy", "rate": 30, "columns_per_row": 3}}))
+    assert plain.document["audio"]["file"]["codebook"] is None
+    assert parse_recipe(plain.document).sha256 == plain.sha256
+    coded = parse_recipe(document({}))
+    assert json.loads(json.dumps(coded.document))["audio"]["file.tokens"]["codebook"]["sizes"] == list(SIZES)

@@ -1,0 +1,120 @@
+"""dancedata.build, plan, check and diff do what the command line does, through the same functions."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+import dancedata
+from dancedata.building.describe import store_json
+from dancedata.core.errors import DanceDataError, RecipeError, UsageError
+from dancedata.core.resources import resource
+from dancedata.datasets.synthetic import Synthetic
+from dancedata.recipes.parse import load_recipe
+from tests.commands import run
+from tests.messages import raises_message
+
+#: Small, and the same in the three ways to say it.
+CHANGED = {"dataset.synthetic.songs": 2, "dataset.synthetic.clips_per_song": 2, "dataset.synthetic.clip_s": 6}
+SET = [f"{key}={value}" for key, value in CHANGED.items()]
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Any:
+    """A small demo, built from Python, with its source next to it."""
+    out = tmp_path_factory.mktemp("api") / "demo"
+    return dancedata.build("demo", out=out, overrides=CHANGED, jobs=1, cache=cache, progress=False)
+
+
+def test_build_prints_its_result(demo: Any) -> None:
+    assert demo.built
+    assert demo.path.with_name("demo-source").is_dir()
+    about = store_json(demo.path)
+    assert demo.counts == about["splits"]
+    assert demo.left_out == about["rejects"]
+    assert demo.notes == tuple(about["notes"])
+    assert demo.summary.startswith("demo: 4 clips, ")
+    assert repr(demo) == f"BuildResult({str(demo.path)!r}, 4 clips, 12 windows, 0 left out, built=True)"
+    with demo.open() as ds:
+        assert (ds.path, ds.info["licence"]) == (demo.path, Synthetic.licence)
+
+
+def test_python_and_the_command_line_make_the_same_dataset(
+    demo: Any, tmp_path: Path, hashes: Callable[[Path], dict[str, str]]
+) -> None:
+    out = tmp_path / "demo"
+    words = [word for text in SET for word in ("--set", text)]
+    source = ("--source", demo.path.with_name("demo-source"))
+    text = run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout
+    assert text == f"{demo.summary.replace(str(demo.path), str(out))}\n"
+    assert hashes(out) == hashes(demo.path)
+    again = dancedata.build("demo", *source[1:], out, overrides=SET, progress=False)
+    assert not again.built
+    assert again.counts == demo.counts
+    assert run("build", "demo", *source, "--out", out, *words, "--jobs", 1).stdout == f"{again.summary}\n"
+    assert dancedata.diff(demo.path, out) == []
+
+
+def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Path) -> None:
+    path = resource("pipelines", "demo.yaml")
+    document = yaml.safe_load(path.read_text(encoding="utf-8"))
+    before = json.dumps(document)
+    ways: list[Any] = ["demo", path, str(path), document]
+    plans = [dancedata.plan(way, out=demo.path, overrides=CHANGED, progress=False) for way in ways]
+    plans.append(dancedata.plan(load_recipe("demo", SET), out=demo.path, progress=False))
+    assert len({plan.recipe.sha256 for plan in plans}) == 1
+    assert json.dumps(document) == before, "the caller's dict is left alone"
+    with raises_message(UsageError, "parsed"):
+        dancedata.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
+
+
+def test_plan_prints_the_same_as_the_command(demo: Any) -> None:
+    words = [word for text in SET for word in ("--set", text)]
+    plan = dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    arguments = ("plan", "demo", "--out", demo.path, *words)
+    assert json.loads(run(*arguments, "--json").stdout) == plan.to_json()
+    assert run(*arguments).stdout == f"{plan.describe(demo.path)}\n"
+    assert plan.summary == plan.describe(demo.path).replace(f" into {demo.path}", "", 1)
+    assert "in the cache: 4 of 4 clips" in plan.summary
+
+
+def test_overrides_are_values_or_texts() -> None:
+    by_value = load_recipe(
+        "demo", {"windows.stride_s": 1e-05 * 1e5, "motion.edge151.contacts.velocity.max_speed_m_s": 1e-05}
+    )
+    assert by_value.windows.stride == 30
+    assert by_value.motion[0].contacts is not None
+    assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
+    assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
+    with raises_message(RecipeError, "stride_frames", where="demo"):
+        load_recipe("demo", {"windows.strid": 1})
+    with raises_message(UsageError, r"windows\.stride_s"):
+        load_recipe("demo", {"windows..stride_s": 1})
+
+
+def test_progress_is_printed_or_not(demo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    dancedata.plan("demo", out=demo.path, overrides=CHANGED, cache=tmp_path)
+    assert "measuring motion: 4/4" in capsys.readouterr().err
+    dancedata.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("call", [
+    pytest.param(lambda: dancedata.build("aist++"), id="no source"),
+    pytest.param(lambda: dancedata.build("demmo"), id="name"),
+    pytest.param(lambda: dancedata.build("demo", jobs=0), id="jobs"),
+    pytest.param(lambda: dancedata.build("demo", backend="slurm"), id="backend"),
+    pytest.param(lambda: dancedata.plan("aist++", "none"), id="no such source"),
+    pytest.param(lambda: dancedata.plan({"recipe": 1}), id="document"),
+    pytest.param(lambda: dancedata.check("x", dataset="a", recipe="b"), id="two readers"),
+    pytest.param(lambda: dancedata.check("x", overrides=["fps=30"]), id="overrides"),
+    pytest.param(lambda: dancedata.diff("none", "none"), id="no dataset"),
+])  # fmt: skip
+def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with raises_message(DanceDataError, "aist|backend|finished|overrides|reader|worker"):
+        call()
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,122 @@
+"""A unit that makes no dancer: flagged, in the summary, in plan and check; an error of a strict build."""
+
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dancedata.building.build import build
+from dancedata.building.part import Part, build_part
+from dancedata.core.errors import DataError
+from dancedata.datasets.aistpp import AistPP
+from dancedata.datasets.folder import Folder
+from dancedata.recipes.parse import load_recipe
+from dancedata.store import open_store
+from tests.commands import as_json, run
+from tests.messages import raises_message
+
+RECIPE = """\
+recipe: 1
+name: mine
+dataset: {folder: {unit: UNIT, up: y, fps: 60, music: optional}}
+windows: {length_s: 2, stride_s: 1}
+motion: {edge151: {}}
+"""
+BODY = "a skeleton of 0.0165 m, where 1 to 2.5 m is plausible"
+ROOT = "the root rises and falls 0.001 times as far as the pose requires"
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A BVH in centimetres, and SMPL's arrays, whose translation is in metres."""
+    Folder().make_example(tmp_path / "example")
+    source = tmp_path / "source"
+    source.mkdir()
+    shutil.copy(tmp_path / "example/motions/own.bvh", source)
+    shutil.copy(tmp_path / "example/motions/smpl.npz", source)
+    return source
+
+
+def recipe(folder: Path, unit: str) -> Path:
+    path = folder / f"{unit}.yaml"
+    path.write_text(RECIPE.replace("UNIT", unit))
+    return path
+
+
+def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
+    # In millimetres both are a thousand or ten times too small.
+    mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
+    body = BODY.replace("0.0165", "0.162")
+    common = ("--cache", tmp_path / "cache", "-q")
+    planned = run("plan", mine, "--source", source, *common).output
+    built = run("build", mine, "--source", source, "--out", out, "--jobs", 1, *common).output
+    for text in (planned, built):
+        assert "implausible: 2 clips; correct the unit that was declared" in text
+        assert f"own: implausible_body: {body}" in text
+        assert f"smpl: implausible_root: {ROOT}" in text
+    with open_store(out) as store:
+        assert [(f["clip"], f["kind"]) for f in store.quality] == [
+            ("own", "implausible_body"), ("smpl", "implausible_root"),
+        ]  # fmt: skip
+        assert [clip.n_flags for clip in store.clips] == [1, 1]
+    for text in (run("check", source, "--recipe", mine, "-q").output, run("check", out).output):
+        assert f"note: own: implausible_body: {body}" in text
+        assert f"note: smpl: implausible_root: {ROOT}" in text
+
+
+def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -> None:
+    made = load_recipe(recipe(tmp_path, "mm"))
+    for number in range(2):
+        with raises_message(DataError, "probably", where="own") as caught:
+            build(made, source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
+        assert (caught.value.reason, caught.value.where) == ("implausible_body", "own")
+        assert (tmp_path / "out/dataset.json").exists() == bool(number)
+        build(made, source, tmp_path / "out", cache=tmp_path / "cache")
+    with raises_message(DataError, "probably", where="own", reason="implausible_body"):
+        build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
+
+
+def test_every_reader_is_judged(tmp_path: Path) -> None:
+    """AIST++ divides its translation by smpl_scaling: a file in metres that keeps the usual factor is far off."""
+    reader = AistPP()
+    reader.make_example(tmp_path / "source")
+    first, *rest = (ref.motion_path for ref in reader.scan(tmp_path / "source").clips)
+    with first.open("rb") as file:
+        content = pickle.load(file)
+    first.write_bytes(pickle.dumps({**content, "smpl_trans": content["smpl_trans"] / content["smpl_scaling"]}))
+    made = load_recipe("aist++", ["audio={}"])
+    build(made, tmp_path / "source", tmp_path / "out", cache=tmp_path / "cache")
+    with open_store(tmp_path / "out") as store:
+        assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
+    assert rest
+    with raises_message(DataError, "rises", where="gBR_sBM_cAll_d04_mBR0_ch01", reason="implausible_root"):
+        build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
+    assert not (tmp_path / "again/dataset.json").exists()
+
+
+def test_a_plausible_unit_says_nothing(source: Path, tmp_path: Path) -> None:
+    lines = ["motion,unit", "own.bvh,cm", "smpl.npz,m"]
+    (source / "manifest.csv").write_text("\n".join(lines))
+    mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
+    built = as_json("build", mine, "--source", source, "--out", out, "--cache", tmp_path / "cache", "--strict")
+    assert built["quality_flags"] == 0
+    for args in (("info", out), ("check", out), ("check", source, "--recipe", mine, "-q")):
+        assert "implausible" not in run(*args).output
+
+
+def test_many_clips_are_counted(tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    source.mkdir()
+    Folder().make_example(tmp_path / "example")
+    with np.load(tmp_path / "example/motions/smpl.npz") as arrays:
+        for k in range(6):
+            np.savez(source / f"take{k}.npz", poses=arrays["poses"], trans=arrays["trans"] + k)
+    mine = recipe(tmp_path, "cm")
+    text = run("plan", mine, "--source", source, "--cache", tmp_path / "cache", "-q").output
+    assert "implausible: 6 clips" in text
+    assert text.count("implausible_root") == 3
+    assert "... 3 more" in text
+    checked = run("check", source, "--recipe", mine, "-q").output
+    assert "note: implausible_root: 3 more" in checked

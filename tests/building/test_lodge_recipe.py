@@ -1,0 +1,220 @@
+"""The recipe aist++-lodge, key motions, the movement filter, mirrored copies and fields at 60 a second."""
+
+import pickle
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import dancedata
+from dancedata.building.build import build
+from dancedata.building.plan import make_plan
+from dancedata.core.bodies import has_body
+from dancedata.core.errors import RecipeError, SourceError
+from dancedata.core.motion import forward_kinematics
+from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.store import verify_store
+from dancedata.synthetic import write_synthetic
+from tests.messages import raises_message
+
+
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Clips of 10 s; the first train clip stands still in its second half, the next one throughout."""
+    source = write_synthetic(tmp_path_factory.mktemp("lodge") / "source", songs=3, clips_per_song=2, clip_s=10)
+    names = (source / "splits" / "crossmodal_train.txt").read_text().split()
+    for name, begin in ((names[0], 300), (names[1], 0)):
+        path = source / "motions" / f"{name}.pkl"
+        with path.open("rb") as file:
+            clip = pickle.load(file)
+        for key in ("smpl_poses", "smpl_trans"):
+            clip[key][begin:] = clip[key][begin]
+        with path.open("wb") as file:
+            pickle.dump(clip, file)
+    return source
+
+
+@pytest.fixture(scope="module")
+def names(corpus: Path) -> list[str]:
+    return (corpus / "splits" / "crossmodal_train.txt").read_text().split()
+
+
+SHORT = ("windows.length_frames=64", "windows.stride_frames=32")
+SLICES = "transforms=[{slices: {length_s: 32/15, stride_s: 16/15}}]"
+
+
+@pytest.fixture(scope="module")
+def lodge(corpus: Path, run_build, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("lodge") / "out"
+    run_build(corpus, out, "aist++-lodge", SHORT)
+    return out
+
+
+def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodge: Path, names: list[str]) -> None:
+    store = dancedata.open(lodge)
+    assert [p for p in verify_store(lodge) if p.severity == "error"] == []
+    rows = store[names[0]].read("lodge139")
+    starts = range(0, len(rows) - 63, 32)
+    wanted = [k for k in starts if rows[k : k + 64].std(axis=0).mean() > 0.07]
+    assert [w.start for w in store.windows("train") if w.clip == names[0]] == wanted
+    assert 0 < len(wanted) < len(starts)
+    still = [r for r in store.rejects if r["reason"] == "still" and r["clip"] == names[0]]
+    assert [r["window"] for r in still] == [k for k in starts if k not in wanted]
+    assert all(r["numbers"]["std"] <= 0.07 for r in still)
+    assert names[1] not in [c.id for c in store.clips]
+    assert any(r["clip"] == names[1] and "window" not in r for r in store.rejects)
+    # Windows of test are all kept.
+    clips = [c for c in store.clips if c.split == "test"]
+    counts = {c.id: sum(w.clip == c.id for w in store.windows("test")) for c in clips}
+    assert counts == {c.id: (c.n_frames - 64) // 32 + 1 for c in clips}
+
+
+def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
+    store = dancedata.open(lodge)
+    finder = KEYMOTIONS.get("lodge")()
+    for record in store.clips:
+        rows = store[record.id].read("lodge")
+        assert rows.shape == (record.n_frames, finder.columns.width)
+        motion = dancedata.decode(store[record.id].read("lodge139"), "lodge139")
+        # float32 columns move the curve by about 1e-7 m; the minima are those of the clip.
+        np.testing.assert_allclose(finder.analyse(motion)[:, 0], rows[:, 0], atol=1e-6)
+
+
+def test_the_filter_of_slices(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
+    run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, SLICES, "audio={}", "augment.mirror=true"))
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    mine = [clip for clip in store.clips if clip.slice_of == names[0]]
+    assert mine
+    for clip in mine:
+        assert clip.read("lodge139").std(axis=0).mean() > 0.07
+
+
+def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
+    recipe = ("augment.mirror=true", "motion={edge151: {}, lodge139: {}}", "keymotion=lodge", "windows.length_s=3")
+    run_build(corpus, tmp_path / "out", "aist++", recipe)
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    train = {c.id: c for c in store.clips if c.split == "train"}
+    plain = [c for c in train.values() if not c.source]
+    assert sorted(train) == sorted([c.id for c in plain] + [f"{c.id}__mirror" for c in plain])
+    assert all(not c.source for c in store.clips if c.split != "train")
+    for record in plain:
+        one, two = store[record.id], store[f"{record.id}__mirror"]
+        assert two.record.source == record.id
+        for field in ("edge151", "lodge139", "lodge"):
+            mirror = store.fields[field].mirror
+            assert mirror is not None
+            np.testing.assert_array_equal(two.read(field), mirror.apply(one.read(field)))
+        np.testing.assert_array_equal(two.read("librosa35"), one.read("librosa35"))
+    plan = make_plan(load_recipe("aist++", recipe), corpus)
+    assert plan.to_json()["splits"]["train"]["clips"] == len(train)
+    assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train"))
+
+
+def test_a_mirrored_copy_of_columns_with_hands(run_build, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    DATASETS.get("finedance")().make_example(source)
+    changes = ("audio={}", "windows.length_frames=30", "augment.mirror=true")
+    run_build(source, tmp_path / "out", "finedance", (*changes, "motion={lodge319: {}, finedance319: {}}"))
+    store = dancedata.open(tmp_path / "out")
+    copies = [c for c in store.clips if c.source]
+    assert copies
+    body = REPRESENTATIONS.get("lodge319")().skeleton
+    other_side = list(range(len(body.joints)))
+    for left, right in body.pairs:
+        other_side[left], other_side[right] = right, left
+    for record in copies:
+        for field in ("lodge319", "finedance319"):
+            one, two = (dancedata.decode(store[c].read(field), field) for c in (record.source, record.id))
+            plain = forward_kinematics(body, one.rotations, one.translation)
+            copy = forward_kinematics(body.mirrored(), two.rotations, two.translation)
+            np.testing.assert_allclose(copy[:, other_side] * [-1, 1, 1], plain, atol=1e-5)
+
+
+def test_an_id_that_a_mirrored_copy_would_get(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    shutil.copytree(corpus, source)
+    taken = f"{names[0]}__mirror"
+    shutil.copy(source / "motions" / f"{names[0]}.pkl", source / "motions" / f"{taken}.pkl")
+    recipe = parse_recipe({
+        "recipe": 1, "name": "x", "dataset": {"folder": {"fps": 60, "music": "optional"}},
+        "windows": {"length_s": 5, "stride_s": 1}, "motion": "edge151", "augment": {"mirror": True},
+    })  # fmt: skip
+    with raises_message(SourceError, "gHO_sBM_cAll_d19_mHO3_ch03", where="clip gHO_sBM_cAll_d19_mHO3_ch03__mirror"):
+        build(recipe, source, tmp_path / "out", cache=tmp_path / "cache")
+
+
+def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_path: Path) -> None:
+    # 599 frames at 60 a second: 300 at 30, and 599 rows at 60 reach only to frame 299.
+    source = tmp_path / "source"
+    shutil.copytree(corpus, source)
+    for path in (source / "motions").glob("*.pkl"):
+        clip = pickle.loads(path.read_bytes())
+        path.write_bytes(pickle.dumps({**clip, **{k: clip[k][:599] for k in ("smpl_poses", "smpl_trans")}}))
+    changes = ("audio={}", "windows.length_frames=100", "windows.stride_frames=100")
+    run_build(source, tmp_path / "out", "aist++", (*changes, "motion={edge151: {}, fact219: {}}"))
+    store = dancedata.open(tmp_path / "out")
+    short = [r for r in store.rejects if r["reason"] == "short_field"]
+    assert {r["clip"] for r in short} == {c.id for c in store.clips}
+    assert {r["window"] for r in short} == {200}
+    assert all("60 per second" in r["detail"] for r in short)
+    assert {w.start for w in store.windows("train")} == {0, 100}
+
+
+@pytest.mark.parametrize("transforms", ["[]", "[slices]"])
+def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path, transforms: str) -> None:
+    run_build(corpus, tmp_path / "out", "aist++", (
+        "motion={edge151: {}, bailando72: {}, fact219: {}}", "audio={}", f"transforms={transforms}",
+    ))  # fmt: skip
+    store = dancedata.open(tmp_path / "out")
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+    assert {f: str(store.field(f).rate) for f in store.fields} == {
+        "bailando72": "60", "edge151": "30", "fact219": "60",
+    }  # fmt: skip
+    window = store.windows("train")[1]
+    slow, fast = store.read(window, "edge151"), store.read(window, "fact219")
+    assert (len(slow), len(fast)) == (150, 300)
+    # Every second row is at the instant of a row at 30 a second, in EDGE's axes.
+    np.testing.assert_allclose(fast[::2, :3] @ [[1, 0, 0], [0, 0, 1], [0, -1, 0]], slow[:, 4:7], atol=1e-6)
+    motion = dancedata.decode(fast, "fact219", fps=60)
+    joints = forward_kinematics(motion.skeleton, motion.rotations, motion.translation)
+    np.testing.assert_allclose(store.read(window, "bailando72").reshape(-1, 24, 3), joints, atol=1e-5)
+
+
+def test_invalid_recipes() -> None:
+    mistakes = {"keymotion": "lodgee", "augment": {"miror": True}}
+    for word, chosen, more in (
+        ("min_std", {"movement": {"field": "lodge39", "min_sdt": 0.1}}, mistakes),
+        ("lodge39", {"movement": {"field": "lodge39"}}, {}),
+        ("still.*movement", {"still": {}}, {}),
+    ):
+        windows = {"length_s": 5, "stride_s": 1}
+        with raises_message(RecipeError, word, where="recipe"):
+            parse_recipe(
+                {"recipe": 1, "name": "x", "dataset": "aist++", "windows": windows, "motion": "lodge139",
+                 "rules": chosen, **more}
+            )  # fmt: skip
+
+
+def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:
+    names = {name for name in REPRESENTATIONS.names() if has_body(REPRESENTATIONS.get(name)().skeleton)}
+    assert set(REPRESENTATIONS.names()) - names == {"lda61"}, "of Motorica's joints"
+    every = ", ".join(f"{name}: {{}}" for name in sorted(names))
+    run_build(corpus, tmp_path / "out", "aist++", (f"motion={{{every}}}", "audio={}", "windows.length_s=4"))
+    store = dancedata.open(tmp_path / "out")
+    assert set(store.fields) == names
+    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
+
+
+def test_equal_files_of_two_names_are_cut_by_their_names(run_build, tmp_path: Path) -> None:
+    source = tmp_path / "source"
+    DATASETS.get("finedance")().make_example(source)
+    # 010 and 014 begin with three frames that Lodge cuts.
+    for folder, suffix in (("motion", "npy"), ("music_wav", "wav"), ("label_json", "json")):
+        shutil.copy(source / folder / f"001.{suffix}", source / folder / f"010.{suffix}")
+    run_build(source, tmp_path / "out", "finedance", ("audio={}", "windows.length_frames=30"))
+    store = dancedata.open(tmp_path / "out")
+    assert {c.id: c.trim_start for c in store.clips if c.id in ("001", "010")} == {"001": 0, "010": 3}
