@@ -10,7 +10,6 @@ of the package a build of the demo loads, and how many more a first batch of it.
 
 from __future__ import annotations
 
-import ast
 import io
 import subprocess
 import sys
@@ -18,8 +17,7 @@ import tarfile
 import tempfile
 from pathlib import Path
 
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from rings import circles, imports, module_files
 
 GROUPS = ("dancedata", "tests", "docs")
 LOADED = """
@@ -54,28 +52,8 @@ def changes(commit: str) -> dict[str, list[int]]:
 
 def largest_circle(package: Path) -> int:
     """Return how many modules the largest circle of imports has; 0 without a circle."""
-    modules = {
-        ".".join(file.relative_to(package.parent).with_suffix("").parts): file for file in package.rglob("*.py")
-    }
-    number = {name.removesuffix(".__init__"): i for i, name in enumerate(modules)}
-    pairs: set[tuple[int, int]] = set()
-    for name, file in modules.items():
-        source = number[name.removesuffix(".__init__")]
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            found: list[str] = []
-            if isinstance(node, ast.ImportFrom) and node.module:
-                whole = [f"{node.module}.{alias.name}" for alias in node.names]
-                found = [target for target in whole if target in number] or [node.module]
-            elif isinstance(node, ast.Import):
-                found = [alias.name for alias in node.names]
-            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module") and node.args:
-                found = [str(ast.literal_eval(node.args[0]))] if isinstance(node.args[0], ast.Constant) else []
-            pairs |= {(source, number[target]) for target in found if number.get(target, source) != source}
-    rows, columns = zip(*pairs, strict=True)
-    graph = coo_array(([1] * len(pairs), (rows, columns)), shape=(len(number), len(number)))
-    labels = connected_components(graph, connection="strong")[1].tolist()
-    largest = max(labels.count(label) for label in set(labels))
-    return largest if largest > 1 else 0
+    modules = module_files(package)
+    return max(circles({name: set(imports(path, modules)) for name, path in modules.items()}), default=0)
 
 
 def held(commit: str) -> str:

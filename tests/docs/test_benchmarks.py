@@ -30,6 +30,7 @@ SMALLEST = {
     "reading": "--quick --rounds 1 --wide 0",
     "remote": "--quick --rounds 1 --shards 1",
     "retarget": "{bvh}",
+    "rings": "--pairs",
     "scaling": "units",
     "sounds": "",
     "startup": "--rounds 1",
