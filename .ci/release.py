@@ -5,7 +5,7 @@
     .ci/release.py                   # checks, sdist and wheel twice, SBOM, SHA256SUMS in dist/; no tag
     .ci/release.py --tag             # the same, then the tag v0.3.0
 
-docs/versions.md has the steps. Needs git, Python 3.11 or later and the network (build, cffconvert, cyclonedx-bom and
+CONTRIBUTING.md has the steps. Needs git, Python 3.11 or later and the network (build, cffconvert, cyclonedx-bom and
 py-rattler-build are installed into a temporary environment). Exit code 1 with the reasons if something is refused.
 """
 

@@ -1,6 +1,6 @@
 """What the public lists of datasets' splits share, by names alone: python benchmarks/splits.py EDGE=DIR LDA=DIR ...
 
-Each DIR is a checkout of the repository that publishes the lists. Prints the tables of docs/splits.md.
+Each DIR is a checkout of the repository that publishes the lists. docs/datasets has the results.
 """
 
 import argparse

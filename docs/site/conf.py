@@ -33,11 +33,8 @@ include_patterns = [
     "CONTRIBUTING.md",
     "SECURITY.md",
     "docs/**",
-    "benchmarks/history.md",
-    "tests/golden/data/README.md",
-    "tests/frozen/README.md",
 ]
-exclude_patterns = [".*", "docs/site"]
+exclude_patterns = [".*", "docs/site", "docs/archive"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton"]
 copybutton_exclude = ".linenos, .gp, .go"

@@ -8,6 +8,10 @@ from types import ModuleType
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
+#: The pages of docs/ that are on the site: those that people wrote, and not the archive.
+WRITTEN = sorted(
+    path for path in (ROOT / "docs").rglob("*.md") if not {"archive", "api"} & set(path.relative_to(ROOT).parts)
+)
 
 
 def text_of(page: str) -> str:

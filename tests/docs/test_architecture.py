@@ -1,4 +1,4 @@
-"""docs/architecture.md is true: its rooms, the picture of its layers, and the functions that data pass."""
+"""docs/reference/inside.md is true: its rooms, the picture of its layers, and the functions that data pass."""
 
 import importlib
 import re
@@ -11,7 +11,7 @@ from typing import Any
 import dancedata
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "reference" / "inside.md").read_text(encoding="utf-8")
 
 
 def section(title: str) -> str:

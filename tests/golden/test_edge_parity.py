@@ -130,7 +130,7 @@ def test_whole_clips_differ_in_features_only_at_window_edges(track: Store, exact
     assert len(places) >= 7
     a, b = a[places], b[places]
     inside = np.abs(a - b)[:, 30:120]
-    # The sizes of docs/decisions.md, a little above what was measured there.
+    # The sizes of docs/archive/decisions.md, a little above what was measured there.
     assert inside[..., 0].max() < 0.03
     assert inside[..., 1:21].max() < 0.3
     assert inside[..., 21:33].max() < 0.04

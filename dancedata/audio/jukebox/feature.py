@@ -43,7 +43,7 @@ class Jukebox(NetworkFeature):
 
     Scope window is EDGE's: each window, quantised to 16 bit, by itself, with its own gain and its own start. Scope
     track covers a song with overlapping contexts of 23.5 s and one gain for the song, which takes about a tenth of
-    the time; docs/decisions.md explains the differences. The weights are OpenAI's, under a Noncommercial Use
+    the time; docs/archive/decisions.md has the differences. The weights are OpenAI's, under a Noncommercial Use
     License.
 
     Attributes

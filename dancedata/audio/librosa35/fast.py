@@ -1,7 +1,7 @@
 """The fast version of librosa35: what the windows of a song have in common is computed once.
 
-The numbers are those of `reference`, up to float32 rounding; docs/decisions.md explains why. Nothing here needs
-librosa or numba, whose import takes seconds in every process.
+The numbers are those of `reference`, up to float32 rounding; docs/archive/decisions.md explains why. Nothing here
+needs librosa or numba, whose import takes seconds in every process.
 """
 
 import math

@@ -6,7 +6,7 @@ function EDGE (Tseng et al. 2023) and Lodge (Li et al. 2024) adopted. The number
 and 1.0 gave the same bits at 24 frames per second and above, at 20 the chroma differed by up to 0.03.
 
 There are two versions with equal results: `reference` calls librosa, `fast` is thirty times as fast for windows and
-eighty times for tracks. docs/decisions.md explains why they are equal.
+eighty times for tracks; docs/archive/decisions.md explains why.
 """
 
 import logging
@@ -55,9 +55,9 @@ class Librosa35(AudioFeature):
         How closely beats keep to the tempo (librosa's `beat_track`); 100 in all reference implementations.
     method
         "fast" computes what windows have in common once, without librosa. "librosa" makes one librosa call per
-        column group and window, and takes thirty times as long (docs/performance.md). The numbers are the same
+        column group and window, and takes thirty times as long (docs/reference/inside.md). The numbers are the same
         within 1e-4 dB (envelope), 1e-3 dB (MFCC) and 1e-6 (chroma), peaks and beats are equal;
-        docs/decisions.md explains why, and the limits. "fast" computes as "librosa" does, and logs the reason,
+        docs/archive/decisions.md explains why, and the limits. "fast" computes as "librosa" does, and logs why,
         for signals and windows of less than 17 rows, more than 64 frames per second, and tracks whose largest
         sample is above 1e6 or below 1e-6.
     """
