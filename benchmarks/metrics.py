@@ -30,11 +30,11 @@ from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
-from dancedata.keymotion.minima import smoothed
 from dancedata.metrics import beat_alignment, diversity, frechet, geometric, kinetic, motion_beats, pfc, skating
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.geometric_features import Geometric
+from dancedata.metrics.key_motion import smoothed
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
 from dancedata.synthetic import synthesise_motion

@@ -77,7 +77,7 @@ def view(
     dancedata view X [CLIP]; Ctrl-C ends it.
     """
     from dancedata.remote import local_folder
-    from dancedata.viewer.request import ViewRequest
+    from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
     load_plugins(*(plugins or ()))
@@ -163,7 +163,7 @@ def report(
     from dancedata.store.schema import DATASET_FILE
 
     if card:
-        from dancedata.card import write_card
+        from dancedata.publish.card import write_card
 
         if as_json or against is not None or audio != "none":
             raise UsageError("--card goes with --to, --overwrite and --quiet alone", fix="call it for each")

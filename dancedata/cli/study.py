@@ -42,9 +42,9 @@ def study(
 
     dancedata study A B --source DIR --out study.html: blind pairs of dancers to one song, the answers as CSV.
     """
+    from dancedata.scene.selection import ViewRequest
     from dancedata.store.schema import DATASET_FILE
     from dancedata.study.page import QUESTION, StudyRequest, write_study
-    from dancedata.viewer.request import ViewRequest
 
     called = [path.name for path in systems] if names is None else [name.strip() for name in names.split(",")]
     if len(called) != len(systems) or len(set(called)) < len(called) or "" in called:

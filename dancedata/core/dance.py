@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -148,6 +149,17 @@ class MusicBeats:
             raise UsageError("beats are frame numbers", found=f"{numbers.dtype} of shape {numbers.shape}",
                              allowed="(B,) whole numbers of at least 0")  # fmt: skip
         return cls(np.sort(numbers.astype(np.int64)), grid)
+
+    def after(self, start: int, grid: FrameGrid) -> MusicBeats:
+        """Return the beats at or after frame `start` of `grid`, counted from there."""
+        if grid.is_whole(start, of=self.grid):
+            frames, rate = self.frames - grid.rows(start, of=self.grid), self.grid
+        else:
+            music, clip = self.grid.rate, grid.rate
+            rate = FrameGrid(Fraction(music.numerator * clip.numerator))
+            frames = self.frames * (music.denominator * clip.numerator) - start * clip.denominator * music.numerator
+        instants = None if self.instants is None else self.instants[frames >= 0] - float(grid.seconds(start))
+        return MusicBeats(frames[frames >= 0], rate, instants)
 
 
 @dataclass(frozen=True, eq=False)

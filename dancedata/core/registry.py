@@ -191,6 +191,8 @@ KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)
+#: Their base class is evaluation's, which sets it here; a wall asks "dancedata" for `clip_scores`.
+PROTOCOLS: Registry[Any] = Registry("protocol", "dancedata.evaluation.protocols", Plugin)
 
 
 def beat_rows_late(field: str) -> int:

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.inputs.clip import ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources
+from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
@@ -16,6 +15,7 @@ from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
+from dancedata.scene.inputs.songs import MusicSources
 
 #: Tolerance in seconds before warning about short music.
 _TOLERANCE_S = 0.1

@@ -14,16 +14,16 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed, shown
+from dancedata.evaluation.clips import reader_for, truth_of
 from dancedata.evaluation.evaluate import pool_for
-from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.naming import of_sample
-from dancedata.evaluation.inputs.store import reader_for, truth_of
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
+from dancedata.scene.inputs.clip import MemoryClip
+from dancedata.scene.inputs.naming import of_sample
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.like import Reader, opened, scaling_of, store_of

@@ -21,7 +21,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
-from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
+from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.execution.arithmetic import expected
@@ -29,6 +29,7 @@ from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.recipes.documents import document_of
+from dancedata.scene.inputs.clip import ClipInput
 from dancedata.store.motion_fields import Pose
 
 #: Raised by hand when a stage here gives other numbers for the same input.

@@ -21,20 +21,20 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
-from dancedata.evaluation.inputs.clip import ClipInput, ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources, Song
+from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
+from dancedata.scene.inputs.clip import ClipInput
+from dancedata.scene.inputs.songs import MusicSources, Song
 from dancedata.store import Clip, Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.listed_file import FileHash
 from dancedata.store.schema import Field
 
-#: Group of the beats in an audio feature.
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
 
@@ -71,14 +71,14 @@ class ClipMusic:
         """Return the beats of the piece that begins at frame `start` of `grid`, counted from there."""
         if self.by_piece is not None:
             return self.by_piece.get(start, MusicBeats.of([], self.beats.grid))
-        return beats_after(self.beats, start, grid)
+        return self.beats.after(start, grid)
 
     def from_row(self, row: int, grid: FrameGrid) -> Self:
         """Return the beats of music whose row `row`, negative where it begins later, is at the clip's frame 0."""
         if not row:
             return self
         end_s = None if self.end_s is None else self.end_s - float(grid.seconds(row))
-        return replace(self, beats=beats_after(self.beats, row, grid), end_s=end_s)
+        return replace(self, beats=self.beats.after(row, grid), end_s=end_s)
 
     def from_second(self, begin: Fraction) -> Self:
         """Return the beats of music whose second `begin` is at the clip's frame 0."""
@@ -91,18 +91,6 @@ class ClipMusic:
             pieces = [[start, beats.frames.tolist()] for start, beats in sorted(self.by_piece.items())]
         read = [self.beats, *(beats for _, beats in sorted((self.by_piece or {}).items()))] if instants else []
         return [str(self.beats.grid), self.beats.frames.tolist(), pieces, *(b.seconds.tolist() for b in read)]
-
-
-def beats_after(beats: MusicBeats, start: int, grid: FrameGrid) -> MusicBeats:
-    """Return the beats at or after frame `start` of `grid`, counted from there."""
-    if grid.is_whole(start, of=beats.grid):
-        frames, rate = beats.frames - grid.rows(start, of=beats.grid), beats.grid
-    else:
-        music, clip = beats.grid.rate, grid.rate
-        rate = FrameGrid(Fraction(music.numerator * clip.numerator))
-        frames = beats.frames * (music.denominator * clip.numerator) - start * clip.denominator * music.numerator
-    instants = None if beats.instants is None else beats.instants[frames >= 0] - float(grid.seconds(start))
-    return MusicBeats(frames[frames >= 0], rate, instants)
 
 
 def clip_music(

@@ -15,7 +15,7 @@ from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
-from dancedata.evaluation.inputs.clip import ClipSet
+from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import Resources
 from dancedata.evaluation.protocol import Protocol

@@ -13,7 +13,8 @@ from typing import ClassVar, Literal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric, Plugin
-from dancedata.core.registry import METRICS, Registry
+from dancedata.core.registry import METRICS
+from dancedata.core.registry import PROTOCOLS as PROTOCOLS  # where plug-ins look for it
 
 #: Clips are ground truth or come from a model: some protocols cut the two differently.
 Role = Literal["truth", "generated"]
@@ -310,7 +311,7 @@ class Protocol(Plugin):
         return f"{self.name}, version {self.version}"
 
 
-PROTOCOLS = Registry("protocol", "dancedata.evaluation.protocols", Protocol)
+PROTOCOLS.base = Protocol
 
 
 def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
@@ -337,4 +338,5 @@ def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
 
 def protocol_named(protocol: str | Protocol) -> Protocol:
     """Return a protocol by its name; UsageError with the closest one for an unknown name."""
-    return PROTOCOLS.get(protocol)() if isinstance(protocol, str) else protocol
+    named: Protocol = PROTOCOLS.get(protocol)() if isinstance(protocol, str) else protocol
+    return named

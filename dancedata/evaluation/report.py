@@ -9,18 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.core.version import __version__
-from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic
 from dancedata.evaluation.pool import Pool, one_rate, rows_of
-from dancedata.evaluation.protocol import Protocol, protocol_named
+from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
+from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.store.motion_fields import Pose
 
 if TYPE_CHECKING:
@@ -354,10 +355,10 @@ def report_of(
     )
 
 
-def scores_of_clip(protocol: str, pose: Pose, music: ClipMusic | None) -> dict[str, float | None]:
-    """Return the scores of one clip that need no pool, by name; DataError if the protocol cannot measure it."""
-    rules = protocol_named(protocol)
+def scores_of_clip(rules: Protocol, pose: Pose, beats: MusicBeats | None) -> dict[str, float | None]:
+    """Return the scores of one clip that need no pool; DataError if the clip cannot be measured."""
     numbers = [number for number, measure in enumerate(rules.measures) if not measure.metric.needs_pool]
+    music = None if beats is None else ClipMusic(beats)
     clip = MemoryClip(id="clip", joints=pose.joints, grid=pose.grid)
     measured = MeasuredClip.of(clip, measure_pose(rules, "generated", numbers, pose, music))
     report = report_of(rules, [measured], None, role="generated", source="clip", draws=0, numbers=numbers)

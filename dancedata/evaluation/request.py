@@ -17,17 +17,17 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
-from dancedata.evaluation.inputs.clip import ClipInput, ClipSet, GroupClip, MemoryClip
-from dancedata.evaluation.inputs.files import FileFormat, columns_width, file_clip, folder_clips
-from dancedata.evaluation.inputs.naming import named_clips
-from dancedata.evaluation.inputs.songs import MusicSources, song_files
-from dancedata.evaluation.inputs.store import named_reader, store_clips, truth_of, without_field
+from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of, without_field
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.metrics.intervals import MIN_CLIPS
 from dancedata.recipes.plugins import make_named
 from dancedata.remote import local_folder
+from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
+from dancedata.scene.inputs.files import FileFormat, columns_width, file_clip, folder_clips
+from dancedata.scene.inputs.naming import named_clips
+from dancedata.scene.inputs.songs import MusicSources, song_files
 from dancedata.store import Store, open_store
 from dancedata.store.like import Reader, scaling_of
 from dancedata.store.motion_fields import ColumnsReader, motion_readers

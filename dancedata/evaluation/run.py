@@ -11,7 +11,6 @@ import numpy.typing as npt
 from dancedata.building.commands import folder_of, jobs_of
 from dancedata.core.grid import Number, as_fraction
 from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.inputs.songs import Song, read_songs, song_name
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
@@ -20,6 +19,7 @@ from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend
+from dancedata.scene.inputs.songs import Song, read_songs, song_name
 from dancedata.store import Store
 from dancedata.store.like import opened, store_of
 from dancedata.store.saved_samples import saved_samples

@@ -11,13 +11,14 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown, table
+from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.inputs.clip import ClipSet, DatasetClip
-from dancedata.evaluation.inputs.songs import MusicSources
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published, protocol_named
 from dancedata.evaluation.report import LABELS, Report
 from dancedata.evaluation.request import Inputs
 from dancedata.execution.progress import Progress
+from dancedata.scene.inputs.clip import DatasetClip
+from dancedata.scene.inputs.songs import MusicSources
 
 
 @dataclass(frozen=True)

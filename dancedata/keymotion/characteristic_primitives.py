@@ -15,8 +15,8 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_6d, rotvec_from_matrix
-from dancedata.keymotion.minima import HALF, LENGTH, BoolArray, IntArray, key_motion
 from dancedata.keymotion.primitives_as_released import MAX_BIAS, key_frames, pieces
+from dancedata.metrics.key_motion import HALF, LENGTH, BoolArray, IntArray, key_motion
 
 Variant = Literal["paper", "code"]
 

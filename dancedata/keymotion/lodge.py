@@ -15,7 +15,7 @@ from dancedata.core.plugins import KeyMotionFinder
 from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
-from dancedata.keymotion.minima import SIGMA_FRAMES, key_motion
+from dancedata.metrics.key_motion import SIGMA_FRAMES, key_motion
 
 
 @KEYMOTIONS.register("lodge")

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.keymotion.minima import HALF, LENGTH, IntArray
+from dancedata.metrics.key_motion import HALF, LENGTH, IntArray
 
 #: The code shifts all pieces of a sample except the first and last by one random number of frames in -2 .. 2.
 MAX_BIAS = 2

@@ -14,8 +14,8 @@ from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.typing import override
-from dancedata.keymotion.minima import kinetic_curve, local_minima, smoothed
 from dancedata.metrics.arguments import IntArray, checked_rate, first_joints, known_name
+from dancedata.metrics.key_motion import kinetic_curve, local_minima, smoothed
 from dancedata.metrics.root import STEADY_FPS, steady
 
 Cut = Literal["frames", "steps", "none"]

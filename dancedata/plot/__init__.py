@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dancedata.plot.motion_axes import motion
     from dancedata.plot.path_axes import paths
     from dancedata.plot.video import write_video
-    from dancedata.viewer.notebook import write_page
+    from dancedata.scene.motion_page import write_page
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
@@ -27,7 +27,7 @@ else:
             "motion": "dancedata.plot.motion_axes",
             "paths": "dancedata.plot.path_axes",
             "pose_map": "dancedata.plot.map_axes",
-            "write_page": "dancedata.viewer.notebook",
+            "write_page": "dancedata.scene.motion_page",
             "write_video": "dancedata.plot.video",
         },
     )

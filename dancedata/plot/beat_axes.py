@@ -11,8 +11,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import bare, scene_of
+from dancedata.scene.scene_list import HIT_S
 from dancedata.store import Store
-from dancedata.viewer.scene_list import HIT_S
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,12 +15,12 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
-from dancedata.evaluation.inputs.clip import MemoryClip
 from dancedata.plot.bodies import Camera, body
+from dancedata.scene import Figure, Scene, Scenes
+from dancedata.scene.inputs.clip import MemoryClip
+from dancedata.scene.motions import figures_of
+from dancedata.scene.palette import Theme, colours_of
 from dancedata.store import Clip, Store, open_store
-from dancedata.viewer import Figure, Scene, Scenes
-from dancedata.viewer.motions import figures_of
-from dancedata.viewer.palette import Theme, colours_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

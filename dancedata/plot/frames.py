@@ -19,9 +19,9 @@ from dancedata.core.text import shown
 from dancedata.plot.bodies import Camera, blend, body
 from dancedata.plot.dancers import Dancer, dancers_of
 from dancedata.plot.timeline import DPI, FONT, THEMES, Timeline
-from dancedata.viewer import Scene
-from dancedata.viewer.palette import Theme
-from dancedata.viewer.wall import ROW
+from dancedata.scene import Scene
+from dancedata.scene.palette import Theme
+from dancedata.scene.wall import ROW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from dancedata.core.packages import load
 from dancedata.core.skeleton import SMPL24
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import SIDES, bare
-from dancedata.report.space import Hexagon, Poses, base_split, measured_poses
+from dancedata.scene.pose_space import Hexagon, Poses, base_split, measured_poses
 from dancedata.store import Store, open_store
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import Dancer, bare, dancers_of, figure_of, scene_of
+from dancedata.scene.motion_page import Motions, motion_scenes_of
 from dancedata.store import Store, open_store
-from dancedata.viewer.notebook import Motions, motion_scenes_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,8 +14,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.rotations import Float64Array
 from dancedata.core.tracks import runs
 from dancedata.plot.dancers import Dancer
-from dancedata.viewer import Scene
-from dancedata.viewer.palette import Theme
+from dancedata.scene import Scene
+from dancedata.scene.palette import Theme
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,13 +23,13 @@ from dancedata.files.atomic import require_free
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.frames import Frames
 from dancedata.plot.timeline import THEMES
+from dancedata.scene import Figure, Scene, Scenes
+from dancedata.scene.motion_page import Played, motion_scenes_of
+from dancedata.scene.palette import Theme
+from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.source import ClipSound, ClipSource
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
-from dancedata.viewer import Figure, Scene, Scenes
-from dancedata.viewer.notebook import Played, motion_scenes_of
-from dancedata.viewer.palette import Theme
-from dancedata.viewer.request import Shown, ViewRequest
-from dancedata.viewer.source import ClipSound, ClipSource
 
 
 def write_mp4(

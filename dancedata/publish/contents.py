@@ -9,14 +9,14 @@ from typing import Any
 
 import yaml
 
-from dancedata.card.text import card_text, plain_recipe
-from dancedata.card.write import drawn_pictures
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
+from dancedata.publish.card import drawn_pictures
+from dancedata.publish.card_text import card_text, plain_recipe
 from dancedata.remote.cached import check_names, remote_files
 from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE
 from dancedata.store import Store

@@ -14,12 +14,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from dancedata.card.text import MARK
-from dancedata.card.write import PICTURE_FILES
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
 from dancedata.execution.progress import Progress
+from dancedata.publish.card import PICTURE_FILES
+from dancedata.publish.card_text import MARK
 from dancedata.publish.contents import PICTURES, Upload, changed
 from dancedata.remote.address import Address
 from dancedata.remote.cached import check_names

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.keymotion.characteristic_primitives import Variant, borders, primitives
-from dancedata.keymotion.minima import KeyMotion
+from dancedata.metrics.key_motion import KeyMotion
 from dancedata.readers.options import Primitives, clash
 from dancedata.store.dataset import Store
 

@@ -8,9 +8,9 @@ from dancedata.report.groups import Groups
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.outliers import Outlier
 from dancedata.report.scaling import ScaledGroup
-from dancedata.report.space import Poses
 from dancedata.report.stage import StageNumbers
 from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
+from dancedata.scene.pose_space import Poses
 from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers
 

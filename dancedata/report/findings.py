@@ -8,7 +8,7 @@ from dancedata.report.document import SHIFTED_MS, Document
 from dancedata.report.groups import group_findings
 from dancedata.report.markup import number, rounded
 from dancedata.report.scaling import EXPLODES
-from dancedata.report.space import DUPLICATE_M
+from dancedata.scene.pose_space import DUPLICATE_M
 
 #: Limits above which a difference between the contact of left and right is named, and a share of sliding frames.
 _SIDES, _SLIDING = 0.1, 0.1

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import counted, listed
-from dancedata.report.pieces import Piece
 from dancedata.report.tally import FrameHistogram, Tally
+from dancedata.scene.figure import Figure
+from dancedata.scene.group_scene import Together
+from dancedata.scene.pieces import Piece
 from dancedata.store import Clip, Store
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.together import Together
 
 #: Two dancers look at each other where both face the other within this angle, degrees.
 FACING_DEG = 45

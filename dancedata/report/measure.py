@@ -14,16 +14,15 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.curation.anatomy import bone_spread, floor_drift
-from dancedata.evaluation.music import beats_after
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.report.groups import MeasuredGroups
-from dancedata.report.pieces import ClipReader, Piece, measured_units
-from dancedata.report.space import Space
 from dancedata.report.stage import Stage
 from dancedata.report.tally import Tally
+from dancedata.scene.figure import Figure
+from dancedata.scene.pieces import ClipReader, Piece, measured_units
+from dancedata.scene.pose_space import Space
 from dancedata.store import Clip, Store
-from dancedata.viewer.figure import Figure
 
 #: A body whose joints move less than this on average, metres per second, stands still.
 STILL_M_S = 0.05
@@ -316,7 +315,7 @@ def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
         return None
     metric = BeatAlignment(joints=len(BODY_JOINTS))
     try:
-        score, chance = metric.measure(Dance(joints, grid, beats_after(piece.beats, first, grid))).tolist()
+        score, chance = metric.measure(Dance(joints, grid, piece.beats.after(first, grid))).tolist()
     except Undefined:
         return None
     return score, chance

@@ -20,8 +20,8 @@ from dancedata.report.rhythm_figures import rhythm_figures
 from dancedata.report.space_figures import pose_figures, split_space_figures
 from dancedata.report.stage_figures import stage_figures
 from dancedata.report.svg import bars
-from dancedata.viewer.page import source_hash
-from dancedata.viewer.payload import link
+from dancedata.scene.page import source_hash
+from dancedata.scene.payload import link
 
 #: Rows of the list of clips to look at, and names of clips that were left out for a reason.
 _LOOK, _NAMED = 20, 12

@@ -11,14 +11,14 @@ from urllib.parse import quote
 
 from dancedata.core.errors import UsageError
 from dancedata.report.markup import Markup
+from dancedata.scene import Item, Scenes
+from dancedata.scene.opus import opus
+from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
+from dancedata.scene.payload import link, page_json, scene_payload
+from dancedata.scene.scene_list import SceneList
+from dancedata.scene.source import ClipSource
 from dancedata.store import Store
 from dancedata.store.licence import require_shareable
-from dancedata.viewer import Item, Scenes
-from dancedata.viewer.opus import opus
-from dancedata.viewer.page import PageSound, data_script, page_data, page_parts, source_hash
-from dancedata.viewer.payload import link, page_json, scene_payload
-from dancedata.viewer.scene_list import SceneList
-from dancedata.viewer.source import ClipSource
 
 #: Clips inside the page; further clips are separate files.
 INLINE = 12

@@ -13,7 +13,6 @@ from dancedata.core.grid import Number
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report as Evaluation
@@ -24,19 +23,20 @@ from dancedata.execution.progress import Progress
 from dancedata.report.measure import Measured, clip_numbers, measure
 from dancedata.report.numbers import document
 from dancedata.report.outliers import outliers
-from dancedata.report.pieces import Piece, figure_key_motion
 from dancedata.report.player import scene_player
 from dancedata.report.samples_document import SAMPLES, NearestPose, SampleRow, SamplesReport, of_sample, sample_of
 from dancedata.report.samples_page import samples_page
 from dancedata.report.scales import Scales
-from dancedata.report.space import Space, poses_of
 from dancedata.report.write import Target
+from dancedata.scene.figure import Figure
+from dancedata.scene.inputs.songs import read_songs
+from dancedata.scene.motions import MotionScenes
+from dancedata.scene.pieces import Piece, figure_key_motion
+from dancedata.scene.pose_space import Space, poses_of
+from dancedata.scene.scene_list import Item
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.saved_samples import saved_samples
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.motions import MotionScenes
-from dancedata.viewer.scene_list import Item
 
 #: Poses at a time whose distances are computed.
 _BLOCK = 1000

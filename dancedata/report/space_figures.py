@@ -6,8 +6,8 @@ from math import cos, pi, sin
 from dancedata.core.skeleton import SMPL24
 from dancedata.report.figures import Drawing
 from dancedata.report.markup import Figure, Markup, escaped, rounded, table
-from dancedata.report.space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses, base_split
 from dancedata.report.svg import drawn
+from dancedata.scene.pose_space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses, base_split
 
 #: Size of the map, of the pose beside it, and the margin, units of the page's text.
 _MAP, _SIDE, _EDGE = (620.0, 420.0), 190.0, 16.0

@@ -26,11 +26,11 @@ from dancedata.report.markup import Figure
 from dancedata.report.measure import measure
 from dancedata.report.numbers import document
 from dancedata.report.page import PageParts, page
-from dancedata.report.pieces import ClipReader
 from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
-from dancedata.report.space import frontal
 from dancedata.report.stills import still
+from dancedata.scene.pieces import ClipReader
+from dancedata.scene.pose_space import frontal
 from dancedata.store import Store, open_store
 
 #: Number of clips of a page.

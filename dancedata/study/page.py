@@ -18,15 +18,15 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, json_text
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.scene.opus import opus
+from dancedata.scene.page import PageSound, Parts, page_data, whole_page
+from dancedata.scene.payload import page_json, scene_payload
+from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
+from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.source import Sounds
+from dancedata.scene.wall import places
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.study.trials import Trial, begin_of, common_clips, make_trials, shown_figures
-from dancedata.viewer.opus import opus
-from dancedata.viewer.page import PageSound, Parts, page_data, whole_page
-from dancedata.viewer.payload import page_json, scene_payload
-from dancedata.viewer.request import Shown, ViewRequest
-from dancedata.viewer.scene_list import Item, Rhythm, Scene, SceneList
-from dancedata.viewer.source import Sounds
-from dancedata.viewer.wall import places
 
 #: What raters are asked, and the reasons that they may give.
 QUESTION = "Which of the two dances better to the music?"

@@ -13,8 +13,8 @@ import numpy as np
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import listed
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.scene_list import Item, SceneList, begins_after
+from dancedata.scene.figure import Figure
+from dancedata.scene.scene_list import Item, SceneList, begins_after
 
 #: The dancer of a check who stands still.
 STILL = "(stands still)"

@@ -9,15 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.typing import override
+from dancedata.scene.comparisons import Comparison
+from dancedata.scene.figure import Figure
+from dancedata.scene.page import clip_page
+from dancedata.scene.scene_list import Scene
+from dancedata.scene.wall import Wall
+from dancedata.scene.windows import SampleScenes
 from dancedata.store import Store
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.samples import Sample
-from dancedata.viewer.comparisons import Comparison
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.page import clip_page
-from dancedata.viewer.scene_list import Scene
-from dancedata.viewer.wall import Wall
-from dancedata.viewer.windows import SampleScenes
 
 
 @dataclass(frozen=True, eq=False)

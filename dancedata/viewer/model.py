@@ -11,8 +11,8 @@ import numpy as np
 from dancedata.core.errors import UsageError
 from dancedata.core.typing import override
 from dancedata.formats.body_mesh import BodyMesh
-from dancedata.viewer.payload import packed
-from dancedata.viewer.scene_list import Item, Scene, SceneList
+from dancedata.scene.payload import packed
+from dancedata.scene.scene_list import Item, Scene, SceneList
 
 
 class ModelScenes(SceneList):

@@ -1,113 +1,27 @@
-"""Pages of motions and clips in notebooks, and as files: the player of `dancedata view` without its server."""
+"""What notebooks show: motions and clips as players, datasets and lists of clips as tables with stills."""
 
 from __future__ import annotations
 
 import html
-import tempfile
-import webbrowser
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import TypeAlias
+from collections.abc import Iterable, Sequence
+from typing import Any
 
-from dancedata.core.errors import StoreError, UsageError
+import numpy as np
+
+from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.motion import Motion
-from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.files import atomic
-from dancedata.files.atomic import require_free
+from dancedata.core.text import counted, shown
+from dancedata.scene.figure import Figure
+from dancedata.scene.motion_page import View, view_motions
+from dancedata.scene.page import clip_page
+from dancedata.scene.scenes import Scenes
 from dancedata.store import Clip, Store
 from dancedata.store.clip_view import Clips
-from dancedata.viewer.motions import MotionScenes, MusicFiles
-from dancedata.viewer.opus import opus
-from dancedata.viewer.page import PageSound, clip_page
-from dancedata.viewer.scenes import Scenes
-from dancedata.viewer.tables import clips_html, store_html
-from dancedata.viewer.wall import Wall, WallSounds
 
-#: One motion, or several, by name or numbered from 0.
-Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]
-#: The same of motions and of clips of a dataset.
-Played: TypeAlias = Motion | Clip | Sequence[Motion | Clip] | Mapping[str, Motion | Clip]
-#: Height of the output of a notebook cell, CSS pixels.
-_CELL_HEIGHT = 640
-
-
-@dataclass(frozen=True)
-class View:
-    """A page that plays motions: the output of a notebook cell, or a file.
-
-    `title`, `page`: Title, and text of the HTML page, which is complete in itself.
-    """
-
-    title: str
-    page: str
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the page; UsageError if the file is there, StoreError if it cannot be written."""
-        target = require_free(Path(path), [], "page", overwrite=overwrite)
-        try:
-            atomic.write_bytes(target, self.page.encode())
-        except OSError as error:
-            raise StoreError("the page cannot be written", where=target, found=str(error)) from error
-        return target
-
-    def open(self) -> Path:
-        """Write the page to a new temporary file, open it in the browser, and return the file."""
-        path = self.save(Path(tempfile.mkdtemp(prefix="dancedata-view-"), "motion.html"))
-        webbrowser.open(path.as_uri())
-        return path
-
-    def _repr_html_(self) -> str:
-        """Return an element for a notebook cell: the page in a frame without access to the notebook."""
-        return (
-            f'<iframe srcdoc="{html.escape(self.page)}" sandbox="allow-scripts" title="{html.escape(self.title)}" '
-            f'style="width:100%;height:{_CELL_HEIGHT}px;border:0"></iframe>'
-        )
-
-    def __repr__(self) -> str:
-        return f"View({self.title}, {len(self.page) / 1000:.0f} kB)"
-
-
-def motion_scenes_of(motions: Played, music: str | Path | None = None) -> MotionScenes:
-    """Return the scenes of motions in memory, with a music file or folder as `MusicFiles.beside` takes it."""
-    if isinstance(motions, Motion | Clip):
-        motions = {"motion": motions}
-    elif not isinstance(motions, Mapping):
-        motions = {f"motion_{number}": motion for number, motion in enumerate(motions)}
-    wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion | Clip)]
-    if wrong:
-        raise UsageError(f"{wrong[0]!r} is no Motion", found=type(motions[wrong[0]]).__name__)
-    clips = [
-        MemoryClip(id=name, motion=motion.motion() if isinstance(motion, Clip) else motion)
-        for name, motion in motions.items()
-    ]
-    beside = None if music is None else MusicFiles.beside(Path(music).expanduser(), clips)
-    return MotionScenes(clips, "motions", beside)
-
-
-def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool = False) -> View:
-    """Return a page that plays motions.
-
-    `motions`: One Motion, or clip of a dataset; several, by name or in a sequence.
-    `music`: Music file, or folder of files named as the motions; it is put into the page.
-    `wall`: Whether all stand on one stage.
-    Raises UsageError: for something other than motions, and music that is not there.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> from dancedata.viewer.notebook import view_motions
-    >>> ds = dancedata.open("data/aistpp")
-    >>> view_motions({"truth": ds.clips[0].motion(), "mine": ds.clips[1].motion()}, wall=True).title
-    'truth, mine'
-    """
-    scenes = motion_scenes_of(motions, music)
-    shown = Wall(scenes) if wall else scenes
-    sounds = WallSounds(shown, scenes) if isinstance(shown, Wall) else scenes
-    files = {item.number: sounds.sound(item) for item in shown.items}
-    embedded = PageSound({number: opus(sound.signal) for number, sound in files.items() if sound is not None})
-    title = ", ".join(item.id for item in scenes.items)
-    return View(title, clip_page(shown, shown.items, sound=embedded if embedded.files else None))
+#: Clips that a table shows, and the height of a still, pixels.
+MOST_CLIPS, _STILL = 8, 64
+#: Colours of the middle, left and right bones; readable on light and dark pages.
+_SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 
 def view_clip(store: Store, clip: Clip) -> View:
@@ -129,28 +43,90 @@ def html_of(value: Motion | Clip | Clips | Store) -> str:
     return view_clip(value.store, value)._repr_html_()
 
 
-def write_page(
-    motions: Played,
-    path: str | Path,
-    *,
-    music: str | Path | None = None,
-    wall: bool = False,
-    overwrite: bool = False,
-) -> Path:
-    """Write a page that plays motions, complete in one file; see `view_motions`.
+def store_html(store: Store) -> str:
+    """Return a dataset as an element: name, splits, fields, licence, and its first clips."""
+    counted_by = store.info["splits"]
+    kinds = [kind for kind in ("clips", "groups", "windows") if any(kind in counts for counts in counted_by.values())]
+    splits = [
+        (split, *(counts.get(kind, "") for kind in kinds), f"{round(60 * counts['hours'], 6):.1f}")
+        for split, counts in counted_by.items()
+    ]
+    fields = [
+        (name, store.field(name).kind, columns.width, str(store.field(name).rate))
+        for name, columns in store.fields.items()
+    ]
+    head = f"<b>{_text(store.info.get('name', store.path.name))}</b> &middot; {_text(store.path)}"
+    head += f" &middot; {store.grid} frames per second"
+    return (
+        f"<div><p>{head}</p>"
+        f"{_table(('split', *kinds, 'minutes'), splits)}"
+        f"{_table(('field', 'kind', 'columns', 'rows per second'), fields)}"
+        f"<p>{_text(store.info.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
+    )
 
-    Raises
-    ------
-    UsageError
-        As `view_motions`; if the file is there.
-    StoreError
-        If it cannot be written.
 
-    Examples
-    --------
-    >>> import dancedata
-    >>> from dancedata import plot
-    >>> plot.write_page(dancedata.open("data/aistpp").clips[0].motion(), "motion.html")
-    PosixPath('motion.html')
-    """
-    return view_motions(motions, music=music, wall=wall).save(path, overwrite=overwrite)
+def clips_html(clips: Clips, total: int | None = None) -> str:
+    """Return a list of clips as an element: the first ones with a still from their middle."""
+    first = list(clips[:MOST_CLIPS])
+    if not first:
+        return "<p>no clips</p>"
+    store: Any = first[0].store  # a Store, of which a clip knows only how to read
+    scenes = Scenes(store)
+    rows = [
+        (
+            _Kept(_still(scenes, clip)), clip.id, clip.split, clip.genre, clip.music, clip.dancer,
+            f"{float(clip.store.grid.seconds(clip.n_frames)):.2f} s",
+        )
+        for clip in first
+    ]  # fmt: skip
+    left = (total or len(clips)) - len(first)
+    more = f"<p>and {counted(left, 'more clip')}</p>" if left > 0 else ""
+    return _table(("", "clip", "split", "genre", "song", "dancer", "length"), rows) + more
+
+
+class _Kept(str):
+    """Markup that a table keeps as it is."""
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    top = "".join(f"<th>{_text(cell)}</th>" for cell in head)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{c if isinstance(c, _Kept) else _text(c)}</td>" for c in row) + "</tr>" for row in rows
+    )
+    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _text(value: object) -> str:
+    return html.escape(shown(value, 120), quote=True)
+
+
+def _still(scenes: Scenes, clip: Clip) -> str:
+    """Return the pose in the middle of a clip, from the front, as SVG; "" where it cannot be drawn."""
+    try:
+        figure = scenes.scene(scenes.items_of(clip.id)[0]).figure
+    except DanceDataError:
+        return ""
+    return "" if figure is None else pose_svg(figure, figure.n_frames // 2)
+
+
+def pose_svg(figure: Figure, frame: int) -> str:
+    """Return one frame of a figure as an SVG drawing of its bones, turned so that the hips face the reader."""
+    joints = figure.joints[frame] - figure.joints[frame, 0]
+    names = figure.skeleton.joints
+    if {"left_hip", "right_hip"} <= set(names):
+        across = joints[names.index("left_hip")] - joints[names.index("right_hip")]
+        turn = np.arctan2(across[2], across[0])
+        sine, cosine = np.sin(turn), np.cos(turn)
+        joints = joints @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+    top, low = joints[:, 1].max() + 0.12, joints[:, 1].min() - 0.05
+    scale = _STILL / max(top - low, 0.3)
+    half = (np.abs(joints[:, 0]).max() + 0.1) * scale
+    x, y = half + joints[:, 0] * scale, (top - joints[:, 1]) * scale
+    lines = "".join(
+        f'<line x1="{x[a]:.1f}" y1="{y[a]:.1f}" x2="{x[b]:.1f}" y2="{y[b]:.1f}" stroke="{_SIDES[figure.sides[b]]}"/>'
+        for a, b in figure.bones
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{2 * half:.0f}" height="{_STILL}" role="img" '
+        f'aria-label="a pose" stroke-width="2.5" stroke-linecap="round">{lines}</svg>'
+    )

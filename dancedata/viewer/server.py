@@ -18,12 +18,12 @@ from typing import Any, TypeVar
 from urllib.parse import parse_qs, quote, urlsplit
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
-from dancedata.viewer.comparisons import Comparison, ItemComparison, comparison_payload
+from dancedata.scene.comparisons import Comparison, ItemComparison, comparison_payload
+from dancedata.scene.page import page_data, page_parts, whole_page
+from dancedata.scene.payload import scene_payload, scene_turns
+from dancedata.scene.scene_list import Item, SceneList
+from dancedata.scene.source import Sounds, flac
 from dancedata.viewer.model import model_payload
-from dancedata.viewer.page import page_data, page_parts, whole_page
-from dancedata.viewer.payload import scene_payload, scene_turns
-from dancedata.viewer.scene_list import Item, SceneList
-from dancedata.viewer.source import Sounds, flac
 
 T = TypeVar("T")
 

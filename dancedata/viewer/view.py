@@ -16,13 +16,13 @@ from dancedata.core.system import has_display
 from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.scene.motions import MotionScenes
+from dancedata.scene.opus import opus
+from dancedata.scene.page import PageSound, clip_page
+from dancedata.scene.scene_list import Item
+from dancedata.scene.scenes import Scenes
+from dancedata.scene.selection import Shown, ViewRequest
 from dancedata.viewer.model import ModelScenes
-from dancedata.viewer.motions import MotionScenes
-from dancedata.viewer.opus import opus
-from dancedata.viewer.page import PageSound, clip_page
-from dancedata.viewer.request import Shown, ViewRequest
-from dancedata.viewer.scene_list import Item
-from dancedata.viewer.scenes import Scenes
 from dancedata.viewer.server import Site, ViewServer
 
 #: How often the server looks whether it is to end.

@@ -21,21 +21,20 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
-from dancedata.evaluation.inputs.clip import ClipSet
-from dancedata.evaluation.inputs.songs import MusicSources
-from dancedata.evaluation.inputs.store import store_clips
+from dancedata.evaluation.clips import ClipSet, store_clips
 from dancedata.evaluation.music import Resources, clip_music
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.readers import Scale, WindowDataset
 from dancedata.report import write_report
-from dancedata.report.pieces import ClipReader
+from dancedata.scene import Scenes
+from dancedata.scene.inputs.songs import MusicSources
+from dancedata.scene.pieces import ClipReader
 from dancedata.store import Store, verify_store
 from dancedata.store.beats import field_beats
 from dancedata.store.songs import alike_songs, songs_of
 from dancedata.synthetic import synthesise_song
-from dancedata.viewer import Scenes
 from tests.messages import raises_message
 
 RATE, SECONDS = 24_000, 8

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import yaml
 
-from dancedata.card import write_card
-from dancedata.card.text import without_paths
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
+from dancedata.publish.card import write_card
+from dancedata.publish.card_text import without_paths
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
 from dancedata.store.hub_head import hub_licence, size_category, strictest

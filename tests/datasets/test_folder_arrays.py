@@ -24,8 +24,8 @@ from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder, same_rate
 from dancedata.datasets.folder.facts import UPRIGHT
-from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.formats import arrays as _folder_arrays
+from dancedata.scene.inputs.files import FileClip, FileFormat
 from tests.messages import raises_message
 
 Floats = NDArray[np.float64]

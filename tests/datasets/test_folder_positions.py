@@ -19,9 +19,9 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.aistpp import load as aistpp
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.positions import JOINT_SETS
-from dancedata.evaluation.inputs.files import FileClip, FileFormat, clips_of
 from dancedata.formats.motion_files import motion_file
 from dancedata.representations.humanml263 import Humanml263
+from dancedata.scene.inputs.files import FileClip, FileFormat, clips_of
 from dancedata.synthetic import synthesise_motion
 from tests.commands import run
 from tests.messages import raises_message

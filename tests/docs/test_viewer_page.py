@@ -77,7 +77,7 @@ def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.Monk
 
 
 def test_its_keys_are_those_of_the_page() -> None:
-    script = files("dancedata.viewer").joinpath("static", "js", "controls.js").read_text(encoding="utf-8")
+    script = files("dancedata.scene").joinpath("static", "js", "controls.js").read_text(encoding="utf-8")
     keys = script[script.index("const KEYS = [") : script.index("function onKey")]
     named = {key.lower() for key in re.findall(r"^ *\[\s*'(.)'", keys, flags=re.MULTILINE) if key.strip()}
     table = PAGE[PAGE.index("| key |") : PAGE.index("## Links")].lower()

@@ -14,7 +14,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
-from dancedata.evaluation.inputs.store import store_clips
+from dancedata.evaluation.clips import store_clips
 from dancedata.evaluation.protocol import protocol_named
 from dancedata.store import Store
 from dancedata.synthetic import synthesise_motion

@@ -12,11 +12,11 @@ import dancedata
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.naming import named_clips
-from dancedata.evaluation.inputs.songs import of_known, read_songs, song_files, song_name
-from dancedata.evaluation.music import ClipMusic, beats_after
+from dancedata.evaluation.music import ClipMusic
 from dancedata.metrics import MusicBeats
+from dancedata.scene.inputs.clip import MemoryClip
+from dancedata.scene.inputs.naming import named_clips
+from dancedata.scene.inputs.songs import of_known, read_songs, song_files, song_name
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
@@ -24,11 +24,11 @@ from tests.messages import raises_message
 
 def test_beats_of_a_piece_are_counted_from_its_first_frame() -> None:
     beats = MusicBeats.of([0, 10, 25, 30], FrameGrid.of(30))
-    same = beats_after(beats, 10, FrameGrid.of(30))
+    same = beats.after(10, FrameGrid.of(30))
     assert same.frames.tolist() == [0, 15, 20]
-    half = beats_after(beats, 21, FrameGrid.of(60))  # at 0.35 s, between frames 10 and 11
+    half = beats.after(21, FrameGrid.of(60))  # at 0.35 s, between frames 10 and 11
     assert (half.frames / float(half.grid.rate)).tolist() == pytest.approx([25 / 30 - 0.35, 1 - 0.35])
-    ntsc = beats_after(beats, 7, FrameGrid.of("30000/1001"))
+    ntsc = beats.after(7, FrameGrid.of("30000/1001"))
     start = 7 * 1001 / 30000
     assert (ntsc.frames / float(ntsc.grid.rate)).tolist() == pytest.approx([t - start for t in (10 / 30, 25 / 30, 1)])
 

@@ -19,14 +19,14 @@ from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
-from dancedata.evaluation.inputs.files import FileClip
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, Scale, WindowDataset
+from dancedata.scene.comparisons import comparison_of, file_format
+from dancedata.scene.inputs.files import FileClip
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.scaling import Scaling, _warn_once
-from dancedata.viewer.comparisons import comparison_of, file_format
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {

@@ -10,11 +10,11 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.evaluation.inputs.songs import read_songs
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.evaluation.tables import latex, markdown
 from dancedata.metrics.kinetic_features import Kinetic
+from dancedata.scene.inputs.songs import read_songs
 from dancedata.store import Store
 from tests.evaluation.test_command import run
 from tests.evaluation.test_refusals import dance, dances

@@ -15,11 +15,11 @@ from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
+from dancedata.scene.comparisons import comparison_payload
+from dancedata.scene.selection import Shown, ViewRequest
 from dancedata.store import Store
 from dancedata.store.samples import Samples
 from dancedata.store.saved_samples import save_samples
-from dancedata.viewer.comparisons import comparison_payload
-from dancedata.viewer.request import Shown, ViewRequest
 from tests.messages import raises_message
 
 OPTIONS: Mapping[str, Any] = {"normalized": False, "bootstrap": 0}

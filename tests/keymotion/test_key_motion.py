@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.signal import argrelextrema
 
 from dancedata.core.errors import DataError, UsageError
-from dancedata.keymotion.minima import KeyMotion, key_motion, kinetic_curve, smoothed
+from dancedata.metrics.key_motion import KeyMotion, key_motion, kinetic_curve, smoothed
 from tests.messages import raises_message
 
 

@@ -14,7 +14,7 @@ from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.keymotion.characteristic_primitives import joints_of
 from dancedata.keymotion.lodge import Lodge
-from dancedata.keymotion.minima import KeyMotion, key_motion
+from dancedata.metrics.key_motion import KeyMotion, key_motion
 from dancedata.testing.conformance import check_plugin
 from tests.messages import raises_message
 

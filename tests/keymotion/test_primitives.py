@@ -11,7 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.keymotion import Primitives, borders, primitives
 from dancedata.keymotion.lodge import Lodge
-from dancedata.keymotion.minima import KeyMotion
+from dancedata.metrics.key_motion import KeyMotion
 from tests.messages import raises_message
 
 #: Results of 4 segments, in the order of time.

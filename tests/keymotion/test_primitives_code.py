@@ -14,8 +14,8 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.finedance import FineDance
 from dancedata.keymotion import primitives
 from dancedata.keymotion.characteristic_primitives import joints_of
-from dancedata.keymotion.minima import key_motion
 from dancedata.keymotion.primitives_as_released import Key, key_frames, pieces
+from dancedata.metrics.key_motion import key_motion
 from dancedata.representations.lodge139 import Lodge139
 from tests.messages import raises_message
 

@@ -11,7 +11,6 @@ from dancedata.core.dance import OUTCOMES, Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import METRICS
-from dancedata.keymotion.minima import local_minima
 from dancedata.metrics import (
     beat_alignment,
     chance_level,
@@ -28,6 +27,7 @@ from dancedata.metrics import (
     skating,
 )
 from dancedata.metrics.beats import BeatAlignment, cut_beats
+from dancedata.metrics.key_motion import local_minima
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, Kinetic
 from dancedata.metrics.set_statistics import STATISTICS, SetScores
 from tests.messages import raises_message

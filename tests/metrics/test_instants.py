@@ -16,7 +16,7 @@ from dancedata.core.dance import Dance, MusicBeats, peak_offsets
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp.load import load_motion
 from dancedata.evaluation.measuring import measure_pose
-from dancedata.evaluation.music import ClipMusic, beats_after
+from dancedata.evaluation.music import ClipMusic
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
@@ -159,7 +159,7 @@ def test_peaks_between_rows() -> None:
 
 def test_pieces_and_cache_keys_have_the_instants() -> None:
     beats = MusicBeats(np.array([10, 40, 70]), FrameGrid.of(30), np.array([0.31, 1.32, 2.3]))
-    assert beats_after(beats, 30, FrameGrid.of(60)).seconds == pytest.approx([0.82, 1.8])
+    assert beats.after(30, FrameGrid.of(60)).seconds == pytest.approx([0.82, 1.8])
     same = MusicBeats(beats.frames, beats.grid)
     assert same.seconds == pytest.approx(beats.frames / 30)
     assert ClipMusic(beats).identity(instants=False) == ClipMusic(same).identity(instants=False)

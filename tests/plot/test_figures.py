@@ -8,7 +8,7 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.core.errors import UsageError
-from dancedata.viewer import Scenes
+from dancedata.scene import Scenes
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")

@@ -11,11 +11,11 @@ from dancedata import plot
 from dancedata.core.errors import UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.plot.frames import Frames
+from dancedata.scene import Scene, Scenes
+from dancedata.scene.motion_page import motion_scenes_of
+from dancedata.scene.palette import DANCERS, Theme
+from dancedata.scene.wall import Wall
 from dancedata.testing.examples import random_motion
-from dancedata.viewer import Scene, Scenes
-from dancedata.viewer.notebook import motion_scenes_of
-from dancedata.viewer.palette import DANCERS, Theme
-from dancedata.viewer.wall import Wall
 from tests.commands import run
 from tests.messages import raises_message
 from tests.viewer.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)

@@ -15,13 +15,13 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.bodies import Camera, body
 from dancedata.plot.frames import Frames
+from dancedata.scene import Figure, Scenes
+from dancedata.scene.motion_page import motion_scenes_of
+from dancedata.scene.selection import ViewRequest
+from dancedata.scene.wall import Wall
 from dancedata.store.motion_fields import Pose
 from dancedata.testing.examples import random_motion
-from dancedata.viewer import Figure, Scenes
-from dancedata.viewer.notebook import motion_scenes_of
-from dancedata.viewer.request import ViewRequest
 from dancedata.viewer.view import export_page
-from dancedata.viewer.wall import Wall
 from tests.body_models import body_model
 from tests.commands import run
 from tests.messages import raises_message

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import dancedata
-import dancedata.viewer
+import dancedata.scene
 from dancedata import plot
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.plot.motion_axes import places_of
 from dancedata.report import write_report
+from dancedata.scene import Scenes
+from dancedata.scene.scene_list import HIT_S
 from dancedata.store import Clip
-from dancedata.viewer import Scenes
-from dancedata.viewer.scene_list import HIT_S
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")
@@ -70,7 +70,7 @@ def test_beats_are_those_that_the_viewer_counts(demo: Path) -> None:
                       f"key motion {len(scene.movement.key_times)}"]  # fmt: skip
     np.testing.assert_allclose(axes.lines[0].get_ydata(), scene.movement.speed)
     np.testing.assert_allclose(axes.lines[1].get_xdata(), scene.movement.key_times)
-    script = (Path(dancedata.viewer.__file__).parent / "static" / "js" / "timeline.js").read_text(encoding="utf-8")
+    script = (Path(dancedata.scene.__file__).parent / "static" / "js" / "timeline.js").read_text(encoding="utf-8")
     assert float(re.findall(r"HIT_MS = (\d+)", script)[0]) == 1000 * HIT_S
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.report import write_report
-from dancedata.viewer.opus import without_serial
+from dancedata.scene.opus import without_serial
 from tests.messages import raises_message
 
 AIST = {"source": {"reader": "aist++"}, "licence": "research use, <b>no redistribution</b>"}

@@ -19,11 +19,11 @@ from dancedata.report.figures import Drawing, contents_figures, movement_figures
 from dancedata.report.findings import findings
 from dancedata.report.heat import Timeline, joint_map
 from dancedata.report.markup import name_text, rounded, table
-from dancedata.report.pieces import ClipReader
 from dancedata.report.scaling import scaled_groups
-from dancedata.report.space import frontal
 from dancedata.report.svg import bars, by_joint, histogram, strips
 from dancedata.report.tally import ClipHistogram
+from dancedata.scene.pieces import ClipReader
+from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store
 
 

@@ -15,8 +15,8 @@ from dancedata.report import write_report
 from dancedata.report.markup import Figure, number
 from dancedata.report.page import grid, packed
 from dancedata.report.write import Target
+from dancedata.scene.page import source_hash
 from dancedata.store import open_store
-from dancedata.viewer.page import source_hash
 from tests.messages import raises_message
 from tests.report.conftest import HOSTILE
 

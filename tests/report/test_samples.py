@@ -10,7 +10,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.report.samples import SamplesReport, write_samples_report
-from dancedata.report.space import frontal
+from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store
 from tests.commands import run
 from tests.report.conftest import HOSTILE

@@ -18,8 +18,8 @@ from dancedata.report.document import Document
 from dancedata.report.findings import findings
 from dancedata.report.measure import ClipNumbers, SongOffsets, physics
 from dancedata.report.outliers import outliers, robust_z
-from dancedata.report.pieces import ClipReader, Piece
-from dancedata.report.space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
+from dancedata.scene.pieces import ClipReader, Piece
+from dancedata.scene.pose_space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
 from dancedata.store import open_store
 
 

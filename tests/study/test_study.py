@@ -12,10 +12,10 @@ from scipy.optimize import minimize
 
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.scene.selection import ViewRequest
 from dancedata.study.page import COLUMNS, StudyRequest, write_study
 from dancedata.study.results import Answer, bradley_terry, read_results, results_of
 from dancedata.study.trials import STILL, Trial, make_trials
-from dancedata.viewer.request import ViewRequest
 from tests.browser import Browser
 from tests.commands import as_json, run
 from tests.messages import raises_message

@@ -9,11 +9,11 @@ import pytest
 
 import dancedata
 from dancedata.core.registry import DATASETS
+from dancedata.scene import Scenes
 from dancedata.store import StoredClip
 from dancedata.store.schema import StoreHeader
 from dancedata.store.writer import write_store
 from dancedata.synthetic import write_synthetic
-from dancedata.viewer import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.conftest import Once
 from tests.viewer.helpers import FORMATS, FPS, HOSTILE, clicks, jumping, serving

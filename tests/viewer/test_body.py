@@ -15,9 +15,9 @@ from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.plot.bodies import cone_outlines
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.limbs import Limbs, chest_looks, looks
-from dancedata.viewer.scenes import Scenes
+from dancedata.scene.figure import Figure
+from dancedata.scene.limbs import Limbs, chest_looks, looks
+from dancedata.scene.scenes import Scenes
 
 N = 200
 REST = np.zeros((24, 3))

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.scene import Scenes
+from dancedata.scene.page import clip_page, page_data, whole_page
+from dancedata.scene.payload import scene_payload
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
-from dancedata.viewer import Scenes
 from dancedata.viewer.notebook import html_of
-from dancedata.viewer.page import clip_page, page_data, whole_page
-from dancedata.viewer.payload import scene_payload
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, serving

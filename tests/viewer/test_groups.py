@@ -10,15 +10,15 @@ import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import facing_angles
-from dancedata.viewer import Figure, Item, Scenes
-from dancedata.viewer.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.scene import Figure, Item, Scenes
+from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.scene.group_scene import Together
+from dancedata.scene.page import clip_page
+from dancedata.scene.palette import DANCERS
+from dancedata.scene.payload import item_rows, link, scene_payload
+from dancedata.scene.source import ClipSource
 from dancedata.viewer.notebook import html_of
-from dancedata.viewer.page import clip_page
-from dancedata.viewer.palette import DANCERS
-from dancedata.viewer.payload import item_rows, link, scene_payload
 from dancedata.viewer.server import Site
-from dancedata.viewer.source import ClipSource
-from dancedata.viewer.together import Together
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.report.test_colours import contrast, luminance
 from tests.viewer.helpers import serving

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.viewer import Scenes, server
+from dancedata.scene import Scenes
+from dancedata.viewer import server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser

@@ -19,14 +19,15 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.files.atomic import PREFIX
 from dancedata.formats.motion_files import motion_file
+from dancedata.scene import Figure
+from dancedata.scene.motion_page import motion_scenes_of, view_motions
+from dancedata.scene.motions import MotionScenes
+from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.wall import MOST, Wall
 from dancedata.synthetic import synthesise_motion
-from dancedata.viewer import Figure
-from dancedata.viewer.motions import MotionScenes
-from dancedata.viewer.notebook import html_of, motion_scenes_of, view_motions
-from dancedata.viewer.request import Shown, ViewRequest
+from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import export_page
-from dancedata.viewer.wall import MOST, Wall
 from tests.messages import raises_message
 from tests.viewer.helpers import CLICKS, FPS, SECONDS, clicks
 

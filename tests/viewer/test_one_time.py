@@ -12,16 +12,16 @@ import soundfile
 import dancedata
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
-from dancedata.evaluation.inputs.clip import MemoryClip
-from dancedata.evaluation.inputs.songs import read_songs
+from dancedata.scene.comparisons import ItemComparison, StoreComparison
+from dancedata.scene.inputs.clip import MemoryClip
+from dancedata.scene.inputs.songs import read_songs
+from dancedata.scene.motions import MusicFiles
+from dancedata.scene.scenes import Scenes
+from dancedata.scene.source import ClipSource
+from dancedata.scene.wall import Wall, WallSounds
 from dancedata.store import open_store
 from dancedata.study.trials import Trial, begin_of, common_clips, shown_figures
 from dancedata.synthetic import synthesise_motion, synthesise_song
-from dancedata.viewer.comparisons import ItemComparison, StoreComparison
-from dancedata.viewer.motions import MusicFiles
-from dancedata.viewer.scenes import Scenes
-from dancedata.viewer.source import ClipSource
-from dancedata.viewer.wall import Wall, WallSounds
 from tests.messages import raises_message
 
 HEAD = "id,motion,audio,up,unit,start_s,end_s\n"

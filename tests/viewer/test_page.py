@@ -13,9 +13,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
+from dancedata.scene.page import clip_page, page_parts, source_hash
+from dancedata.scene.payload import page_json
 from dancedata.viewer.notebook import html_of
-from dancedata.viewer.page import clip_page, page_parts, source_hash
-from dancedata.viewer.payload import page_json
 from tests.report.test_colours import contrast
 
 HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
@@ -161,7 +161,7 @@ def test_a_page_without_data_is_small() -> None:
 def test_modules_share_no_name() -> None:
     """They become one script, in which a second function of a name would silently take the place of the first."""
     names: list[str] = []
-    for path in files("dancedata.viewer").joinpath("static", "js").iterdir():
+    for path in files("dancedata.scene").joinpath("static", "js").iterdir():
         text = path.read_text(encoding="utf-8")
         names += re.findall(r"^(?:export )?(?:async )?(?:const|let|function|class) (\w+)", text, flags=re.MULTILINE)
     assert len(names) > 300

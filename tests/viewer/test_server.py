@@ -22,8 +22,8 @@ import pytest
 import dancedata
 from dancedata.building.source_music import SourceMusic
 from dancedata.core.errors import UsageError
+from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import Site, ViewServer
-from dancedata.viewer.source import ClipSource
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.messages import raises_message
 from tests.viewer.helpers import serving

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
+from dancedata.scene import Scenes
+from dancedata.scene.figure import Figure
+from dancedata.scene.page import clip_page
+from dancedata.scene.payload import scene_payload, turns_payload
 from dancedata.synthetic import synthesise_motion
-from dancedata.viewer import Scenes
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.page import clip_page
-from dancedata.viewer.payload import scene_payload, turns_payload
 from tests.browser import Browser
 from tests.viewer.test_body_browser import DRAWN, stage
 from tests.viewer.test_browser import V

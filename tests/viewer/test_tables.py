@@ -14,10 +14,9 @@ import pytest
 import dancedata
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
+from dancedata.scene import Figure
 from dancedata.synthetic import synthesise_motion
-from dancedata.viewer import Figure
-from dancedata.viewer.notebook import html_of
-from dancedata.viewer.tables import MOST_CLIPS, pose_svg
+from dancedata.viewer.notebook import MOST_CLIPS, html_of, pose_svg
 from tests.viewer.helpers import HOSTILE
 
 

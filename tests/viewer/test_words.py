@@ -10,13 +10,13 @@ import pytest
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Layer, Segment
+from dancedata.scene import Scenes
+from dancedata.scene.figure import Movement
+from dancedata.scene.payload import scene_payload
+from dancedata.scene.scene_list import Rhythm
+from dancedata.scene.scenes import rhythm_of
 from dancedata.store import open_store, write_store
 from dancedata.store.schema import Field
-from dancedata.viewer import Scenes
-from dancedata.viewer.figure import Movement
-from dancedata.viewer.payload import scene_payload
-from dancedata.viewer.scene_list import Rhythm
-from dancedata.viewer.scenes import rhythm_of
 from tests.groups_store import HEADER, SIZES, stored
 
 MOVES = Layer("moves", language="en", sided="no")
@@ -87,7 +87,7 @@ def test_downbeats_are_marked() -> None:
 
 
 def test_words_are_drawn_and_said(browser, tmp_path: Path, scenes: Scenes) -> None:  # noqa: ANN001
-    from dancedata.viewer.page import clip_page
+    from dancedata.scene.page import clip_page
 
     page = tmp_path / "words.html"
     page.write_text(clip_page(scenes, [scenes.find("train0"), scenes.find("train1")]))

@@ -1,11 +1,13 @@
 """The protocol of this project, for new work."""
 
+from dancedata.core.dance import MusicBeats
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.geometric_features import Geometric
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
+from dancedata.store.motion_fields import Pose
 
 _JOINTS = 22
 
@@ -37,3 +39,9 @@ class Dancedata(Protocol):
         "features that are the same in all clips of the pool do not count",
         "the 22 joints that SMPL and SMPL-X share, on the dancer's own bones",
     )
+
+    def clip_scores(self, pose: Pose, beats: MusicBeats | None) -> dict[str, float | None]:
+        """Return the scores of one clip that need no pool, by name; DataError if the clip cannot be measured."""
+        from dancedata.evaluation.report import scores_of_clip
+
+        return scores_of_clip(self, pose, beats)

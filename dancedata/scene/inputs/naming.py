@@ -8,8 +8,8 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.aistpp import parse_name, tempo_bpm
-from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.songs import Song, of_known
+from dancedata.scene.inputs.clip import ClipInput
+from dancedata.scene.inputs.songs import Song, of_known
 from dancedata.store import Store
 from dancedata.store.samples import Sample, Samples
 

@@ -1,83 +1,53 @@
 """Clips of a built dataset in columns that a protocol can measure."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar
 
-import numpy.typing as npt
-
-from dancedata.core.bodies import crosses, has_body
-from dancedata.core.clip import Window
-from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.hashing import sha256_bytes
-from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.bodies import has_body
+from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
-from dancedata.core.typing import override
-from dancedata.evaluation.inputs.clip import ClipInput, GroupClip
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
-from dancedata.execution.cache import Cache
-from dancedata.recipes.documents import document_of
+from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
 from dancedata.store import Store
-from dancedata.store.dataset import reopen
-from dancedata.store.motion_fields import BODIES, ColumnsReader, Pose, motion_reader, motion_readers
+from dancedata.store.motion_fields import BODIES, ColumnsReader, motion_reader, motion_readers
 from dancedata.store.samples import Sample, recording_of
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StoreClip(ClipInput):
-    """A clip of a store, or one of its windows.
+@dataclass(frozen=True, eq=False)
+class ClipSet:
+    """Clips that are measured together.
 
-    `reference`: Path of the store and hash of its dataset.json.
-    `field`: Motion field that is read.
-    `window`: The window; None for a whole clip.
-    `mirrored`: Whether its mirror image is read.
+    `source`: Origin of the clips, for reports.
+    `store`: Dataset that they are from; None for others.
+    `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
+    `left_out`: Clips of the dataset that are not measured, and why.
+    `samples`: What motion is of the dataset that it is like, by the ids of the clips.
+    `matched`, `warnings`: What was found of the names, in words.
+    `nothing_matched`: The error for files of which nothing is known, where metrics take music.
     """
 
-    stored: ClassVar[bool] = True
-    reference: tuple[str, str]
-    field: str
-    reader: ColumnsReader
-    window: Window | None = None
-    mirrored: bool = False
+    clips: tuple[ClipInput, ...]
+    source: str
+    role: Role
+    store: Store | None = None
+    scaler_sha256: str = ""
+    left_out: tuple[tuple[str, str], ...] = ()
+    samples: Mapping[str, Sample] = field(default_factory=dict)
+    matched: str = ""
+    warnings: tuple[str, ...] = ()
+    nothing_matched: DataError | None = None
+
+    def __post_init__(self) -> None:
+        if not self.clips:
+            raise UsageError("there are no clips to evaluate", where=self.source)
 
     @property
-    @override
-    def clip(self) -> str:
-        return self.id if self.window is None else self.window.clip
-
-    @property
-    @override
-    def file(self) -> Path:
-        return Path(self.reference[0])
-
-    @override
-    def crosses(self, target: Skeleton) -> bool:
-        representation = self.reader.representation
-        return representation.decodes and crosses(representation.skeleton, target)
-
-    @override
-    def identity(self, cache: Cache) -> Any:
-        rows = sha256_bytes(self._rows().tobytes())  # not the hash that dataset.json states
-        return ["store", self.reference[1], self.id, self.field, columns_identity(self.reader), rows]
-
-    @override
-    def load(self) -> Pose:
-        return self.reader.pose(self._rows())
-
-    def _rows(self) -> npt.NDArray[Any]:
-        store = _opened(*self.reference)
-        if self.window is None:
-            return store[self.id].read(self.field)
-        rows = store.read(self.window, self.field)
-        mirror = store.field(self.field).columns.mirror if self.mirrored else None
-        return rows if mirror is None else mirror.apply(rows)
-
-
-@lru_cache(maxsize=4)
-def _opened(path: str, sha256: str) -> Store:
-    return reopen(path, sha256)
+    def folder(self) -> Path:
+        """Folder that workers of a cluster have to see."""
+        file = next((clip.file for clip in self.clips if clip.file is not None), Path.cwd())
+        return file if file.is_dir() else file.parent
 
 
 def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
@@ -199,12 +169,6 @@ def columns_problem(reader: ColumnsReader, rule: MotionRule) -> str:
     if grid is not None and reader.grid.step_to(grid) is None:
         return f"they have {reader.grid} rows per second, not {grid} or a whole multiple"
     return ""
-
-
-def columns_identity(reader: ColumnsReader) -> list[Any]:
-    """Return JSON data for cache keys that determines how columns are read."""
-    plugin = reader.representation
-    return [plugin.name, plugin.version, document_of(plugin), str(reader.grid), reader.scaling.identity()]
 
 
 def named_reader(store: Store, name: str) -> ColumnsReader:

@@ -20,19 +20,19 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
-from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.files import FileFormat, clips_of
-from dancedata.evaluation.inputs.naming import named_clips
-from dancedata.evaluation.inputs.songs import Song, read_songs, song_files
+from dancedata.scene.figure import Figure
+from dancedata.scene.group_scene import Together
+from dancedata.scene.inputs.clip import ClipInput
+from dancedata.scene.inputs.files import FileFormat, clips_of
+from dancedata.scene.inputs.naming import named_clips
+from dancedata.scene.inputs.songs import Song, read_songs, song_files
+from dancedata.scene.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
+from dancedata.scene.scenes import rhythm_of
+from dancedata.scene.source import MAX_SECONDS, ClipSound, cut
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 from dancedata.store.schema import Field
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
-from dancedata.viewer.scenes import rhythm_of
-from dancedata.viewer.source import MAX_SECONDS, ClipSound, cut
-from dancedata.viewer.together import Together
 
 #: Feature whose beats and onsets are drawn, and its rows per second.
 _FEATURE, _RATE = "librosa35", 30

@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from dancedata.viewer.scene_list import Item
+from dancedata.scene.scene_list import Item
 
 Theme = Literal["dark", "light"]
 #: By theme, for each dancer: trunk and head, left limbs, right limbs. One hue each in three tones of OKLCH, left

@@ -17,17 +17,17 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.evaluation.inputs.files import FileClip, FileFormat
 from dancedata.recipes.plugins import make_named
+from dancedata.scene.figure import Figure
+from dancedata.scene.inputs.files import FileClip, FileFormat
+from dancedata.scene.payload import Json, curve, figure_payload
+from dancedata.scene.scene_list import Item, Scene, SceneList, begins_after
+from dancedata.scene.scenes import Scenes
+from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
 from dancedata.store.like import scaling_of
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.payload import Json, curve, figure_payload
-from dancedata.viewer.scene_list import Item, Scene, SceneList, begins_after
-from dancedata.viewer.scenes import Scenes
-from dancedata.viewer.source import ClipSource
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

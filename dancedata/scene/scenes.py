@@ -17,15 +17,15 @@ from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.keymotion.minima import KeyMotion
+from dancedata.metrics.key_motion import KeyMotion
+from dancedata.scene.figure import Figure, Movement
+from dancedata.scene.group_scene import Together
+from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, pose_readers
 from dancedata.store.schema import DATASET_FILE, Field
-from dancedata.viewer.figure import Figure, Movement
-from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
-from dancedata.viewer.together import Together
 
 _ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
 #: Most segments of a layer that are drawn.

@@ -1,10 +1,10 @@
-"""Clips that can be evaluated, of any origin, and sets of them."""
+"""Clips of any origin: motion in memory, of a source folder, of a built dataset, and groups of these."""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,20 +13,19 @@ import numpy.typing as npt
 
 from dancedata.building.identity import content_hashes
 from dancedata.core.bodies import crosses
-from dancedata.core.clip import ClipRef
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.clip import ClipRef, Window
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
-from dancedata.evaluation.protocol import Role
 from dancedata.execution.cache import Cache
 from dancedata.recipes.documents import document_of
 from dancedata.store import Store
-from dancedata.store.motion_fields import Pose
-from dancedata.store.samples import Sample
+from dancedata.store.dataset import reopen
+from dancedata.store.motion_fields import ColumnsReader, Pose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -194,36 +193,62 @@ class GroupClip(ClipInput):
         return tuple(pose for pose in loaded if isinstance(pose, Pose))
 
 
-@dataclass(frozen=True, eq=False)
-class ClipSet:
-    """Clips that are measured together.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StoreClip(ClipInput):
+    """A clip of a store, or one of its windows.
 
-    `source`: Origin of the clips, for reports.
-    `store`: Dataset that they are from; None for others.
-    `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
-    `left_out`: Clips of the dataset that are not measured, and why.
-    `samples`: What motion is of the dataset that it is like, by the ids of the clips.
-    `matched`, `warnings`: What was found of the names, in words.
-    `nothing_matched`: The error for files of which nothing is known, where metrics take music.
+    `reference`: Path of the store and hash of its dataset.json.
+    `field`: Motion field that is read.
+    `window`: The window; None for a whole clip.
+    `mirrored`: Whether its mirror image is read.
     """
 
-    clips: tuple[ClipInput, ...]
-    source: str
-    role: Role
-    store: Store | None = None
-    scaler_sha256: str = ""
-    left_out: tuple[tuple[str, str], ...] = ()
-    samples: Mapping[str, Sample] = field(default_factory=dict)
-    matched: str = ""
-    warnings: tuple[str, ...] = ()
-    nothing_matched: DataError | None = None
-
-    def __post_init__(self) -> None:
-        if not self.clips:
-            raise UsageError("there are no clips to evaluate", where=self.source)
+    stored: ClassVar[bool] = True
+    reference: tuple[str, str]
+    field: str
+    reader: ColumnsReader
+    window: Window | None = None
+    mirrored: bool = False
 
     @property
-    def folder(self) -> Path:
-        """Folder that workers of a cluster have to see."""
-        file = next((clip.file for clip in self.clips if clip.file is not None), Path.cwd())
-        return file if file.is_dir() else file.parent
+    @override
+    def clip(self) -> str:
+        return self.id if self.window is None else self.window.clip
+
+    @property
+    @override
+    def file(self) -> Path:
+        return Path(self.reference[0])
+
+    @override
+    def crosses(self, target: Skeleton) -> bool:
+        representation = self.reader.representation
+        return representation.decodes and crosses(representation.skeleton, target)
+
+    @override
+    def identity(self, cache: Cache) -> Any:
+        rows = sha256_bytes(self._rows().tobytes())  # not the hash that dataset.json states
+        return ["store", self.reference[1], self.id, self.field, columns_identity(self.reader), rows]
+
+    @override
+    def load(self) -> Pose:
+        return self.reader.pose(self._rows())
+
+    def _rows(self) -> npt.NDArray[Any]:
+        store = _opened(*self.reference)
+        if self.window is None:
+            return store[self.id].read(self.field)
+        rows = store.read(self.window, self.field)
+        mirror = store.field(self.field).columns.mirror if self.mirrored else None
+        return rows if mirror is None else mirror.apply(rows)
+
+
+@lru_cache(maxsize=4)
+def _opened(path: str, sha256: str) -> Store:
+    return reopen(path, sha256)
+
+
+def columns_identity(reader: ColumnsReader) -> list[Any]:
+    """Return JSON data for cache keys that determines how columns are read."""
+    plugin = reader.representation
+    return [plugin.name, plugin.version, document_of(plugin), str(reader.grid), reader.scaling.identity()]

@@ -15,15 +15,14 @@ import numpy as np
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import PROTOCOLS
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.evaluation.music import ClipMusic
-from dancedata.evaluation.report import scores_of_clip
+from dancedata.scene.comparisons import Comparison
+from dancedata.scene.figure import Figure
+from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
+from dancedata.scene.source import ClipSound, Sounds
 from dancedata.store.motion_fields import Pose
-from dancedata.viewer.comparisons import Comparison
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.scene_list import Item, Rhythm, Scene, SceneList
-from dancedata.viewer.source import ClipSound, Sounds
 
 #: Protocol of the numbers of dancers.
 PROTOCOL = "dancedata"
@@ -238,7 +237,7 @@ def _numbers(figure: Figure, rhythm: Rhythm, truth: Figure | None) -> tuple[tupl
     scores: dict[str, float | None] = {}
     with suppress(DanceDataError):
         pose = Pose(figure.joints, figure.skeleton.joints, figure.grid)
-        scores = scores_of_clip(PROTOCOL, pose, ClipMusic(beats) if rhythm.field else None)
+        scores = PROTOCOLS.get(PROTOCOL)().clip_scores(pose, beats if rhythm.field else None)
     numbers = [("BAS", "" if (bas := scores.get("bas")) is None else f"{bas:.3f}")]
     numbers.append(("sliding", f"{100 * figure.sliding:.1f} cm/s" if figure.n_frames > 1 else ""))
     numbers.append(("PFC", "" if (value := scores.get("pfc")) is None else f"{value:.3g}"))

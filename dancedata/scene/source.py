@@ -20,9 +20,9 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.recipes.parse import parse_recipe
+from dancedata.scene.figure import Figure
+from dancedata.scene.scene_list import Item, Scene
 from dancedata.store import Store
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.scene_list import Item, Scene
 
 #: Highest sample rate that a page gets, and most seconds.
 MAX_RATE, MAX_SECONDS = 48_000, 600.0

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from dancedata.card.text import MARK, card_text
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.execution.progress import Progress
 from dancedata.plot.beat_axes import beats
 from dancedata.plot.map_axes import pose_map
 from dancedata.plot.motion_axes import motion
 from dancedata.plot.path_axes import paths
+from dancedata.publish.card_text import MARK, card_text
 from dancedata.report.write import Target
 from dancedata.store import Store, open_store
 

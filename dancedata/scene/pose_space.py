@@ -19,7 +19,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.execution.arithmetic import one_thread
 from dancedata.metrics import frechet, geometric, kinetic
-from dancedata.report.pieces import ClipReader, Piece, measured_units
+from dancedata.scene.pieces import ClipReader, Piece, measured_units
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
 

@@ -16,11 +16,11 @@ import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.limbs import HEAD, rest_ahead
-from dancedata.viewer.palette import DANCERS
-from dancedata.viewer.scene_list import MAX_NAME, Flag, Item, Scene, Word
-from dancedata.viewer.together import Pair, Together
+from dancedata.scene.figure import Figure
+from dancedata.scene.group_scene import Pair, Together
+from dancedata.scene.limbs import HEAD, rest_ahead
+from dancedata.scene.palette import DANCERS
+from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Scene, Word
 
 Json: TypeAlias = dict[str, Any]
 #: Largest value of a curve of 16 bits.

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from dancedata.core.typing import override
 from dancedata.datasets.files import MOTION_SUFFIXES
+from dancedata.scene.scene_list import Item
+from dancedata.scene.scenes import Scenes
 from dancedata.store import Store
 from dancedata.store.samples import Sample, Samples
-from dancedata.viewer.scene_list import Item
-from dancedata.viewer.scenes import Scenes
 
 
 class SampleScenes(Scenes):

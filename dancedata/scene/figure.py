@@ -17,11 +17,11 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.formats.body_mesh import BodyMesh, Float32
-from dancedata.keymotion.minima import KeyMotion, key_motion
+from dancedata.metrics.key_motion import KeyMotion, key_motion
+from dancedata.scene.body import floor_height, lowest_feet, standing_height
+from dancedata.scene.limbs import Limbs, chest_looks, looks, sides_of
+from dancedata.scene.turns import rest_pose, turns_of_bones
 from dancedata.store.motion_fields import ColumnsReader, Pose
-from dancedata.viewer.body import floor_height, lowest_feet, standing_height
-from dancedata.viewer.limbs import Limbs, chest_looks, looks, sides_of
-from dancedata.viewer.turns import rest_pose, turns_of_bones
 
 BoolArray = npt.NDArray[np.bool_]
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.

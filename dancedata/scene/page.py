@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.text import shown
-from dancedata.viewer.comparisons import Comparison, comparison_payload
-from dancedata.viewer.payload import Json, item_rows, page_json, scene_payload
-from dancedata.viewer.scene_list import Item, SceneList
+from dancedata.scene.comparisons import Comparison, comparison_payload
+from dancedata.scene.payload import Json, item_rows, page_json, scene_payload
+from dancedata.scene.scene_list import Item, SceneList
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)

@@ -30,12 +30,11 @@ from dancedata.datasets.folder import (
     stated_grid,
 )
 from dancedata.decoding.files import PERSON_MASK
-from dancedata.evaluation.inputs.clip import ClipInput
-from dancedata.evaluation.inputs.store import columns_identity
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
 from dancedata.recipes.documents import document_of
+from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.store.motion_fields import ColumnsReader, Pose
 from dancedata.store.scaling import stated_in
 

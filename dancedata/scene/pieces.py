@@ -9,14 +9,13 @@ import numpy as np
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
-from dancedata.evaluation.music import beats_after
-from dancedata.keymotion.minima import SIGMA_FRAMES, KeyMotion, key_motion
+from dancedata.metrics.key_motion import SIGMA_FRAMES, KeyMotion, key_motion
+from dancedata.scene.figure import Figure
+from dancedata.scene.scenes import drawable_fields, rhythm_fields
 from dancedata.store import Clip, Store
 from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.schema import Field
-from dancedata.viewer.figure import Figure
-from dancedata.viewer.scenes import drawable_fields, rhythm_fields
 
 #: Names of the groups of columns with contact labels.
 _CONTACTS = ("contact", "foot_contact")
@@ -114,7 +113,7 @@ class ClipReader:
         else:
             lead, rows = 0, clip.read_song(field.name)
             n_rows = len(rows)
-        return beats_after(field_beats(rows, field), -lead, field.grid), float(field.grid.seconds(n_rows))
+        return field_beats(rows, field).after(-lead, field.grid), float(field.grid.seconds(n_rows))
 
 
 def measured_units(store: Store) -> list[Sequence[Clip]]:

@@ -14,7 +14,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.tracks import runs
 from dancedata.metrics.groups import Contact, collisions, contact_spans, facing_angles, root_distances
-from dancedata.viewer.figure import Figure
+from dancedata.scene.figure import Figure
 
 #: Joints that contacts and collisions are measured on, by name and place.
 _BODY = SMPL24.joints[:22]

@@ -11,7 +11,7 @@ import numpy as np
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.skeleton import Skeleton
-from dancedata.viewer.body import TALL, standing_height
+from dancedata.scene.body import TALL, standing_height
 
 #: Radii at the parent and at the joint, metres, of the bone that ends in a joint of this name; of a body of 1.7 m.
 _GIRTHS = {

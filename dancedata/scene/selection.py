@@ -11,20 +11,20 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.inputs.files import FileFormat
 from dancedata.formats.body_mesh import BodyMesh
+from dancedata.scene.comparisons import Comparison, OriginalComparison, comparison_of, file_format
+from dancedata.scene.inputs.files import FileFormat
+from dancedata.scene.motions import MotionScenes, motion_scenes
+from dancedata.scene.payload import link
+from dancedata.scene.scene_list import Item, SceneList
+from dancedata.scene.scenes import Scenes
+from dancedata.scene.source import ClipSource, Sounds
+from dancedata.scene.wall import Wall, WallSounds
+from dancedata.scene.windows import SampleScenes, samples_in
 from dancedata.store import Store, open_store
 from dancedata.store.licence import OVERRIDE, require_shareable
 from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
-from dancedata.viewer.comparisons import Comparison, OriginalComparison, comparison_of, file_format
-from dancedata.viewer.motions import MotionScenes, motion_scenes
-from dancedata.viewer.payload import link
-from dancedata.viewer.scene_list import Item, SceneList
-from dancedata.viewer.scenes import Scenes
-from dancedata.viewer.source import ClipSource, Sounds
-from dancedata.viewer.wall import Wall, WallSounds
-from dancedata.viewer.windows import SampleScenes, samples_in
 
 #: Attributes of a request whose option has another name.
 _OPTIONS = {
