@@ -22,11 +22,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.onsets import onset_strength
-from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef
 from dancedata.datasets.aistpp import AistPP
 from dancedata.metrics.offsets import RATE, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
+from dancedata.music.signal import load_audio
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.synthetic.plan import CATALOGUE, make_plan, tempo_bpm
 

@@ -46,9 +46,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio
 from dancedata.store import open_store
 from dancedata.synthetic import synthesise_song
 from dancedata.synthetic.music import SyntheticSong

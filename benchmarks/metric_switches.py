@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dancedata.audio.signal import load_audio
 from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
@@ -30,6 +29,7 @@ from dancedata.metrics.foot_skating import skating
 from dancedata.metrics.geometric_features import Geometric
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import pfc
+from dancedata.music.signal import load_audio
 
 Clips = Mapping[str, Float64Array]
 #: Windows of the comparison of sets, frames at 60 per second, and their distance.

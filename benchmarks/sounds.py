@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-from dancedata.audio.ffmpeg import find_ffmpeg
-from dancedata.audio.signal import audio_length, load_audio
 from dancedata.core.errors import DataError
+from dancedata.music.ffmpeg import find_ffmpeg
+from dancedata.music.signal import audio_length, load_audio
 
 RATE, SECONDS = 44_100, 6.0
 #: Longest frame of a codec, seconds; ADPCM has blocks, opus at 48 kHz and AAC at low rates have long frames.

@@ -13,11 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
-from dancedata.audio.signal import load_audio
-from dancedata.audio.silence import noted
 from dancedata.building.left_out import implausible_problems
 from dancedata.building.signals import window_samples
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
@@ -25,13 +23,15 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES, named_files
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.units import as_in_builds
 from dancedata.files.atomic import atomic_file, write_json
+from dancedata.files.listing import named_files
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
+from dancedata.music.signal import load_audio
+from dancedata.music.silence import noted
 from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named

@@ -1,1 +1,1 @@
-"""Audio files as samples, and features of music. `signal` decodes and resamples; each feature is a package."""
+"""Features of music; each is a package or a module."""

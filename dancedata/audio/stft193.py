@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.settings import HOP
-from dancedata.audio.signal import resample, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
@@ -15,6 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
+from dancedata.music.signal import resample, resampled_length
 
 N_FFT = 384
 _BINS = 1 + N_FFT // 2

@@ -59,7 +59,7 @@ def extract(
     >>> dancedata.extract("librosa35", "song.wav", fps=30, start_bpm=120).shape
     (211, 35)
     """
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)

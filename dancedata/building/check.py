@@ -11,7 +11,6 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.silence import noted
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.left_out import NOTED, implausible_problems, relative_to
@@ -31,6 +30,7 @@ from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
+from dancedata.music.silence import noted
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
@@ -320,7 +320,7 @@ def _seconds(signal: SignalId | Signal | None) -> float:
 
 
 def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | None]:
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     motion = attempt(lambda: reader.load(ref), ref.motion_path, ref.id)
     problems = [motion] if isinstance(motion, Reject) else []

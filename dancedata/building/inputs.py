@@ -7,12 +7,12 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.silence import without_sound
 from dancedata.building.rejects import require_same
 from dancedata.building.signals import SignalId, decode_again, decode_ahead
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.quality import music_flags
 from dancedata.execution.cache import Cache
+from dancedata.music.silence import without_sound
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.silence import SILENT_DBFS
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
 from dancedata.core.text import counted, listed, printable, shown
+from dancedata.music.silence import SILENT_DBFS
 
 #: Reasons for which a clip is left out by choice; they do not stop a strict build.
 BY_CHOICE = {

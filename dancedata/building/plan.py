@@ -215,7 +215,7 @@ def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:
 
 def _length(cache: Cache, path: Path) -> SignalId | Reject:
     """Return the signal of a song; one that no build has decoded by its header, its path in place of a hash."""
-    from dancedata.audio.signal import audio_length
+    from dancedata.music.signal import audio_length
 
     identified = known_signal(cache, path)
     if identified is not None:

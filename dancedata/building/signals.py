@@ -15,8 +15,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.ffmpeg import ffmpeg_version
-from dancedata.audio.silence import Level, levels
 from dancedata.building.rejects import changed, reject_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
@@ -24,6 +22,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
+from dancedata.music.ffmpeg import ffmpeg_version
+from dancedata.music.silence import Level, levels
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.fields import FeatureJob
 
@@ -40,14 +40,14 @@ def decode_ahead(path: Path) -> None:
         _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="decode-ahead"))
     if path not in _ahead:
         _ahead.clear()
-        from dancedata.audio.signal import load_audio
+        from dancedata.music.signal import load_audio
 
         _ahead[path] = _threads[0].submit(load_audio, path)
 
 
 def decoded(path: Path) -> AudioSignal:
     """Return a file's signal, decoded now or ahead; raises as `load_audio`."""
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     begun = _ahead.pop(path, None)
     if begun is None:
@@ -111,7 +111,7 @@ class SignalId:
         """Return the same music `speed` times as fast; it is stretched when a feature is computed."""
         if speed == 1:
             return self
-        from dancedata.audio import stretch
+        from dancedata.music import stretch
 
         stretched_sha256 = Cache.key(
             "stretched",
@@ -169,7 +169,7 @@ def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[n
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     """Decode a file and hash its samples; the result is cached until the file changes."""
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     try:
         file = Cache.stat_key("signal", path)
@@ -283,7 +283,7 @@ def decode_again(signal: SignalId) -> AudioSignal:
     if file != signal.file and signal_of_file.sha256 != (signal.decoded_sha256 or signal.sha256):
         raise changed(signal.path)
     if signal.speed != 1:
-        from dancedata.audio.stretch import stretched
+        from dancedata.music.stretch import stretched
 
         signal_of_file = stretched(signal_of_file, signal.speed)
     if signal.skipped:

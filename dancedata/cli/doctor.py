@@ -179,7 +179,7 @@ def check_music() -> Iterator[Finding]:
     import numpy as np
     import soundfile
 
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     sine = 0.5 * np.sin(2 * np.pi * 440 * np.arange(_RATE) / _RATE)
     readable, problems = [], []

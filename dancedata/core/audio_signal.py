@@ -13,6 +13,11 @@ import numpy.typing as npt
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.hashing import sha256_bytes
 
+#: Audio files that are read, in order of preference: lossless formats first, last those that need ffmpeg.
+AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".aiff", ".aif", ".m4a", ".aac", ".mp4")
+#: Folders of music in a folder of motion.
+MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
+
 
 @dataclass(frozen=True, eq=False)
 class AudioSignal:

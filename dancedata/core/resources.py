@@ -1,6 +1,9 @@
 """Recipes and manifests that are part of the package."""
 
+from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
 
@@ -18,6 +21,15 @@ def resource(kind: str, name: str) -> Path:
     if name not in resources(kind):
         raise UsageError(f"no {name!r} among the {kind}", fix=did_you_mean(name, resources(kind)))
     return path
+
+
+@cache
+def manifest(name: str) -> Mapping[str, Any]:
+    """Return the published facts about a dataset, ``manifests/<name>.yaml``, which is read once."""
+    import yaml
+
+    content: Mapping[str, Any] = yaml.safe_load(resource("manifests", f"{name}.yaml").read_text(encoding="utf-8"))
+    return content
 
 
 def _folder(kind: str) -> Path:

@@ -16,8 +16,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import clips_note, list_audio, read_names, relative, require_choices
+from dancedata.datasets.files import clips_note, list_audio, read_names, require_choices
 from dancedata.datasets.layout import Folders, Layout
+from dancedata.files.listing import relative
 
 OFFICIAL, BY_VIDEO = "official", "by-video"
 RULE = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)

@@ -21,13 +21,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.audio.signal import load_audio
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed
 from dancedata.files.regular_file import open_regular
+from dancedata.music.signal import load_audio
 
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}

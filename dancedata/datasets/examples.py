@@ -12,9 +12,9 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, rotation_6d
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.finedance.layout import LABELS, MOTION, MUSIC
-from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.files import atomic
 from dancedata.formats.bvh.write import write_bvh
+from dancedata.formats.stated import UPRIGHT
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 _RATE = 30

@@ -1,26 +1,22 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
-import glob
 import unicodedata
 from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import listed, quoted
+from dancedata.files.listing import best_audio, describe, list_folder, relative, stem_of
 from dancedata.files.regular_file import read_regular
-from dancedata.formats.values import VALUE_SUFFIXES
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
 ALL = "all"
-#: Audio files that are read, in order of preference: lossless formats first, last those that need ffmpeg.
-AUDIO_SUFFIXES = (".wav", ".flac", ".mp3", ".ogg", ".opus", ".aiff", ".aif", ".m4a", ".aac", ".mp4")
-#: Motion files that are read, in order of preference.
-MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *(suffix for suffix in VALUE_SUFFIXES if suffix != ".pkl"))
 #: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).
 MAX_LIST_BYTES = 1 << 24
 MAX_NAMES = 100_000
@@ -50,39 +46,6 @@ class Files:
         ]
 
 
-def list_folder(folder: Path) -> list[Path]:
-    """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.
-
-    Raises SourceError: if the folder cannot be read.
-    """
-    try:
-        entries = sorted(folder.iterdir())
-    except OSError as error:
-        raise SourceError("the folder cannot be read", where=str(folder), found=error.strerror or str(error),
-                          fix="check the path and its permissions") from error  # fmt: skip
-    return [entry for entry in entries if not entry.name.startswith(".") and entry.name != "__MACOSX"]
-
-
-def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
-    """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
-
-    Raises UsageError: for a folder or a pattern without such a file.
-    """
-    files: list[Path] = []
-    for path in paths:
-        pattern = glob.has_magic(str(path)) and not path.exists()
-        if not path.is_dir() and not pattern:
-            files.append(path)
-            continue
-        found = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
-        mine = sorted(p for p in found if p.suffix.lower() in suffixes and p.is_file())
-        if not mine:
-            problem = "the pattern names no file to read" if pattern else "the folder has no file to read"
-            raise UsageError(problem, where=path, allowed=f"files {', '.join(suffixes)}")
-        files += mine
-    return files
-
-
 def require_folder(dataset: str, source: Path, looked_for: str) -> None:
     """Check that `source` is a folder with at least one entry.
 
@@ -101,27 +64,6 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
     raise SourceError(
         problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the dataset's folder"
     )
-
-
-def describe(folder: Path) -> str:
-    """Return a short list of a folder's entries: folders with a slash, then files, then how many more."""
-    entries = list_folder(folder)
-    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
-    files = [entry.name for entry in entries if not entry.is_dir()]
-    return listed([*folders, *files]) if entries else "nothing"
-
-
-def relative(path: Path, source: Path) -> str:
-    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
-    try:
-        return path.relative_to(source).as_posix()
-    except ValueError:
-        return f"{path.parent.name}/{path.name}"
-
-
-def stem_of(path: Path) -> str:
-    """Return the name without its last suffix, in Unicode's form NFC: archives of macOS have names in NFD."""
-    return unicodedata.normalize("NFC", path.stem)
 
 
 def existing(source: Path, text: str) -> Path:
@@ -189,16 +131,6 @@ def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callabl
     return Files(files, tuple(rejects))
 
 
-def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tuple[str, list[Path]]]:
-    """Return the files of folders with these suffixes by their names without suffix, sorted by name."""
-    by_stem: dict[str, list[Path]] = {}
-    for folder in folders:
-        for path in list_folder(folder):
-            if path.suffix.lower() in suffixes and path.is_file():
-                by_stem.setdefault(stem_of(path), []).append(path)
-    return sorted(by_stem.items())
-
-
 def list_audio(
     folders: Iterable[Path],
     source: Path,
@@ -256,11 +188,6 @@ def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_prob
         (*music.notes, *first.notes, note),
         (*music.folders, *first.folders),
     )
-
-
-def best_audio(paths: Iterable[Path]) -> list[Path]:
-    """Sort audio files with equal stems, the preferred one first; of equal suffixes in the given order."""
-    return sorted(paths, key=lambda path: AUDIO_SUFFIXES.index(path.suffix.lower()))
 
 
 def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reject]) -> Files:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed
-from dancedata.datasets.files import Files, describe, files_by_stem, list_folder, require_folder
+from dancedata.datasets.files import Files, files_by_stem, require_folder
+from dancedata.files.listing import describe, list_folder
 
 _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 

@@ -17,7 +17,7 @@ On disk it is AIST++ in its official layout, plus the ground truth. It contains 
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.motion import Motion
@@ -25,7 +25,6 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp import AistPP
 from dancedata.synthetic.corpus import VERSION, is_example, write_example, write_synthetic
 
 #: Parameters that decide which clips are written; reading a clip does not depend on them.
@@ -102,5 +101,6 @@ class Synthetic(Dataset):
         del fields["split"]  # concerns reading, not the content of the corpus
         return fields
 
-    def _reader(self) -> AistPP:
-        return AistPP(split=self.split)
+    def _reader(self) -> Dataset:
+        reader: Any = DATASETS.get("aist++")
+        return cast(Dataset, reader(split=self.split))

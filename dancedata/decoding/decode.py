@@ -311,7 +311,7 @@ def _grid(
 ) -> FrameGrid:
     stored = None if store is None else FrameGrid(store.field(name).rate)
     grid = FrameGrid.of(fps) if fps is not None else stored or file or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
-    from dancedata.datasets.folder import same_rate
+    from dancedata.formats.stated import same_rate
 
     if not same_rate(file, grid):
         raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",

@@ -18,14 +18,14 @@ from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.text import listed, shown
-from dancedata.datasets.files import MOTION_SUFFIXES, named_files
 from dancedata.decoding.decode import Decoder, Like, ScalerLike
 from dancedata.files import atomic
+from dancedata.files.listing import named_files
 from dancedata.formats.arrays import Array, ArrayFile
 from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
-from dancedata.formats.values import open_arrays
+from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 
 _log = logging.getLogger(__name__)
 
@@ -124,7 +124,7 @@ def decode_file(
             )  # fmt: skip
         return written
     (path,) = paths
-    from dancedata.datasets.folder import stated_grid
+    from dancedata.formats.stated import stated_grid
     from dancedata.store.saved_samples import saved_samples
     from dancedata.store.scaling import stated_in
 

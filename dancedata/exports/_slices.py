@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal, wav_bytes
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
@@ -20,6 +19,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
+from dancedata.music.signal import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window

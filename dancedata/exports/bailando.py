@@ -15,9 +15,9 @@ import numpy.typing as npt
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
+from dancedata.core.resources import manifest
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp.facts import facts
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import (
     needs_feature,
@@ -47,7 +47,7 @@ def needs_aist_names(job: ExportJob, clips: list[Clip]) -> list[Missing]:
 
 def is_ignored(clip: Clip) -> bool:
     """Whether a clip is on the ignore list of AIST++, or of its own dataset."""
-    return clip.id in facts().ignored or "ignored" in clip.lists
+    return clip.id in manifest("aistpp")["ignored"] or "ignored" in clip.lists
 
 
 def note_ignored(folder: ExportFolder, clips: list[Clip]) -> None:

@@ -7,9 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from dancedata.core.resources import manifest
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.finedance.facts import facts
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import (
@@ -37,19 +37,25 @@ python train_seq.py
 """
 
 
+#: The published sequences.
+IDS = tuple(f"{n:03d}" for n in range(1, 212))
+
+
 def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
     """Check that a dataset has whole tracks of motion and 35 columns of music at 30 per second."""
     missing = needs_fps(job, _FPS) + needs_field(job, motion, kind="motion", rate=_FPS)
     missing += needs_field(job, feature, kind="audio", width=35, rate=_FPS)
     form = "001 to 211, as FineDance does: dataset: {finedance: {}}; copies (augment) have other names"
     missing += needs_music_from_start(job.clips())
-    return missing + needs_names(job.clips(), lambda name: name in facts().ids, form)
+    return missing + needs_names(job.clips(), lambda name: name in IDS, form)
 
 
-def note_missing(job: ExportJob, folder: ExportFolder, ignored: frozenset[str], loader: str) -> None:
+def note_missing(job: ExportJob, folder: ExportFolder, loader: str, *ignore_lists: str) -> None:
     """Note the ids that a loader opens but that are missing: it would end with FileNotFoundError."""
+    lists = manifest("finedance")["ignore_lists"]
+    ignored = {name for of in ignore_lists for name in lists[of]["ids"]}
     exported = {clip.id for clip in job.clips()}
-    missing = [name for name in facts().ids if name not in ignored and name not in exported]
+    missing = [name for name in IDS if name not in ignored and name not in exported]
     if missing:
         folder.note(
             f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of "
@@ -88,8 +94,7 @@ class FineDance(Export):
         for clip in job.each("tracks", job.clips()):
             folder.write_npy(f"finedance/motion_fea319/{clip.id}.npy", clip.read(_MOTION))
             folder.write_npy(f"finedance/music_npy/{clip.id}.npy", clip.read(self.feature).astype(np.float32))
-        lists = facts().ignore_lists
-        note_missing(job, folder, lists["ignored"].ids | lists["ignored.finenet"].ids, "FineDance's loader")
+        note_missing(job, folder, "FineDance's loader", "ignored", "ignored.finenet")
 
     @override
     def guide(self, job: ExportJob) -> str:

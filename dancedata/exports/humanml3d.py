@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_train
 from dancedata.formats.humanml_texts import Caption, plain_tokens, texts_file
-from dancedata.representations.humanml263 import Humanml263
 
 if TYPE_CHECKING:
     from dancedata.exports.base.folder import ExportFolder
@@ -65,7 +65,7 @@ class HumanML3D(Export):
 
     @override
     def write(self, job: ExportJob, folder: ExportFolder) -> None:
-        representation = Humanml263()
+        representation: Any = REPRESENTATIONS.get(FIELD)()
         for clip in job.each("clips", job.clips()):
             rows = vectors(clip)
             folder.write_npy(f"new_joint_vecs/{clip.id}.npy", rows)

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.packages import MissingPackageError, require
+from dancedata.core.resources import manifest
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.datasets.finedance.facts import facts
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_train
 from dancedata.exports.finedance import needs_tracks, note_missing
@@ -157,7 +157,7 @@ class Lodge(Export):
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         missing = needs_tracks(job, self.motion, self.feature)
-        unknown = [clip.id for clip in job.clips() if clip.genre not in facts().genre_ids]
+        unknown = [clip.id for clip in job.clips() if clip.genre not in manifest("finedance")["genres"]]
         if unknown:
             fix = "dataset: {finedance: {labels: required}}, which leaves them out"
             missing.append(Missing(f"clips without one of the 16 genres: {listed(unknown)}", fix))
@@ -176,7 +176,7 @@ class Lodge(Export):
             folder.write_json(f"finedance/label_json/{clip.id}.json", {"style2": clip.genre})
         folder.write_bytes("Normalizer.pth", normalizer_bytes(self._fitted(job)))
         folder.write_text("assets.yaml", _assets(folder))
-        note_missing(job, folder, facts().ignored("cross_genre"), "Lodge's loader")
+        note_missing(job, folder, "Lodge's loader", "ignored")
 
     @override
     def guide(self, job: ExportJob) -> str:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.signal import pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import on_body
 from dancedata.core.clip import Window
@@ -22,6 +21,7 @@ from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, qu
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
+from dancedata.music.signal import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion

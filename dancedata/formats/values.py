@@ -31,6 +31,8 @@ from dancedata.formats.torch_file import TORCH_HEADS, load_torch
 
 #: Names of pickles, files of joblib.dump and files of torch.save; each is recognised by its content.
 VALUE_SUFFIXES = (".pkl", ".pk", ".joblib", ".pt", ".pth")
+#: Motion files that are read, in order of preference.
+MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *VALUE_SUFFIXES[1:])
 
 
 @contextmanager

@@ -5,6 +5,7 @@ one is moved on the floor and turned about +Y so that the body goes on from wher
 """
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import angles_between, matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
-from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
+from dancedata.formats.values import holds_values
+from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays, open_people
 
 #: Frames in a row without a person that are interpolated: a third of a second at 30 FPS.
 MAX_GAP = 10
@@ -116,3 +118,9 @@ def _continued(last: dict[str, Floats], values: dict[str, Floats]) -> dict[str, 
 def _heading(root: Floats) -> Floats:
     """Return the angles about +Y of the directions that bodies face, from their rotations (N, 3, 3)."""
     return np.arctan2(root[:, 0, 2], root[:, 2, 2])
+
+
+def people_of(path: Path) -> tuple[str, ...]:
+    """Return the names of the people of a file; ("",) for one person without a name. DataError as `open_arrays`."""
+    people = joined(open_people(path)) if holds_values(path) else ()
+    return tuple(person.person for person in people if not person.tracks or len(people) > 1) or ("",)

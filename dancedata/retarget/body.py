@@ -7,10 +7,10 @@ import numpy as np
 from dancedata.core.bodies import has_body
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion, world_matrices
+from dancedata.core.rest import LEGS, POINT, Aligner, anchor, body_size, missing_bone, norm, rest_positions
 from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.retarget.maps import Names, map_skeleton
-from dancedata.retarget.rest import LEGS, POINT, Aligner, anchor, body_size, missing_bone, norm, rest_positions
 
 #: Frames that are inspected for the mean rotations of joints.
 _SAMPLES = 300

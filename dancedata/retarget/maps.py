@@ -4,8 +4,7 @@ A map is ``{"about": "...", "joints": {"left_hip": ["LeftUpLeg"], ...}}``, names
 ("mixamorig:"), case, spaces and _ - . are ignored, and a prefix or suffix that all joints share.
 """
 
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
 from dancedata.files.strict_json import read_json
+from dancedata.formats.bvh.producers import affixed, plain
 
 _FOLDER = Path(__file__).with_name("maps")
 #: Largest file of a joint map, bytes.
@@ -127,36 +127,6 @@ def _matches(joints: Mapping[int, str], table: Names) -> dict[int, int]:
         if index is not None and index not in of.values():
             of[SMPL24.index(joint)] = index
     return dict(sorted(of.items()))
-
-
-def plain(name: str) -> str:
-    """Return a name without namespace, case, spaces and separators."""
-    return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
-
-
-def affixed(
-    joints: Mapping[int, str], known: Iterable[Iterable[str]]
-) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
-    """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
-
-    `joints`: `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
-    `known`: Names of each joint that a body needs, all of which have the prefix and the suffix.
-    """
-    shared: set[tuple[str, str]] | None = None
-    for names in known:
-        cores = set(map(plain, names))
-        found = [(joint, core) for joint in joints.values() for core in cores if core in joint]
-        parts = {part[::2] for joint, core in found for part in (joint.partition(core), joint.rpartition(core))}
-        shared = parts if shared is None else shared & parts
-    for prefix, suffix in sorted((shared or set()) - {("", "")}):
-        yield (
-            (prefix, suffix),
-            {
-                k: joint[len(prefix) : len(joint) - len(suffix)]
-                for k, joint in joints.items()
-                if len(joint) > len(prefix + suffix) and joint.startswith(prefix) and joint.endswith(suffix)
-            },
-        )
 
 
 def _ancestors(parents: Sequence[int], joint: int) -> list[int]:

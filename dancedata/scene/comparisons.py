@@ -16,7 +16,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import MOTION_SUFFIXES
+from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.files import FileClip, FileFormat

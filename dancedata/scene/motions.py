@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.audio.signal import load_audio
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.clip import member_id
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES
+from dancedata.formats.values import MOTION_SUFFIXES
+from dancedata.music.signal import load_audio
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import Together
 from dancedata.scene.inputs.clip import ClipInput

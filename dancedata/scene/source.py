@@ -12,13 +12,13 @@ from typing import Protocol
 
 import numpy as np
 
-from dancedata.audio.signal import load_audio, resample
 from dancedata.building.source_music import SourceMusic, dataset_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import carried_over, has_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio, resample
 from dancedata.recipes.parse import parse_recipe
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Item, Scene
@@ -113,7 +113,7 @@ class ClipSource:
         speed = spec.speed_of(self.store[item.clip.source].group or item.clip.source)
         if speed == 1:
             return signal
-        from dancedata.audio.stretch import stretched
+        from dancedata.music.stretch import stretched
 
         return stretched(signal, speed)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy.typing as npt
 
 from dancedata.core.typing import override
-from dancedata.datasets.files import MOTION_SUFFIXES
+from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
 from dancedata.store import Store

@@ -67,7 +67,7 @@ def recipe_with(*, dataset: str, skeleton: Skeleton = SMPL24, keys: Mapping[str,
 
 
 def _check_scan(scan: Scan, *, has_audio: bool) -> None:
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
     from dancedata.store.schema import check_name
 
     ids = [c.id for c in scan.clips]

@@ -11,11 +11,11 @@ from dancedata.audio.bailando54 import Bailando54
 from dancedata.audio.bailando55 import Bailando55
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.audio.signal import load_audio
 from dancedata.audio.stft193 import Stft193
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio
 from tests.messages import raises_message
 
 #: Of the reference outputs' README: beats and peaks are equal.

@@ -20,9 +20,9 @@ from dancedata.audio.librosa35.feature import Librosa35, _log_once
 from dancedata.audio.librosa35.filters import filter_bank
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.librosa35.tuning import N_TUNINGS
-from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio, pcm16
 from dancedata.synthetic import synthesise_song
 from tests.features import assert_within
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.audio import kernels
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.audio.bailando438 import feature as b438
 from dancedata.audio.librosa35 import reference as plain
@@ -15,6 +14,7 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.files.locks import file_lock
+from dancedata.music import kernels
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.audio.signal import load_audio, pcm16
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio, pcm16
 from tests.features import assert_within
 
 FEATURE = Librosa35()

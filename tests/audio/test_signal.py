@@ -9,8 +9,8 @@ import pytest
 import soundfile
 from numpy.typing import NDArray
 
-from dancedata.audio.signal import audio_length, load_audio, pcm16, resample, resampled_length
 from dancedata.core.errors import DataError
+from dancedata.music.signal import audio_length, load_audio, pcm16, resample, resampled_length
 from tests.messages import raises_message
 
 FORMATS = [
@@ -101,7 +101,7 @@ def test_bounds_of_rates_and_lengths(tmp_path, read, monkeypatch):
     for rate in (4000, 400_000):
         wav(rate=rate)(tmp_path / "a.wav")
         read(tmp_path / "a.wav")
-    monkeypatch.setattr("dancedata.audio.signal.MAX_BYTES", 4 * 48_000)
+    monkeypatch.setattr("dancedata.music.signal.MAX_BYTES", 4 * 48_000)
     wav(8000, 8000)(tmp_path / "a.wav")
     read(tmp_path / "a.wav")
     wav(8001, 8000)(tmp_path / "a.wav")

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import soundfile
 
-from dancedata.audio.ffmpeg import ffmpeg_version, find_ffmpeg
-from dancedata.audio.signal import audio_length, load_audio
-from dancedata.audio.silence import levels, without_sound
-from dancedata.audio.sound_files import held
 from dancedata.building.left_out import describe_implausible
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.quality import OF_MUSIC, music_flags
+from dancedata.music.ffmpeg import ffmpeg_version, find_ffmpeg
+from dancedata.music.signal import audio_length, load_audio
+from dancedata.music.silence import levels, without_sound
+from dancedata.music.sound_files import held
 from tests.messages import raises_message
 
 SECONDS = 3
@@ -107,7 +107,7 @@ def length(path: Path, data: bytes) -> float:
     ],
 )
 def test_read_without_ffmpeg(tmp_path, name, make, monkeypatch):
-    monkeypatch.setattr("dancedata.audio.signal.decode", None)
+    monkeypatch.setattr("dancedata.music.signal.decode", None)
     assert abs(length(tmp_path / name, make()) - SECONDS) < 0.05
 
 
@@ -204,7 +204,7 @@ def test_streams_to_choose_from(tmp_path: Path, name: str, inputs: int, word: st
 
 
 def test_without_ffmpeg_the_command_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.audio.ffmpeg.find_ffmpeg", absent)
+    monkeypatch.setattr("dancedata.music.ffmpeg.find_ffmpeg", absent)
     (tmp_path / "my song.wav").write_bytes(sized(0))
     with raises_message(DataError, "ffmpeg -n -i 'my song.wav'", where="my song.wav", reason="broken_audio"):
         load_audio(tmp_path / "my song.wav")
@@ -217,7 +217,7 @@ def test_an_exception_of_soundfile_is_the_files(tmp_path, what, monkeypatch):
 
     (tmp_path / "a.wav").write_bytes(sized(44_100 * SECONDS * 2))
     monkeypatch.setattr("soundfile.SoundFile.read", fail)
-    monkeypatch.setattr("dancedata.audio.ffmpeg.find_ffmpeg", absent)
+    monkeypatch.setattr("dancedata.music.ffmpeg.find_ffmpeg", absent)
     with raises_message(DataError, "odd", where="a.wav", reason="broken_audio"):
         load_audio(tmp_path / "a.wav")
 

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.signal import load_audio
-from dancedata.audio.stretch import stretched, stretched_length
 from dancedata.augment.tempo import Tempo
 from dancedata.building.build import build
 from dancedata.building.part import Part, build_part
@@ -23,6 +21,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, KEYMOTIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.files.regular_file import sha256_file
+from dancedata.music.signal import load_audio
+from dancedata.music.stretch import stretched, stretched_length
 from dancedata.recipes.parse import parse_recipe
 from dancedata.report.numbers import splits
 from dancedata.store import verify_store

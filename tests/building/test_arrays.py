@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.signal import load_audio
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.skeleton import SMPL24
+from dancedata.music.signal import load_audio
 from dancedata.testing.examples import random_motion, random_signal
 from tests.messages import raises_message
 

@@ -8,9 +8,9 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.ffmpeg import ffmpeg_version
 from dancedata.building.signals import SignalId, identify_audio, known_signal
 from dancedata.execution.cache import Cache
+from dancedata.music.ffmpeg import ffmpeg_version
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 RECIPE: dict[str, Any] = {

@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.audio.signal import load_audio
 from dancedata.building.left_out import BY_CHOICE, left_out_lines
 from dancedata.cli.app import app
 from dancedata.core.clip import Reject
@@ -21,6 +20,7 @@ from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import self_hash
 from dancedata.core.registry import DATASETS
+from dancedata.music.signal import load_audio
 from dancedata.store import Store
 from tests.commands import run
 from tests.conftest import Once

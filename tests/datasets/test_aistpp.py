@@ -8,8 +8,10 @@ import pytest
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
+from dancedata.core.resources import manifest
 from dancedata.datasets.aistpp import AistPP
-from dancedata.datasets.aistpp.facts import crossmodal_split, facts, parse_name, tempo_bpm
+from dancedata.datasets.aistpp.facts import crossmodal_split
+from dancedata.formats.aist_names import parse_name, tempo_bpm
 from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, notes, rejects, splits
 from tests.messages import raises_message
 
@@ -141,7 +143,7 @@ def test_tempos() -> None:
     assert [tempo_bpm(f"mBR{n}") for n in range(6)] == [80, 90, 100, 110, 120, 130]
     assert [tempo_bpm(f"mHO{n}") for n in range(6)] == [110, 115, 120, 125, 130, 135]
     assert [tempo_bpm(music) for music in ("mXX1", "mBR6", "mBR12", "mBR00", "BR0", "")] == [None] * 6
-    assert sorted(facts().tempo) == sorted(facts().genres)
+    assert sorted(manifest("aistpp")["tempo_bpm"]) == sorted(manifest("aistpp")["genres"])
 
 
 def test_unknown_music_letters(empty_copy: Any) -> None:
@@ -167,9 +169,9 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
     names = [line.split()[0] for line in (real / "cameras" / "mapping.txt").read_text().splitlines()]
     found = {name: crossmodal_split(parts) for name in names if (parts := parse_name(name))}
     ignored = set((real / "ignore_list.txt").read_text().split())
-    assert len(found) == facts().sequences == 1408
+    assert len(found) == manifest("aistpp")["sequences"] == 1408
     assert Counter(found.values()) == {"train": 980, "val": 20, "test": 20, "": 388}
-    assert facts().ignored == ignored
+    assert set(manifest("aistpp")["ignored"]) == ignored
     assert len(ignored) == 45
     assert Counter(split for name, split in found.items() if name not in ignored)["train"] == 952
     assert Counter(split for name, split in found.items() if name not in ignored)[""] == 371

@@ -22,9 +22,9 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.folder import Folder, same_rate
-from dancedata.datasets.folder.facts import UPRIGHT
+from dancedata.datasets.folder import Folder
 from dancedata.formats import arrays as _folder_arrays
+from dancedata.formats.stated import UPRIGHT, same_rate
 from dancedata.scene.inputs.files import FileClip, FileFormat
 from tests.messages import raises_message
 

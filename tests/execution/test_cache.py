@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.audio.signal import load_audio
 from dancedata.building import signals as audio_units
 from dancedata.building.compute import Unit, in_cache, make
 from dancedata.building.fields.music import MusicRows
@@ -26,6 +25,7 @@ from dancedata.execution import cache as cache_module
 from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache, CachedArray, EntryLostError
 from dancedata.execution.progress import Progress
+from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from tests.commands import killed_afterwards
@@ -391,7 +391,7 @@ def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own
         os.utime(path, (0, 0))
         return plain(path)
 
-    monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
+    monkeypatch.setattr("dancedata.music.signal.load_audio", load)
     found = audio_units.identify_audio(own, song)
     assert isinstance(found, Reject)
     assert found.reason == "changed"

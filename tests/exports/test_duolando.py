@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 
 import dancedata
 from dancedata.audio.bailando54 import Bailando54
-from dancedata.audio.signal import load_audio
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS
+from dancedata.music.signal import load_audio
 from dancedata.store import write_store
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import AudioBlock

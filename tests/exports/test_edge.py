@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import dancedata
-from dancedata.audio.signal import load_audio
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.run import ExportResult
+from dancedata.music.signal import load_audio
 from tests.messages import raises_message
 
 

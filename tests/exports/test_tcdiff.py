@@ -12,10 +12,10 @@ import soundfile
 
 import dancedata
 from dancedata.audio.bailando438.feature import Bailando438
-from dancedata.audio.signal import load_audio
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS, FEATURES
+from dancedata.music.signal import load_audio
 from tests.features import bailando438_rows
 from tests.messages import raises_message
 

@@ -230,6 +230,6 @@ def out(tmp_path: Path) -> Path:
 @pytest.fixture
 def songs(corpus: Path) -> Sequence[str]:
     """Names of the songs as the log has them."""
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     return [load_audio(path).sha256[:6] for path in sorted((corpus / "wavs").glob("*.wav"))]

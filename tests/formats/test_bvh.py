@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.core.errors import DataError
-from dancedata.datasets.folder.facts import exact_rate, rate_of_period, rate_of_text
 from dancedata.formats.bvh import parse as _bvh
 from dancedata.formats.bvh.parse import read_bvh, read_bvh_header
+from dancedata.formats.stated import exact_rate, rate_of_period, rate_of_text
 from tests.messages import raises_message
 
 TEXT = """HIERARCHY

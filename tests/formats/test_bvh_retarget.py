@@ -16,12 +16,12 @@ from dancedata.core.motion import Motion, forward_kinematics
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
-from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.formats.bvh.joint_names import map_joints
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh, read_bvh_header
 from dancedata.formats.bvh.producers import REQUIRED
 from dancedata.formats.bvh.write import write_bvh
+from dancedata.formats.stated import UPRIGHT
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
 

@@ -182,7 +182,7 @@ def test_tables_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Pat
 
 def test_a_wav_is_as_long_as_its_file(tmp_path: Path) -> None:
     """Whatever its header says: libsndfile looks at the file's size itself."""
-    from dancedata.audio.signal import audio_length, load_audio
+    from dancedata.music.signal import audio_length, load_audio
 
     path = tmp_path / "a.wav"
     for n_bytes in (2**31, 2**32 - 1):
@@ -195,7 +195,7 @@ def test_a_long_silence_is_read(tmp_path: Path) -> None:
     """Packed far below its length, but not beyond what is read of any file."""
     import soundfile
 
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     path = tmp_path / "a.flac"
     soundfile.write(path, np.zeros(5_000_000, np.int16), 48_000)

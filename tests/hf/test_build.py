@@ -112,7 +112,7 @@ def test_two_encoders_jukebox_and_librosa_in_one_dataset(corpus, model, tmp_path
     written = write_features([song], tmp_path / "features", jobs, None, weights=dac)
     rows = np.load(tmp_path / "features" / written[0]["file"])
     own = HuggingFace(model=str(dac), device="cpu", store="float32").resolved(sha256_file)
-    from dancedata.audio.signal import load_audio
+    from dancedata.music.signal import load_audio
 
     np.testing.assert_array_equal(rows, own.extract(load_audio(song), FrameGrid.of(30)))
 

@@ -18,12 +18,12 @@ pytest.importorskip("torch")
 
 import dancedata
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
-from dancedata.audio.signal import load_audio
 from dancedata.building.build import build
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
+from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 from dancedata.synthetic import write_synthetic

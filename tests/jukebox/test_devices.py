@@ -146,7 +146,7 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
         threads.append(threading.current_thread().name)
         return AudioSignal(np.zeros(10, np.float32), 44100)
 
-    monkeypatch.setattr("dancedata.audio.signal.load_audio", load)
+    monkeypatch.setattr("dancedata.music.signal.load_audio", load)
     audio_units.decode_ahead(Path("a"))
     audio_units.decoded(Path("a"))
     assert len(threads) == 1

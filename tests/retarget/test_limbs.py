@@ -14,13 +14,14 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, shortest_rotation
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.folder.facts import UPRIGHT, Declared
+from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.datasets.motorica.motion import write_recording
 from dancedata.formats.bvh.joint_names import map_joints
 from dancedata.formats.bvh.kinematics import world
 from dancedata.formats.bvh.parse import read_bvh
 from dancedata.formats.bvh.write import write_bvh
+from dancedata.formats.stated import UPRIGHT
 from dancedata.retarget.transfer import retargeted
 from dancedata.synthetic import synthesise_motion
 from tests.formats.test_bvh_retarget import MIXAMO

@@ -16,10 +16,10 @@ import soxr
 
 import dancedata
 from dancedata.audio.librosa35 import Librosa35
-from dancedata.audio.signal import load_audio
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import load_audio
 from dancedata.report.numbers import splits
 from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
 from dancedata.store.clip_columns import ClipRecord
@@ -197,7 +197,7 @@ def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
 @pytest.mark.nightly
 def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path, monkeypatch: Any) -> None:
     """Re-encoded, resampled, padded and trimmed copies are above the threshold; the closest songs are below."""
-    from dancedata.audio.signal import resample
+    from dancedata.music.signal import resample
 
     first, second = (song(name) for name in CLOSE)
     ogg = io.BytesIO()

@@ -15,9 +15,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.kernels import compiling
 from dancedata.audio.librosa35.settings import HOP
-from dancedata.audio.signal import pcm16, resample, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
@@ -25,6 +23,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
+from dancedata.music.kernels import compiling
+from dancedata.music.signal import pcm16, resample, resampled_length
 
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840

@@ -14,10 +14,10 @@ from scipy.ndimage import maximum_filter1d
 
 from dancedata.audio.beats.network import BeatNetwork
 from dancedata.audio.beats.track import BeatTrack
-from dancedata.audio.signal import resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import resample
 
 SAMPLE_RATE, HOP, N_FFT, N_BANDS = 22050, 441, 1024, 128
 _LOWEST_HZ, _HIGHEST_HZ = 30.0, 11000.0

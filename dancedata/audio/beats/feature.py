@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from dancedata.audio.beats.track import BeatTrack
 from dancedata.audio.networks.feature import NetworkFeature
-from dancedata.audio.signal import resample
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
@@ -23,6 +22,7 @@ from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.core.typing import override
+from dancedata.music.signal import resample
 
 #: Names the file of the network's weights unless a recipe does.
 ENVIRONMENT = "DANCEDATA_BEAT_THIS"

@@ -16,9 +16,9 @@ from dancedata.audio.hf.loading import load_network, place
 from dancedata.audio.hf.rows import RowMap, RowSum, frames_of, method_of, row_map
 from dancedata.audio.hf.settings import Settings
 from dancedata.audio.networks.devices import Batches, compute_dtype, exact_float32, require_device
-from dancedata.audio.signal import resample
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.music.signal import resample
 
 #: Chunks at once on a card, where a recipe does not say; halved where its memory runs out.
 _BATCH = 16

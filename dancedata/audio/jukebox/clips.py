@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dancedata.audio.jukebox.config import JukeboxConfig
-from dancedata.audio.signal import resample
 from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.music.signal import resample
 
 TooLong = Literal["error", "truncate"]
 _MAX_CHANNELS = 64

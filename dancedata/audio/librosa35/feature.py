@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
-from dancedata.audio.signal import pcm16, resampled_length
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
@@ -28,6 +27,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
+from dancedata.music.signal import pcm16, resampled_length
 
 _log = logging.getLogger(__name__)
 

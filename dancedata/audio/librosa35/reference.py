@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.kernels import compiling
 from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
-from dancedata.audio.signal import pcm16, resample
+from dancedata.music.kernels import compiling
+from dancedata.music.signal import pcm16, resample
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:

@@ -25,7 +25,6 @@ SOURCE may be the folder that contains ``motions/`` or its parent. A sequence wi
 file. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.yaml``.
 """
 
-from dancedata.datasets.aistpp.facts import parse_name, tempo_bpm
 from dancedata.datasets.aistpp.reader import AistPP
 
-__all__ = ["AistPP", "parse_name", "tempo_bpm"]
+__all__ = ["AistPP"]

@@ -6,17 +6,17 @@ from pathlib import Path
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
+from dancedata.core.resources import manifest
 from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.aistpp.facts import (
-    SequenceName,
     crossmodal_split,
-    facts,
     music_problem,
-    parse_name,
     sequence_problem,
 )
-from dancedata.datasets.files import ALL, SPLITS, Files, describe, list_audio, list_folder, read_names, relative
+from dancedata.datasets.files import ALL, SPLITS, Files, list_audio, read_names
 from dancedata.datasets.layout import Folders, Layout
+from dancedata.files.listing import describe, list_folder, relative
+from dancedata.formats.aist_names import SequenceName, parse_name
 
 LAYOUT = Layout(
     dataset="aist++",
@@ -232,11 +232,11 @@ def _find_ignored(folders: Folders, use: bool, split_dir: str | None) -> Ignored
     paths = [folder / IGNORE_LIST for folder in (*custom, *usual)]
     lists = [(path, frozenset(read_names(path))) for path in paths if path.is_file()]
     if not lists:
-        shipped = facts().ignored
+        shipped = frozenset(manifest("aistpp")["ignored"])
         return Ignored(shipped, "the official list (shipped)", ("the official one, as the source has none",))
     path, names = lists[0]
     where = relative(path, folders.source)
-    same = ", the official one" if names == facts().ignored else ""
+    same = ", the official one" if names == frozenset(manifest("aistpp")["ignored"]) else ""
     notes = [f"{where}{same}"]
     others = [relative(other, folders.source) for other, its in lists[1:] if its != names]
     if others:

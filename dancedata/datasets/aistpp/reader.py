@@ -10,12 +10,14 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
+from dancedata.core.resources import manifest
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.aistpp.facts import SequenceName, facts, tempo_bpm
 from dancedata.datasets.aistpp.layout import LAYOUT, MUSIC_FOLDERS, Copy, find_copy
-from dancedata.datasets.files import ALL, SPLITS, clips_note, relative, require_choices
+from dancedata.datasets.files import ALL, SPLITS, clips_note, require_choices
+from dancedata.files.listing import relative
+from dancedata.formats.aist_names import SequenceName, tempo_bpm
 
 
 def layout_notes(copy: Copy) -> list[str]:
@@ -30,7 +32,7 @@ def layout_notes(copy: Copy) -> list[str]:
         text = (
             f"Layout: official AIST++, by {at}/*.pkl; but no sequence has music. "
             f"Searched {looked} and the folder itself for files named as a sequence or a song (mBR2.wav). "
-            f"The music is a separate download: {facts().get_music}."
+            f"The music is a separate download: {manifest('aistpp')['get_it']['music']}."
         )
     elif copy.layout == "edge":
         text = f"Layout: EDGE's, by {at}/*.pkl and one audio file per sequence in {where} ({files})."
@@ -50,9 +52,9 @@ def count_notes(copy: Copy, missing: int) -> list[str]:
     n = len(copy.sequences)
     if (copy.folders.root / "synthetic.json").is_file():
         return [f"Motion: {n:,} files of a synthetic corpus."]
-    copies = facts().copies
-    others = [f"{count:,}" for count in copies if count != facts().sequences]
-    text = f"Motion: {counted(n, 'file')} found; AIST++ has {facts().sequences:,} sequences"
+    copies, sequences = (manifest("aistpp")[key] for key in ("copies", "sequences"))
+    others = [f"{count:,}" for count in copies if count != sequences]
+    text = f"Motion: {counted(n, 'file')} found; AIST++ has {sequences:,} sequences"
     if n in copies:
         text += f". A copy with {n:,} files is known: {copies[n]}."
     else:
@@ -137,7 +139,8 @@ class AistPP(Dataset):
     @property
     @override
     def genre_ids(self) -> Mapping[str, int]:
-        return facts().genre_ids
+        ids: Mapping[str, int] = manifest("aistpp")["lodge_genre_ids"]
+        return ids
 
     @override
     def body_of(self, ref: ClipRef) -> Skeleton:
@@ -174,7 +177,7 @@ class AistPP(Dataset):
         """Read the motion of one clip: 60 FPS, metres, radians, +Y up, skeleton SMPL24."""
         from dancedata.datasets.aistpp.load import load_motion
 
-        return load_motion(ref.motion_path, facts().frame_rate)
+        return load_motion(ref.motion_path, manifest("aistpp")["frame_rate"])
 
     @override
     def make_example(self, folder: Path) -> None:

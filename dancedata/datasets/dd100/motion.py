@@ -13,7 +13,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.motion_checks import (
     DOWNLOAD_AGAIN,
     bad_shape,
@@ -22,6 +21,7 @@ from dancedata.datasets.motion_checks import (
     require_finite,
     require_keys,
 )
+from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import ValueArrays, load_object
 from dancedata.synthetic import synthesise_motion, synthesise_song
 

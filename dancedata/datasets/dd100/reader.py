@@ -19,15 +19,14 @@ from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     Files,
     clips_note,
-    describe,
     extra_file,
     files_by_stem,
     list_audio,
-    relative,
     require_choices,
     require_folder,
     with_music_dir,
 )
+from dancedata.files.listing import describe, relative
 
 OFFICIAL, BY_CHOREOGRAPHY = "official", "by-choreography"
 RULE = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)

@@ -3,10 +3,9 @@
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from dancedata.core.grid import FrameGrid
-from dancedata.core.resources import resource
+from dancedata.core.resources import manifest
 
 #: Largest difference between motion and music in the published files, in frames, as reported by users.
 MAX_DIFFERENCE = 2
@@ -86,10 +85,7 @@ class Facts:
 @functools.cache
 def facts() -> Facts:
     """Read the manifest of FineDance, once."""
-    import yaml
-
-    text = resource("manifests", "finedance.yaml").read_text(encoding="utf-8")
-    raw: dict[str, Any] = yaml.safe_load(text)
+    raw = manifest("finedance")
     grid = FrameGrid.of(raw["frame_rate"])
     names = {_fold(name): genre for genre, entry in raw["genres"].items() for name in (genre, *entry.get("also", ()))}
     return Facts(

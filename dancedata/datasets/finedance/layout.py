@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.text import listed, quoted
-from dancedata.datasets.files import Files, files_by_stem, list_audio, list_folder
+from dancedata.datasets.files import Files, files_by_stem, list_audio
 from dancedata.datasets.finedance.facts import facts
 from dancedata.datasets.layout import Folders, Layout
+from dancedata.files.listing import list_folder
 from dancedata.files.strict_json import read_json
 
 KEY = "style2"

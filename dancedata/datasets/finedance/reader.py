@@ -14,7 +14,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, Files, clips_note, relative, require_choices
+from dancedata.datasets.files import ALL, Files, clips_note, require_choices
 from dancedata.datasets.finedance.facts import MAX_DIFFERENCE, facts
 from dancedata.datasets.finedance.layout import (
     LABELS,
@@ -27,6 +27,7 @@ from dancedata.datasets.finedance.layout import (
     read_label,
 )
 from dancedata.datasets.layout import Folders
+from dancedata.files.listing import relative
 
 
 def layout_notes(folders: Folders, motions: Files, music: Files, labels: Files) -> list[str]:

@@ -30,25 +30,6 @@ Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X, Fine
 else from the recipe; they are never guessed unless the recipe asks for it. See docs/own-data.md.
 """
 
-from dancedata.datasets.folder.array_layouts import RATE_KEYS, same_rate, stated_grid
-from dancedata.datasets.folder.facts import UNITS, UPRIGHT, metres
-from dancedata.datasets.folder.layout import MOTION_FOLDERS, MUSIC_FOLDERS
-from dancedata.datasets.folder.manifest import MANIFESTS
-from dancedata.datasets.folder.people import people_of
-from dancedata.datasets.folder.positions import JOINT_NAMES
 from dancedata.datasets.folder.reader import Folder
 
-__all__ = [
-    "JOINT_NAMES",
-    "MANIFESTS",
-    "MOTION_FOLDERS",
-    "MUSIC_FOLDERS",
-    "RATE_KEYS",
-    "UNITS",
-    "UPRIGHT",
-    "Folder",
-    "metres",
-    "people_of",
-    "same_rate",
-    "stated_grid",
-]
+__all__ = ["Folder"]

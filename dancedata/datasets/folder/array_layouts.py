@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError
-from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
 from dancedata.datasets._rotations import check_rows, require_rotations, rotations_of
@@ -35,15 +34,14 @@ from dancedata.datasets.folder.array_values import (
     from_matrices,
     scales,
     scaling,
-    stored_rate,
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.datasets.folder.positions import positions_in
 from dancedata.datasets.motion_checks import lengths_differ
 from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.stated import RATE_KEYS
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays
 
-RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
 _SAVE_AGAIN = "save the file again"
 _AMASS_RATES = RATE_KEYS[:2]
 _TRANSLATIONS = ("trans", "transl", "smpl_trans")
@@ -70,17 +68,6 @@ _PAIRS = {"leye_pose": ("pose_eye", 0), "reye_pose": ("pose_eye", 1)}
 _PAIRS |= {"left_hand_pose": ("pose_hand", 0), "right_hand_pose": ("pose_hand", 1)}
 
 Floats = NDArray[np.float64]
-
-
-def stated_grid(arrays: ArrayFile) -> FrameGrid | None:
-    """Return the frame rate that a file states, None without one; DataError ("bad_rate") if it is not a rate."""
-    key = next((name for name in RATE_KEYS if name in arrays.names), None)
-    return None if key is None else FrameGrid(stored_rate(arrays, key))
-
-
-def same_rate(stated: FrameGrid | None, grid: FrameGrid) -> bool:
-    """Return whether a file states no rate, or that of `grid`; 29.97 and 30000/1001 are the same."""
-    return stated is None or abs(stated.rate / grid.rate - 1) < 1e-4
 
 
 @dataclass(frozen=True)

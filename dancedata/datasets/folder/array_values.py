@@ -1,15 +1,11 @@
 """Values of the arrays of a motion: finite and in range, scales, rotation matrices; and the errors about them."""
 
-from fractions import Fraction
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
-from dancedata.core.text import shown
 from dancedata.datasets import motion_checks
-from dancedata.datasets.folder.facts import MAX_RATE, MIN_RATE, exact_rate, rate_of_text
 from dancedata.datasets.motion_checks import require_finite
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
@@ -48,32 +44,6 @@ def scaling(arrays: ArrayFile, name: str) -> float:
                         allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
                         fix="save the file again")  # fmt: skip
     return float(value[0])
-
-
-def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
-    """Return the frame rate that a file states, as one number or as its text ("120", b"120.0", "30000/1001").
-
-    Raises DataError: ``bad_rate``.
-    """
-    try:
-        text = arrays.text(key)
-        values = [] if text else arrays.read(key).reshape(-1).tolist()
-        stated = text or str(values[:3])
-    except DataError as error:  # several texts, objects
-        text, values, stated = "", [], str(error.found)
-    rate = rate_of_text(text) if text else exact_rate(values[0]) if len(values) == 1 else None
-    if rate is not None and text and "/" not in text:
-        rate = exact_rate(float(rate))
-    if rate is None:
-        raise DataError(
-            f"{key} is not a frame rate",
-            reason="bad_rate",
-            where=str(arrays.path),
-            found=shown(stated),
-            allowed=f"one number or its text, {MIN_RATE} to {MAX_RATE:,} frames per second",
-            fix=f"declare fps for this file in the manifest, or save it again with {key}=numpy.array(120.0)",
-        )
-    return rate
 
 
 def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:

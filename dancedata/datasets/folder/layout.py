@@ -4,26 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._words import words_of
-from dancedata.datasets.files import (
-    AUDIO_SUFFIXES,
-    MOTION_SUFFIXES,
-    Files,
-    best_audio,
-    describe,
-    extra_file,
-    file_problem,
-    group_by_stem,
-    list_folder,
-    relative,
-    with_music_dir,
-)
+from dancedata.datasets.files import Files, extra_file, file_problem, with_music_dir
+from dancedata.files.listing import best_audio, describe, group_by_stem, list_folder, relative
+from dancedata.formats.values import MOTION_SUFFIXES
 
 MOTION_FOLDERS = ("motions", "motion")
-MUSIC_FOLDERS = ("music", "wavs", "audio", "musics")
 LOOKED_FOR = (
     "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
     "or NAME.npz next to NAME.wav"

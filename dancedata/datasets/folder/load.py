@@ -12,22 +12,18 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.rest import SMPL_REST, rest_positions
 from dancedata.core.rotations import rotation
 from dancedata.core.sides import sides_of, wrong_up
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.datasets.folder.array_layouts import RATE_KEYS, Layout, read_motion, recognise
-from dancedata.datasets.folder.array_values import stored_rate
+from dancedata.datasets.folder.array_layouts import Layout, read_motion, recognise
 from dancedata.datasets.folder.facts import (
     GUESS,
     IN_MANIFEST,
-    UNITS,
-    UPRIGHT,
     Declared,
     Fact,
     bad_declaration,
     decide,
-    metres,
-    rate_of_period,
     undeclared,
 )
 from dancedata.datasets.folder.people import on_video_frames, open_person
@@ -46,8 +42,8 @@ from dancedata.formats.bvh.joint_names import JointMap, map_joints
 from dancedata.formats.bvh.kinematics import stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh, read_bvh_header
 from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of
+from dancedata.formats.stated import RATE_KEYS, UNITS, UPRIGHT, metres, rate_of_period, stored_rate
 from dancedata.formats.video_pose import PersonArrays
-from dancedata.retarget.rest import SMPL_REST, rest_positions
 
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)

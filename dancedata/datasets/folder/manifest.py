@@ -15,10 +15,11 @@ from functools import partial
 from pathlib import Path, PureWindowsPath
 from typing import Any
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import ColumnValue
 from dancedata.core.errors import SourceError, StoreError, closest, did_you_mean
 from dancedata.core.text import counted, csv_text, quoted, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, existing, stem_of
+from dancedata.datasets.files import existing
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.manifest_values import (
     FREE,
@@ -29,8 +30,10 @@ from dancedata.datasets.folder.manifest_values import (
     seconds,
     typed,
 )
+from dancedata.files.listing import stem_of
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
+from dancedata.formats.values import MOTION_SUFFIXES
 
 MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "genre_id", "music", "dancer", "tempo_bpm")

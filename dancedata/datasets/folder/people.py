@@ -16,7 +16,7 @@ from dancedata.datasets.folder.manifest import id_problem
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import holds_values, open_arrays
 from dancedata.formats.video_pose import PersonArrays, open_people
-from dancedata.formats.video_tracks import MAX_GAP, joined
+from dancedata.formats.video_tracks import MAX_GAP, joined, people_of
 
 #: Frames before a person appears; an hour at 30 FPS.
 MAX_LEAD = 108_000
@@ -52,12 +52,6 @@ def _people_of(clip: ClipRef) -> tuple[str, ...]:
         return people_of(clip.motion_path)
     except DataError:
         return ("",)
-
-
-def people_of(path: Path) -> tuple[str, ...]:
-    """Return the names of the people of a file; ("",) for one person without a name. DataError as `open_arrays`."""
-    people = joined(open_people(path)) if holds_values(path) else ()
-    return tuple(person.person for person in people if not person.tracks or len(people) > 1) or ("",)
 
 
 @contextmanager

@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,23 +20,21 @@ from dancedata.core.errors import DataError
 from dancedata.core.fitting import fitted
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.registry import REPRESENTATIONS
+from dancedata.core.rest import SMPL_REST
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.datasets._rotations import is_human
 from dancedata.datasets.folder.array_values import finite
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.bvh.producers import REQUIRED, detect
-from dancedata.representations.humanml263 import Humanml263
-from dancedata.retarget.maps import plain
-from dancedata.retarget.rest import SMPL_REST
+from dancedata.formats.bvh.producers import REQUIRED, detect, plain
+from dancedata.formats.stated import JOINT_NAMES
 
 #: Names under which files have positions; "" is the only array of a file.
 POSITION_NAMES = (
     "positions", "joint_positions", "joints", "joints3d", "joints_3d", "keypoints3d_optim", "keypoints3d",
     "keypoints_3d", "new_joints", "full_pose", "",
 )  # fmt: skip
-#: Names under which files have the names of the joints.
-JOINT_NAMES = ("joint_names", "joints_names", "joints", "names")
 _SIDES = "left", "right"
 
 
@@ -241,7 +240,8 @@ def humanml_at(arrays: ArrayFile) -> tuple[Floats, list[int]]:
             allowed=f"{_PELVIS_M[0]} to {_PELVIS_M[1]} m",
             fix="undo the normalisation with the Mean.npy and Std.npy that it was made with: columns * std + mean",
         )
-    points = Humanml263().positions(columns)
+    representation: Any = REPRESENTATIONS.get("humanml263")()
+    points = representation.positions(columns)
     return body_positions(points, JOINT_SETS["smpl22"], {joint: joint for joint in range(22)})
 
 

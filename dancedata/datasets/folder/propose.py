@@ -19,19 +19,23 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import counted, csv_cell, listed, shown
-from dancedata.datasets.files import AUDIO_SUFFIXES, MOTION_SUFFIXES, best_audio, relative, require_folder, stem_of
-from dancedata.datasets.folder.facts import GUESS, UPRIGHT, Declared
+from dancedata.datasets.files import require_folder
+from dancedata.datasets.folder.facts import GUESS, Declared
 from dancedata.datasets.folder.load import Reading, bvh_facts, load_motion
 from dancedata.datasets.folder.manifest import id_problem
 from dancedata.datasets.folder.names import Name
 from dancedata.datasets.folder.people import open_person
 from dancedata.datasets.folder.reader import describe
 from dancedata.datasets.folder.up import judge_up
+from dancedata.files.listing import best_audio, relative, stem_of
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
+from dancedata.formats.stated import UPRIGHT
+from dancedata.formats.values import MOTION_SUFFIXES
 
 #: Lengths of motion and music that count as equal, seconds; a guessed rate has to give such a length, too.
 _SAME_S = 0.5
@@ -141,7 +145,7 @@ def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def _seconds(song: Path) -> float | None:
-    from dancedata.audio.signal import audio_length
+    from dancedata.music.signal import audio_length
 
     try:
         samples, rate = audio_length(song)

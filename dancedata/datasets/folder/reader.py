@@ -20,8 +20,8 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets._words import stated_words
-from dancedata.datasets.files import absence, relative, require_folder, stem_of
-from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared, drift_note
+from dancedata.datasets.files import absence, require_folder
+from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names, points_note
 from dancedata.datasets.folder.load import (
     FileFacts,
@@ -49,10 +49,12 @@ from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.datasets.folder.up import judge_up
+from dancedata.files.listing import relative, stem_of
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
 from dancedata.formats.bvh.retarget import uneven_bones
+from dancedata.formats.stated import drift_note
 from dancedata.formats.video_pose import PersonArrays
 
 #: Most kinds of files that the notes distinguish.

@@ -16,7 +16,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.motion_checks import (
     DOWNLOAD_AGAIN,
     bad_shape,
@@ -26,6 +25,7 @@ from dancedata.datasets.motion_checks import (
     require_keys,
     require_matrices,
 )
+from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import open_arrays
 from dancedata.synthetic import synthesise_motion, synthesise_song
 

@@ -7,7 +7,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import ClassVar, Literal
 
-from dancedata.audio.signal import audio_length
 from dancedata.core.clip import ClipRef, Reject, Scan, member_id
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import as_rate
@@ -17,9 +16,11 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import Files, clips_note, list_audio, read_names, relative, require_choices
+from dancedata.datasets.files import Files, clips_note, list_audio, read_names, require_choices
 from dancedata.datasets.i_dancers.motion import SUFFIX
 from dancedata.datasets.layout import Folders, Layout
+from dancedata.files.listing import relative
+from dancedata.music.signal import audio_length
 
 #: Rates that are recognised from the lengths of motion and music, which agree within this share.
 _RATES, _NEAR = (20, 24, 25, 30, 50, 60), Fraction(1, 50)

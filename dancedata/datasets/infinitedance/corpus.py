@@ -9,7 +9,8 @@ from pathlib import Path
 from dancedata.core.clip import Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, quoted
-from dancedata.datasets.files import MAX_LIST_BYTES, list_folder, read_names, relative
+from dancedata.datasets.files import MAX_LIST_BYTES, read_names
+from dancedata.files.listing import list_folder, relative
 from dancedata.files.strict_json import read_json
 
 FITS_FOLDER = "dance/infinitedance_smplx_smooth"

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from dancedata.core.bodies import SMPLX22, on_body
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets._upright import up_axis
-from dancedata.datasets.folder.facts import UPRIGHT
 from dancedata.datasets.infinitedance.corpus import (
     COLUMNS_FOLDER,
     FITS_FOLDER,
@@ -30,8 +30,8 @@ from dancedata.datasets.motion_checks import (
     require_finite,
     require_keys,
 )
+from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import open_arrays
-from dancedata.representations.humanml264 import Humanml264
 from dancedata.synthetic import synthesise_motion
 
 RATE = 30
@@ -85,7 +85,7 @@ def load_fit(path: Path, up: str = "auto") -> Motion:
 def load_columns(path: Path) -> Motion:
     """Read a file of 264 columns as the joints that they hold, with rotations fitted to them.
 
-    Returns: As `Humanml264.decode`, 30 FPS: a clip begins at the origin, facing +Z.
+    Returns: As humanml264 decodes them, 30 FPS: a clip begins at the origin, facing +Z.
     Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, or ``nan`` with frame and column.
     """
     with open_arrays(path) as arrays:
@@ -97,7 +97,7 @@ def load_columns(path: Path) -> Motion:
     if not len(columns):
         raise no_frames(path)
     require_finite(path, "the array", columns, DOWNLOAD_AGAIN, columns=True)
-    return Humanml264().decode(columns, FrameGrid.of(RATE))
+    return REPRESENTATIONS.get("humanml264")().decode(columns, FrameGrid.of(RATE))
 
 
 # The synthetic source.
@@ -123,7 +123,7 @@ def write_example(folder: Path) -> None:
         dance = on_body(synthesise_motion(steps, n_frames=2 * n - 1)[0].resampled(FrameGrid.of(RATE)), SMPLX22)
         if is_own:
             _write_fit(folder / FITS_FOLDER / f"{clip}.pkl", dance, flat=clip.startswith("video"))
-        columns = Humanml264().encode(dance)[:-1]  # the published ones have no last row
+        columns = REPRESENTATIONS.get("humanml264")().encode(dance)[:-1]  # the published ones have no last row
         for name in (COLUMNS_FOLDER, TEST_FOLDER) if split == "test" else (COLUMNS_FOLDER,):
             np.save(folder / name / f"{clip}.npy", columns)
         triplets = rng.integers(0, CODES, (len(columns) // FRAMES_PER_TOKEN, len(FIRST_CODES))) + FIRST_CODES

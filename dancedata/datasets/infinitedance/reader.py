@@ -13,7 +13,14 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, SPLITS, Files, clips_note, files_by_stem, relative, require_choices
+from dancedata.datasets.files import (
+    ALL,
+    SPLITS,
+    Files,
+    clips_note,
+    files_by_stem,
+    require_choices,
+)
 from dancedata.datasets.infinitedance.corpus import (
     AIST,
     COLUMNS_FOLDER,
@@ -26,6 +33,7 @@ from dancedata.datasets.infinitedance.corpus import (
     origins_of,
 )
 from dancedata.datasets.layout import Folders, Layout
+from dancedata.files.listing import relative
 
 FITS, COLUMNS = "fits", "columns"
 #: Lists of train and test of each split.

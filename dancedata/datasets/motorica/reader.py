@@ -6,6 +6,7 @@ from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import Any, ClassVar, Literal
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.bodies import MOTORICA21
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError, UsageError
@@ -17,9 +18,10 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import AUDIO_SUFFIXES, Files, clips_note, list_audio, relative, require_choices
+from dancedata.datasets.files import Files, clips_note, list_audio, require_choices
 from dancedata.datasets.layout import Folders, Layout
 from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
+from dancedata.files.listing import relative
 
 #: Seconds from the first frame of LDA's first take to that of its second.
 SECOND_TAKE = Fraction(1, 60)

@@ -5,6 +5,7 @@ from fractions import Fraction
 from pathlib import Path, PurePath
 from typing import ClassVar, Literal
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
@@ -16,17 +17,14 @@ from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     ALL,
-    AUDIO_SUFFIXES,
     SPLITS,
     clips_note,
-    describe,
     files_by_stem,
     list_audio,
-    list_folder,
-    relative,
     require_choices,
     require_folder,
 )
+from dancedata.files.listing import describe, list_folder, relative
 
 BY_SONG = "by-song"
 RULE = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
+from dancedata.core.rest import POINT
 from dancedata.files.regular_file import open_regular
 from dancedata.formats.bvh.hierarchy import MAX_VALUE, NUMBER, BvhJoint, bvh_error, not_a_number, parse_hierarchy
-from dancedata.retarget.rest import POINT
 
 #: About an hour of 60 joints at 120 FPS.
 MAX_FILE_BYTES = 1 << 30

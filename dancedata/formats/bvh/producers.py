@@ -6,6 +6,7 @@ A producer is a JSON file in the folder `producers`: ``joints``, SMPL's joint ->
 not have. Where `joints` changes, raise the version of `dancedata.datasets.folder`: names are not part of cache keys.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -16,7 +17,6 @@ from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.files.strict_json import read_json
-from dancedata.retarget.maps import affixed, plain
 
 _FOLDER = Path(__file__).with_name("producers")
 _LIMIT = 1 << 16
@@ -25,6 +25,36 @@ REQUIRED = tuple(
     ["pelvis"]
     + [f"{s}_{j}" for j in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for s in ("left", "right")]
 )
+
+
+def plain(name: str) -> str:
+    """Return a name without namespace, case, spaces and separators."""
+    return re.sub(r"[\s_.\-]", "", re.split(r"[:|]", name)[-1]).lower()
+
+
+def affixed(
+    joints: Mapping[int, str], known: Iterable[Iterable[str]]
+) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
+    """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
+
+    `joints`: `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
+    `known`: Names of each joint that a body needs, all of which have the prefix and the suffix.
+    """
+    shared: set[tuple[str, str]] | None = None
+    for names in known:
+        cores = set(map(plain, names))
+        found = [(joint, core) for joint in joints.values() for core in cores if core in joint]
+        parts = {part[::2] for joint, core in found for part in (joint.partition(core), joint.rpartition(core))}
+        shared = parts if shared is None else shared & parts
+    for prefix, suffix in sorted((shared or set()) - {("", "")}):
+        yield (
+            (prefix, suffix),
+            {
+                k: joint[len(prefix) : len(joint) - len(suffix)]
+                for k, joint in joints.items()
+                if len(joint) > len(prefix + suffix) and joint.startswith(prefix) and joint.endswith(suffix)
+            },
+        )
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.core.rotations import rotvec_from_matrix, shortest_rotation
-from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.formats.bvh.joint_names import JointMap, ancestors
-from dancedata.formats.bvh.kinematics import bone_offsets, world
-from dancedata.formats.bvh.parse import Bvh
-from dancedata.retarget.rest import (
+from dancedata.core.rest import (
     LEGS,
     PELVIS,
     POINT,
@@ -48,6 +43,11 @@ from dancedata.retarget.rest import (
     norm,
     rest_positions,
 )
+from dancedata.core.rotations import rotvec_from_matrix, shortest_rotation
+from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.formats.bvh.joint_names import JointMap, ancestors
+from dancedata.formats.bvh.kinematics import bone_offsets, world
+from dancedata.formats.bvh.parse import Bvh
 
 Floats = NDArray[np.float64]
 

@@ -13,26 +13,25 @@ from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
+from dancedata.core.registry import DATASETS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.datasets.files import MOTION_SUFFIXES
-from dancedata.datasets.folder import (
+from dancedata.decoding.files import PERSON_MASK
+from dancedata.execution.cache import Cache
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.stated import (
     JOINT_NAMES,
     RATE_KEYS,
     UNITS,
     UPRIGHT,
-    Folder,
     metres,
-    people_of,
     same_rate,
     stated_grid,
 )
-from dancedata.decoding.files import PERSON_MASK
-from dancedata.execution.cache import Cache
-from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.values import open_arrays
+from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
+from dancedata.formats.video_tracks import people_of
 from dancedata.recipes.documents import document_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.store.motion_fields import ColumnsReader, Pose
@@ -87,10 +86,10 @@ class FileFormat:
         return [self.fps, self.up, self.unit, self.body, columns, *["groups"] * self.groups]
 
     @property
-    def folder(self) -> Folder:
+    def folder(self) -> Any:
         """The reader of files with rotations."""
-        up: Any = self.up
-        return Folder(fps=self.fps, up=up, unit=self.unit, music="optional")
+        reader: Any = DATASETS.get("folder")
+        return reader(fps=self.fps, up=self.up, unit=self.unit, music="optional")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

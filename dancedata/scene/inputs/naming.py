@@ -7,7 +7,7 @@ from fractions import Fraction
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown
-from dancedata.datasets.aistpp import parse_name, tempo_bpm
+from dancedata.formats.aist_names import parse_name, tempo_bpm
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import Song, of_known
 from dancedata.store import Store

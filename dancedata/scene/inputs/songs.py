@@ -9,11 +9,11 @@ from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from typing import Any, Self
 
+from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import as_fraction
 from dancedata.core.text import csv_text, listed, quoted
-from dancedata.datasets.files import AUDIO_SUFFIXES, best_audio, group_by_stem
-from dancedata.datasets.folder import MUSIC_FOLDERS
+from dancedata.files.listing import best_audio, group_by_stem
 from dancedata.store import Store
 
 _MAX_CSV_BYTES = 1 << 24

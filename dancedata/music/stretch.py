@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.kernels import compiling
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
+from dancedata.music.kernels import compiling
 
 #: Raised by hand when a stretched signal has other samples.
 VERSION = 1

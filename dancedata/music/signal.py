@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.ffmpeg import NotDecodedError, decode
-from dancedata.audio.sound_files import Held, held
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.packages import install
 from dancedata.core.text import shown
 from dancedata.files.regular_file import open_regular
+from dancedata.music.ffmpeg import NotDecodedError, decode
+from dancedata.music.sound_files import Held, held
 
 if TYPE_CHECKING:
     from io import BufferedReader

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from dancedata.audio.mpeg_frames import mpeg_audio
+from dancedata.music.mpeg_frames import mpeg_audio
 
 _MATROSKA = b"\x1aE\xdf\xa3"
 #: Where another file begins: bytes to look for, their distance from its first byte, and what it begins with.

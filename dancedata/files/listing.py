@@ -1,0 +1,79 @@
+"""Entries of folders: listed, by name and suffix, and named in messages."""
+
+import glob
+import unicodedata
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
+from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.text import listed
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.
+
+    Raises SourceError: if the folder cannot be read.
+    """
+    try:
+        entries = sorted(folder.iterdir())
+    except OSError as error:
+        raise SourceError("the folder cannot be read", where=str(folder), found=error.strerror or str(error),
+                          fix="check the path and its permissions") from error  # fmt: skip
+    return [entry for entry in entries if not entry.name.startswith(".") and entry.name != "__MACOSX"]
+
+
+def stem_of(path: Path) -> str:
+    """Return the name without its last suffix, in Unicode's form NFC: archives of macOS have names in NFD."""
+    return unicodedata.normalize("NFC", path.stem)
+
+
+def relative(path: Path, source: Path) -> str:
+    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
+    try:
+        return path.relative_to(source).as_posix()
+    except ValueError:
+        return f"{path.parent.name}/{path.name}"
+
+
+def describe(folder: Path) -> str:
+    """Return a short list of a folder's entries: folders with a slash, then files, then how many more."""
+    entries = list_folder(folder)
+    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
+    files = [entry.name for entry in entries if not entry.is_dir()]
+    return listed([*folders, *files]) if entries else "nothing"
+
+
+def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
+    """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
+
+    Raises UsageError: for a folder or a pattern without such a file.
+    """
+    files: list[Path] = []
+    for path in paths:
+        pattern = glob.has_magic(str(path)) and not path.exists()
+        if not path.is_dir() and not pattern:
+            files.append(path)
+            continue
+        found = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
+        mine = sorted(p for p in found if p.suffix.lower() in suffixes and p.is_file())
+        if not mine:
+            problem = "the pattern names no file to read" if pattern else "the folder has no file to read"
+            raise UsageError(problem, where=path, allowed=f"files {', '.join(suffixes)}")
+        files += mine
+    return files
+
+
+def group_by_stem(folders: Iterable[Path], suffixes: Sequence[str]) -> list[tuple[str, list[Path]]]:
+    """Return the files of folders with these suffixes by their names without suffix, sorted by name."""
+    by_stem: dict[str, list[Path]] = {}
+    for folder in folders:
+        for path in list_folder(folder):
+            if path.suffix.lower() in suffixes and path.is_file():
+                by_stem.setdefault(stem_of(path), []).append(path)
+    return sorted(by_stem.items())
+
+
+def best_audio(paths: Iterable[Path]) -> list[Path]:
+    """Sort audio files with equal stems, the preferred one first; of equal suffixes in the given order."""
+    return sorted(paths, key=lambda path: AUDIO_SUFFIXES.index(path.suffix.lower()))
