@@ -3,11 +3,11 @@
     python benchmarks/rings.py            # counts
     python benchmarks/rings.py --pairs    # and each pair of files that breaks the rings
 
-The kernel imports itself, downwards; a shelf imports `core` and `files`; a satellite imports the kernel and shelves;
-the rooms at the top import all. A plug-in of `datasets`, `audio` or `exports` is a satellite by itself, and what such
-a room has besides is a satellite that its plug-ins may import. Imports in functions, for TYPE_CHECKING and by
-`import_module` of a literal name count. The road is what `build aist++` and a batch of its windows load, in the
-process that builds.
+The kernel imports itself, downwards; a shelf imports `core` and `files`, `scene` also the kernel and other shelves;
+a satellite imports the kernel and shelves; the rooms at the top import all. A plug-in of `datasets`, `audio` or
+`exports` is a satellite by itself, and what such a room has besides is a satellite that its plug-ins may import.
+Imports in functions, for TYPE_CHECKING and by `import_module` of a literal name count. The road is what
+`build aist++` and a batch of its windows load, in the process that builds.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store", "recipes"
 #: Rooms of the kernel that know nothing of datasets: shelves stand on them.
 GROUND = {"core", "files"}
 SHELVES = {"formats", "metrics", "scene", "synthetic"}
+#: The shelf that reads datasets and motion files: it stands on the kernel and on the other shelves.
+SCENE = "scene"
 TOP = {"__init__", "__main__", "kernel", "cli", "testing"}
 #: Rooms whose files and folders are plug-ins.
 PLUGINS = {"datasets", "audio", "exports"}
@@ -125,7 +127,9 @@ class Place:
             return True
         if self.ring == "kernel":
             return other.ring == "kernel" and other.level <= self.level
-        return other.room in GROUND if self.ring == "shelf" else other.ring in ("kernel", "shelf")
+        if self.ring == "shelf" and self.room != SCENE:
+            return other.room in GROUND
+        return other.ring in ("kernel", "shelf")
 
 
 @cache
