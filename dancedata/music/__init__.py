@@ -1,1 +1,1 @@
-"""Songs as samples: decoded, resampled, stretched; their levels."""
+"""Songs as samples: decoded, resampled, stretched."""
