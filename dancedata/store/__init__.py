@@ -1,4 +1,4 @@
-"""The HDF5 store, format 3. Only this package depends on the file layout (docs/store.md)."""
+"""The HDF5 store, format 3. Only this package depends on the file layout (docs/reference/store.md)."""
 
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip, Clips

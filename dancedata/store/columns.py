@@ -1,4 +1,4 @@
-"""Columns of tables as they lie in HDF5: numbers, texts, and lists of either. docs/store.md has the page.
+"""Columns of tables as they lie in HDF5: numbers, texts, and lists of either. docs/reference/store.md has the page.
 
 A column of numbers or texts is one dataset (N,), a list is a group: `offset` (N + 1,) into its `values`. Texts are
 HDF5's strings of fixed length; if one has more than 128 bytes, lists of their bytes. HDF5's strings of variable

@@ -1,4 +1,4 @@
-"""Format 3 of the store: file names, fields and the header. docs/store.md has the layout."""
+"""Format 3 of the store: file names, fields and the header. docs/reference/store.md has the layout."""
 
 from __future__ import annotations
 

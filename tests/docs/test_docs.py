@@ -19,7 +19,7 @@ from dancedata.exports.base.job import EXPORTS
 from dancedata.readers.options import PRESETS
 from dancedata.store import open_store, verify_store
 from tests import warm
-from tests.docs.pages import ROOT, WRITTEN, blocks, text_of, with_output
+from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 
@@ -45,13 +45,15 @@ def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.Captu
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-@pytest.mark.parametrize("page", ["audio-features", "evaluation", "exports", "metrics", "python", "representations"])
+@pytest.mark.parametrize(
+    "page", ["audio-features", "evaluation", "exports", "metrics", "python", "reference/columns"]
+)
 def test_a_page_prints_the_output_shown(demo, capsys, monkeypatch, page):
     if page == "python":
         pytest.importorskip("torch")
     monkeypatch.chdir(demo)
-    shown = with_output(f"docs/{page}.md")
-    assert len(shown) == len(blocks(f"docs/{page}.md", "python")) > 0
+    shown = [(code, output) for code, output in with_output(f"docs/{page}.md") if output]
+    assert shown
     names: dict[str, object] = {}
     for code, output in shown:
         exec(compile(code, f"{page}.md", "exec"), names)
@@ -195,6 +197,14 @@ def test_lines_are_short_and_links_lead_somewhere(page: str) -> None:
     assert [line for line in text.splitlines() if len(line) > 120 and not line.startswith("|")] == []
     targets = [target for target in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if "://" not in target]
     assert [target for target in targets if not (ROOT / page).parent.joinpath(target).exists()] == []
+
+
+def test_tables_that_the_code_knows_are_those_of_the_code() -> None:
+    generated = load(ROOT / "docs" / "site" / "generated.py")
+    pages = {path: path.read_text(encoding="utf-8") for path in WRITTEN}
+    assert [str(path) for path, text in pages.items() if generated.filled(text) != text] == []
+    places = [name for text in pages.values() for name in re.findall(r"<!-- generated: ([\w-]+) -->", text)]
+    assert set(places) == generated.TABLES.keys()
 
 
 def test_the_index_has_every_page() -> None:

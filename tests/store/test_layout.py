@@ -1,4 +1,4 @@
-"""The layout on disk, as documented in docs/store.md, and equal bytes for equal input."""
+"""The layout on disk, as documented in docs/reference/store.md, and equal bytes for equal input."""
 
 import dataclasses
 import hashlib

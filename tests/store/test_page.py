@@ -1,4 +1,4 @@
-"""docs/store.md: its snippets read a dataset, and write one, without this package and without JSON."""
+"""docs/reference/store.md: its snippets read a dataset, and write one, without this package and without JSON."""
 
 import re
 import subprocess
@@ -14,7 +14,7 @@ from dancedata.readers import WindowDataset
 from dancedata.store import open_store, verify_store
 from dancedata.testing.stores import RandomStore, random_fields, write_random_store
 
-PAGE = Path(__file__).parents[2] / "docs" / "store.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "store.md"
 READ, PANDAS, WRITE = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 FIELDS = ("edge151", "librosa35")
 SHOWN = "train_c00 motion/edge151 (30, 151)\ntrain_c00 audio/librosa35 (60, 35)\n"

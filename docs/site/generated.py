@@ -1,0 +1,158 @@
+"""Tables of the pages that the code knows: python docs/site/generated.py writes them into their pages.
+
+A page has the place of a table between the comments ``<!-- generated: NAME -->`` and ``<!-- end -->``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import json
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.core.registry import (
+    AUGMENTATIONS,
+    CONTACTS,
+    DATASETS,
+    FEATURES,
+    FILTERS,
+    KEYMOTIONS,
+    REPRESENTATIONS,
+    Registry,
+)
+from dancedata.core.resources import resources
+from dancedata.recipes.parse import load_recipe
+
+ROOT = Path(__file__).resolve().parents[2]
+_PLACE = re.compile(r"(<!-- generated: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_SECTION = re.compile(r"^Attributes\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.DOTALL | re.MULTILINE)
+#: Keys of a recipe that take plug-ins, in the order of a build.
+SLOTS: dict[str, Registry[Any]] = {
+    "dataset": DATASETS, "transforms": TRANSFORMS, "motion": REPRESENTATIONS, "contacts": CONTACTS, "audio": FEATURES,
+    "keymotion": KEYMOTIONS, "augment": AUGMENTATIONS, "annotators": ANNOTATORS, "rules": RULES, "window filters": FILTERS,
+}  # fmt: skip
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Return a table of Markdown; cells are one line each."""
+    lines = [list(head), ["---"] * len(tuple(head)), *(list(row) for row in rows)]
+    escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
+    return "".join(f"| {' | '.join(line)} |\n" for line in escaped)
+
+
+def documented(plugin: type) -> dict[str, str]:
+    """Return the keys of a plug-in with what its docstring says of them, one line each."""
+    section = _SECTION.search(inspect.getdoc(plugin) or "")
+    texts: dict[str, str] = {}
+    names: list[str] = []
+    for line in (section[1] if section else "").splitlines():
+        if line.startswith(" "):
+            texts |= {name: f"{texts.get(name, '')} {line.strip()}".strip() for name in names}
+        elif line:
+            names = line.partition(":")[0].replace(" ", "").split(",")
+    return {name: re.sub(r"``([^`]*)``", r"`\1`", text).replace("dancedata.", "") for name, text in texts.items()}
+
+
+def _with_default(field: dataclasses.Field[Any]) -> str:
+    value = field.default if field.default is not dataclasses.MISSING else None
+    if field.default_factory is not dataclasses.MISSING:
+        value = field.default_factory()
+    value = list(value) if isinstance(value, tuple) else value
+    return f"`{field.name}`" if value in (None, "", []) else f"`{field.name}: {json.dumps(value).strip(chr(34))}`"
+
+
+def _keys(registry: Registry[Any]) -> Iterator[tuple[str, ...]]:
+    """Give plug-in, key with its default, and meaning; the keys that all datasets share are in the page's text."""
+    shared = {"music", "music_dir"} if registry is DATASETS else set()
+    for name in registry.names():
+        plugin = registry.get(name)
+        texts = documented(plugin)
+        label = f"`{name}`"
+        for field in dataclasses.fields(plugin):
+            if field.init and field.name in texts.keys() - shared:
+                yield label, _with_default(field), texts[field.name]
+                label = ""
+
+
+def plugins() -> str:
+    """Return a table of keys for each slot, and of the plug-ins that have none."""
+    parts = []
+    for slot, registry in SLOTS.items():
+        rows = list(_keys(registry))
+        without = [f"`{name}`" for name in registry.names() if f"`{name}`" not in {row[0] for row in rows}]
+        parts.append(f"### {slot}\n")
+        parts += [table(("plug-in", "key: default", ""), rows)] if rows else []
+        parts += [f"Without keys: {', '.join(without)}.\n"] if without else []
+    return "\n".join(parts)
+
+
+def recipes() -> str:
+    """Return the recipes that come with the package."""
+    names = (name.removesuffix(".yaml") for name in resources("pipelines"))
+    documents = ((name, load_recipe(name).document) for name in names)
+    return table(
+        ("recipe", ""), ((f"`{name}`", str(document.get("description", ""))) for name, document in documents)
+    )
+
+
+def _groups(columns: Any) -> str:
+    parts, first = [], 0
+    for group in columns.groups:
+        last = first + group.width - 1
+        place = f"{first}" if group.width == 1 else f"{first} - {last}"
+        unit = "" if group.unit == "1" else f", {group.unit}"
+        parts.append(f"{place} `{group.name}`{unit}")
+        first = last + 1
+    return "; ".join(parts)
+
+
+def representations() -> str:
+    """Return the columns of every representation, with its world, rate and contacts."""
+    rows = []
+    for name in REPRESENTATIONS.names():
+        plugin = REPRESENTATIONS.get(name)()
+        rate = str(getattr(plugin, "fps", None) or getattr(plugin, "rate", None) or "any")
+        world = plugin.axes.removeprefix("right-handed, ")
+        rows.append((f"`{name}`", str(plugin.columns.width), _groups(plugin.columns), world, rate))
+    return table(("name", "width", "columns, unit", "world", "rate"), rows)
+
+
+def features() -> str:
+    """Return the columns of the audio features whose columns do not depend on files, and of key motions."""
+    rows = []
+    for registry in (FEATURES, KEYMOTIONS):
+        for name in registry.names():
+            if name not in ("file", "hf"):  # their columns are those of the files and of the model
+                columns = registry.get(name)().columns
+                rows.append((f"`{name}`", str(columns.width), _groups(columns)))
+    return table(("name", "width", "columns, unit"), rows)
+
+
+#: What a place in a page gets, by its name.
+TABLES: dict[str, Callable[[], str]] = {
+    "representations": representations, "features": features,
+}  # fmt: skip
+
+
+def filled(text: str) -> str:
+    """Return a page with its tables as the code has them now."""
+    return _PLACE.sub(lambda place: f"{place[1]}\n{TABLES[place[2]]()}\n{place[3]}", text)
+
+
+def main() -> int:
+    """Write the tables into the pages; returns 0."""
+    for path in sorted((ROOT / "docs").rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        if (new := filled(text)) != text:
+            path.write_text(new, encoding="utf-8")
+            print(path.relative_to(ROOT))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
