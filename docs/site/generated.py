@@ -34,7 +34,8 @@ _SECTION = re.compile(r"^Attributes\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.DOTALL |
 #: Keys of a recipe that take plug-ins, in the order of a build.
 SLOTS: dict[str, Registry[Any]] = {
     "dataset": DATASETS, "transforms": TRANSFORMS, "motion": REPRESENTATIONS, "contacts": CONTACTS, "audio": FEATURES,
-    "keymotion": KEYMOTIONS, "augment": AUGMENTATIONS, "annotators": ANNOTATORS, "rules": RULES, "window filters": FILTERS,
+    "keymotion": KEYMOTIONS, "augment": AUGMENTATIONS, "annotators": ANNOTATORS, "rules": RULES,
+    "window filters": FILTERS,
 }  # fmt: skip
 
 

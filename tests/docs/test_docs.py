@@ -22,6 +22,8 @@ from tests import warm
 from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
+#: Pages whose code with output prints that output, in the folder of the demo.
+PRINTING = ["audio-features", "evaluation", "exports", "metrics", "python", "reference/columns"]
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +47,7 @@ def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.Captu
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-@pytest.mark.parametrize(
-    "page", ["audio-features", "evaluation", "exports", "metrics", "python", "reference/columns"]
-)
+@pytest.mark.parametrize("page", PRINTING)
 def test_a_page_prints_the_output_shown(demo, capsys, monkeypatch, page):
     if page == "python":
         pytest.importorskip("torch")
