@@ -219,7 +219,7 @@ def decode(
     kind: Any = to  # checked there
     written = decode_file(
         files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
-        normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas_of(betas), frames=frames,
+        normalized=normalized, scaler=scaler, clamp=clip, body_model=body_model, betas=betas_of(betas), frames=frames,
     )  # fmt: skip
     paths = [str(path) for path in written]
     print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))

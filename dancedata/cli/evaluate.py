@@ -28,11 +28,12 @@ from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import csv_cell, json_text, shown
 
 WHAT_HELP = "A built dataset, a folder of generated motion, or one file of it."
-SOURCE_HELP = "Folder of music files, by song; with --self-test, of the dataset's own files."
+SOURCE_HELP = "With --self-test: folder of the dataset's own files."
+MUSIC_HELP = "A song, a folder of songs, or a CSV file sample,song,start_s; default: those of the dataset."
+FIELD_HELP = "What columns are: a motion field of the dataset or of --like, or a representation."
 LIKE_HELP = "Dataset that the model was trained on: rate, columns, scaler, music, and by default the pool."
 POOL_HELP = "Dataset, folder or --save-pool file to compare with; default: the dataset itself, or --like."
 METRIC_HELP = "Compute only this: a metric, of the protocol or not, or a score such as fid_k; repeatable."
-BOOTSTRAP_HELP = "Most times that scores are computed again for intervals; 0: none."
 ROLE_HELP = "truth or generated; default: truth for datasets."
 
 
@@ -48,8 +49,7 @@ def evaluate(
     pool_split: Annotated[str | None, typer.Option(help="Splits of the pool; default the protocol's.")] = None,
     role: Annotated[str | None, typer.Option(help=ROLE_HELP)] = None,
     like: Annotated[Path | None, typer.Option(help=LIKE_HELP)] = None,
-    field: Annotated[str | None, typer.Option(help="Motion field of the dataset, or of --like.")] = None,
-    representation: Annotated[str | None, typer.Option(help="Columns of arrays (T, D), without --like.")] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME", help=FIELD_HELP)] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
     clip: Clip = False,
@@ -60,9 +60,8 @@ def evaluate(
         str | None, typer.Option(help="Body of joint positions: smpl24, smpl24-edge, smplx24, ...")
     ] = None,
     source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
-    music_of: Annotated[Path | None, typer.Option(help="CSV file with the song of each clip: clip,song.")] = None,
+    music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
     metric: Annotated[list[str] | None, typer.Option(metavar="NAME", help=METRIC_HELP)] = None,
-    bootstrap: Annotated[int, typer.Option(min=0, help=BOOTSTRAP_HELP)] = 200,
     per_clip: Annotated[Path | None, typer.Option(help="Write the numbers of each piece to this CSV file.")] = None,
     table: Annotated[str | None, typer.Option(help="Print the scores as latex or markdown.")] = None,
     list_protocols: Annotated[bool, typer.Option("--list-protocols", help="List the protocols.")] = False,
@@ -94,9 +93,7 @@ def evaluate(
     if self_test:
         if what is not None or source is None:
             raise UsageError("--self-test reads the files of a dataset", fix="name them: --self-test --source DIR")
-        result = evaluation.self_test(
-            source, protocol=protocol, bootstrap=bootstrap, jobs=jobs, cache=cache, progress=progress
-        )
+        result = evaluation.self_test(source, protocol=protocol, jobs=jobs, cache=cache, progress=progress)
         print_result(as_json, result.to_json, lambda: str(result))
         return
     if what is None:
@@ -106,10 +103,9 @@ def evaluate(
     chosen: Any = role
     report = evaluation.evaluate(
         what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
-        field=field, representation=representation, normalized=normalized, scaler=scaler, clip=clip, fps=fps,
-        up=up, unit=unit, body=body, source=source, music_of=music_of, metrics=metric or (),
-        bootstrap=bootstrap, save_pool=save_pool, jobs=jobs, cache=cache, backend=backend, scheduler=scheduler,
-        progress=progress,
+        field=field, normalized=normalized, scaler=scaler, clamp=clip, fps=fps, up=up, unit=unit, body=body,
+        music=music, metrics=metric or (), save_pool=save_pool, jobs=jobs, cache=cache, backend=backend,
+        scheduler=scheduler, progress=progress,
     )  # fmt: skip
     if per_clip is not None:
         _write_rows(per_clip, report.per_clip)

@@ -22,14 +22,12 @@ from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import json_text
 from dancedata.execution.progress import Progress
 
-SOURCE_HELP = "Folder that the dataset was built from: its music, and the original motion to compare with."
 VIEW_HELP = "A built dataset, a folder of motion files, or one: .bvh, .npz, .npy, .pkl."
-COLUMNS_HELP = "What columns of motion files are: edge151, ..."
-MUSIC_HELP = "Music of motion files: a file, a folder of files named as they are, or a CSV file with clip,song."
+FIELD_HELP = "Motion field to draw, and what columns of motion files are; default: what they state, or their width."
+MUSIC_HELP = "A song, a folder of songs, or a CSV file sample,song,start_s; of a dataset the folder of its source."
 WALL_HELP = "All on one stage: a clip and what it is compared with, or the clips of a song; at most 12."
 SIZE_HELP = "With --video: WIDTHxHEIGHT in pixels, such as 1080x1920 or 1080x1080."
 COMPARE_HELP = "Another dataset, a folder of <clip>.npy, .npz, .pkl or .bvh, or one such file; repeat it for several."
-AS_HELP = "What columns of --compare are: edge151, ...; default: joint positions, or the files' own rotations."
 VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
 EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."
 SHARE_HELP = "You state that you have the right to pass this music on."
@@ -38,13 +36,12 @@ SHARE_HELP = "You state that you have the right to pass this music on."
 @errors_to_exit_codes
 def view(
     store: Annotated[Path, typer.Argument(metavar="X", help=VIEW_HELP)],
-    clip: Annotated[str, typer.Argument(metavar="CLIP", help="Id of the clip or group to begin with.")] = "",
-    columns: Annotated[str | None, typer.Option("--as", metavar="REPRESENTATION", help=COLUMNS_HELP)] = None,
+    clip: Annotated[
+        str, typer.Argument(metavar="CLIP", help="Clip or group to begin with, or a window CLIP@START+LENGTH.")
+    ] = "",
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="Dataset with their scaler and rate.")] = None,
     music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
-    source: Annotated[Path | None, typer.Option(help=SOURCE_HELP)] = None,
     compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
-    compare_as: Annotated[str | None, typer.Option(metavar="REPRESENTATION", help=AS_HELP)] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
     clip_to_range: Clip = False,
@@ -54,13 +51,11 @@ def view(
         str | None, typer.Option(help="Unit of motion files: m, cm, ...; default: m of positions, guessed of BVH.")
     ] = None,
     wall: Annotated[bool, typer.Option("--wall", help=WALL_HELP)] = False,
-    mirrored: Annotated[bool, typer.Option("--mirrored", help="Show the mirrored dancer.")] = False,
     overlay: Annotated[bool, typer.Option("--overlay", help="Draw --compare over the dancer.")] = False,
-    field: Annotated[str | None, typer.Option(help="Motion field to draw; default: the first that decodes.")] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME", help=FIELD_HELP)] = None,
     body_model: BodyModel = None,
     betas: Betas = None,
     at: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time to begin at.")] = 0.0,
-    window: Annotated[int | None, typer.Option(min=0, help="Loop this window of the clip, from 0.")] = None,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
     export: Annotated[Path | None, typer.Option(metavar="FILE.html", help=EXPORT_HELP)] = None,
@@ -87,10 +82,9 @@ def view(
     if export is not None and video is not None:
         raise UsageError("--export and --video are two outputs", fix="call it for each")
     request = ViewRequest(
-        path=local_folder(store), clip=clip, field=field, source=source, columns=columns, like=like, music=music,
-        compare=tuple(map(local_folder, compare or ())),
-        compare_as=compare_as, normalized=normalized, fps=fps, up=up, unit=unit, at=at,
-        window=window, scaler=scaler, clip_to_range=clip_to_range, mirrored=mirrored, overlay=overlay, wall=wall,
+        path=local_folder(store), clip=clip, field=field, like=like, music=music,
+        compare=tuple(map(local_folder, compare or ())), normalized=normalized, fps=fps, up=up, unit=unit, at=at,
+        scaler=scaler, clamp=clip_to_range, overlay=overlay, wall=wall,
         body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
     notes: list[str] = []
@@ -108,10 +102,10 @@ def view(
         for line in (str(written), *notes):
             say(line)
         if audio == "none":
-            say("  without sound; with the clip's music: --source DIR or --music PATH, and --audio embed")
+            say("  without sound; with the clip's music: --music PATH and --audio embed")
     elif audio != "none":
         raise UsageError(
-            "--audio goes with --export or --video", fix="the page that is served plays the music of --source"
+            "--audio goes with --export or --video", fix="the page that is served plays the music of --music"
         )
     else:
         serve(request, port=port, browser=not no_browser, say=say)
@@ -132,7 +126,7 @@ def report(
     to: Annotated[Path | None, typer.Option(metavar="FILE.html", help=TO_HELP)] = None,
     clips: Annotated[str, typer.Option(metavar="N|all|none", help=CLIPS_HELP)] = "12",
     audio: Annotated[str, typer.Option(help="none, or embed: the music of the clips inside the page.")] = "none",
-    source: Annotated[Path | None, typer.Option(help="Folder with the music, for --audio embed.")] = None,
+    music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
     may_share: Annotated[bool, typer.Option("--i-may-share-this-music", help=REPORT_SHARE_HELP)] = False,
     against: Annotated[
         Path | None, typer.Option(metavar="OTHER", help="A built dataset to compare with, or that samples are of.")
@@ -145,7 +139,6 @@ def report(
     scaler: ScalerFile = None,
     clip_to_range: Clip = False,
     fps: Annotated[str | None, typer.Option(help=f"{OF_SAMPLES} frame rate; default: OTHER's.")] = None,
-    music_of: Annotated[Path | None, typer.Option(help=f"{OF_SAMPLES} CSV file with their songs: clip,song.")] = None,
     max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
     overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
     plugins: Plugins = None,
@@ -172,7 +165,7 @@ def report(
         return
     of_samples = {
         "--split": split, "--field": field, "--normalized or --not-normalized": normalized, "--scaler": scaler,
-        "--clip-values": clip_to_range or None, "--fps": fps, "--music-of": music_of,
+        "--clip-values": clip_to_range or None, "--fps": fps,
     }  # fmt: skip
     if against is None and (saved := saved_samples(store)) is not None:
         against = saved.dataset
@@ -185,8 +178,8 @@ def report(
         page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
         samples = write_samples_report(
             store, against, page, protocol=protocol, split=split, clips=int(clips), field=field,
-            normalized=normalized, scaler=scaler, clip_to_range=clip_to_range, fps=fps, source=source,
-            music_of=music_of, max_mb=max_mb, overwrite=overwrite, progress=not (quiet or as_json),
+            normalized=normalized, scaler=scaler, clamp=clip_to_range, fps=fps, music=music, max_mb=max_mb,
+            overwrite=overwrite, progress=not (quiet or as_json),
         )  # fmt: skip
         if as_json:
             typer.echo(json_text(samples.to_json()))
@@ -201,7 +194,7 @@ def report(
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio
     written = write_report(
-        store, target, clips=chosen, audio=how, source=source, may_share=may_share, against=against, max_mb=max_mb,
+        store, target, clips=chosen, audio=how, source=music, may_share=may_share, against=against, max_mb=max_mb,
         overwrite=overwrite, progress=not (quiet or as_json),
     )  # fmt: skip
     if as_json:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from dancedata.cli.options import AsJson, Clip, Normalized, ScalerFile, errors_to_exit_codes, print_result
-from dancedata.cli.pages import COLUMNS_HELP, MUSIC_HELP, SHARE_HELP
+from dancedata.cli.pages import FIELD_HELP, MUSIC_HELP, SHARE_HELP
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
@@ -25,8 +25,7 @@ def study(
     seconds: Annotated[float, typer.Option(help="Longest clip.")] = 15.0,
     seed: Annotated[int, typer.Option(help="Of clips, sides and orders.")] = 0,
     question: Annotated[str | None, typer.Option(help="Question to the raters.")] = None,
-    source: Annotated[Path | None, typer.Option(help="Folder that the first dataset was built from.")] = None,
-    columns: Annotated[str | None, typer.Option("--as", metavar="REPRESENTATION", help=COLUMNS_HELP)] = None,
+    field: Annotated[str | None, typer.Option(metavar="NAME", help=FIELD_HELP)] = None,
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="Dataset with their scaler and rate.")] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
@@ -40,7 +39,7 @@ def study(
 ) -> None:
     """Write a user study as one offline page.
 
-    dancedata study A B --source DIR --out study.html: blind pairs of dancers to one song, the answers as CSV.
+    dancedata study A B --music DIR --out study.html: blind pairs of dancers to one song, the answers as CSV.
     """
     from dancedata.scene.selection import ViewRequest
     from dancedata.store.schema import DATASET_FILE
@@ -53,10 +52,10 @@ def study(
     views = {}
     for number, (name, path) in enumerate(zip(called, systems, strict=True)):
         if (path / DATASET_FILE).exists():
-            views[name] = ViewRequest(path, source=source if number == 0 else None)
+            views[name] = ViewRequest(path, field=field, music=music if number == 0 else None)
         else:
             views[name] = ViewRequest(
-                path, columns=columns, like=like, normalized=normalized, scaler=scaler, clip_to_range=clip_to_range,
+                path, field=field, like=like, normalized=normalized, scaler=scaler, clamp=clip_to_range,
                 music=music, fps=fps, up=up, unit=unit,
             )  # fmt: skip
     request = StudyRequest(views, songs, checks, seconds, seed, question or QUESTION)

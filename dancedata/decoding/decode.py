@@ -34,14 +34,14 @@ _Batch = np.ndarray[tuple[int, int, int], Any]
 @overload
 def decode(
     array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., normalized: bool | None = ...,
-    scaler: ScalerLike = ..., clip: bool = ..., **parameters: Any,
+    scaler: ScalerLike = ..., clamp: bool = ..., **parameters: Any,
 ) -> list[Motion]: ...  # fmt: skip
 
 
 @overload
 def decode(
     array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ...,
-    normalized: bool | None = ..., scaler: ScalerLike = ..., clip: bool = ..., **parameters: Any,
+    normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ..., **parameters: Any,
 ) -> Motion: ...  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def decode(
     like: Like = None,
     normalized: bool | None = None,
     scaler: ScalerLike = None,
-    clip: bool = False,
+    clamp: bool = False,
     **parameters: Any,
 ) -> Motion | list[Motion]:
     """Decode the columns of a representation into a motion, or a batch of them into a list.
@@ -74,7 +74,7 @@ def decode(
         Columns that clearly contradict it are refused.
     scaler
         Another scaler, or the file of its ``save``: the columns are normalised by it.
-    clip
+    clamp
         Clip normalised values to [-1, 1] first, as EDGE and Lodge do. False: mirrored and turned motion, which is a
         little outside, comes back whole.
     parameters
@@ -101,7 +101,7 @@ def decode(
     >>> dancedata.decode(ds.read(ds.windows("train")[3], "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
     """
-    return Decoder.of(representation, parameters, fps, like, normalized, scaler, clip).motions(array)
+    return Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp).motions(array)
 
 
 def decode_group(
@@ -114,7 +114,7 @@ def decode_group(
     like: Like = None,
     normalized: bool | None = None,
     scaler: ScalerLike = None,
-    clip: bool = False,
+    clamp: bool = False,
     **parameters: Any,
 ) -> list[Motion | None]:
     """Decode the columns of a group of dancers, one motion each, in one world.
@@ -123,7 +123,7 @@ def decode_group(
     ----------
     array
         (P, T, D) columns, as `GroupDataset` gives them: as stored, or normalised, as `normalized` states.
-    representation, fps, like, normalized, scaler, clip, parameters
+    representation, fps, like, normalized, scaler, clamp, parameters
         As in `decode`.
     person_mask
         (P,) truth values: which dancers there are; the rows of the others are ignored. Default: all.
@@ -153,7 +153,7 @@ def decode_group(
     >>> [motion is not None for motion in dancedata.decode_group(rows, "edge151", person_mask=mask, like=groups)]
     [True, True, False]
     """
-    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
+    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp)
     return decoder.group(array, person_mask, place)
 
 
@@ -172,19 +172,19 @@ class Decoder:
     like: Like
     normalized: bool | None
     scaler: ScalerLike
-    clip: bool
+    clamp: bool
     file: bool | None = None
     grid: FrameGrid | None = None
 
     @classmethod
     def of(
         cls, field: str, parameters: dict[str, Any], fps: Number | None, like: Like, normalized: bool | None,
-        scaler: ScalerLike, clip: bool,
+        scaler: ScalerLike, clamp: bool,
     ) -> Decoder:  # fmt: skip
         """Return the decoder of a call; `decode` says what is refused."""
         name, _ = REPRESENTATIONS.split(field)
         plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
-        return cls(field, plugin, fps, like, normalized, scaler, clip)
+        return cls(field, plugin, fps, like, normalized, scaler, clamp)
 
     def motions(self, array: Any) -> Motion | list[Motion]:
         """Decode columns (T, D), or a batch (B, T, D)."""
@@ -258,7 +258,7 @@ class Decoder:
         grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)
         scaling = scaling_of(
             like, self.field, self.representation.columns.labels, normalized=self.normalized, scaler=self.scaler,
-            clip=self.clip,
+            clamp=self.clamp,
         )  # fmt: skip
         return scaling.undo(array, self.representation, file=self.file), grid
 

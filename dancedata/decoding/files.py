@@ -48,7 +48,7 @@ def decode_file(
     overwrite: bool = False,
     normalized: bool | None = None,
     scaler: ScalerLike = None,
-    clip: bool = False,
+    clamp: bool = False,
     body_model: str | Path | None = None,
     betas: npt.ArrayLike | None = None,
     frames: str | None = None,
@@ -64,7 +64,7 @@ def decode_file(
         rate. A group (P, T, D), by its entry ``person_mask`` (P,) or ``root_place`` (P, T, 6), and a batch of groups
         (B, P, T, D) are decoded as in `dancedata.decode_group`. A folder of such files, a pattern such as
         ``gen/*.npy``, and several of these are decoded file by file.
-    representation, like, normalized, scaler, clip, parameters
+    representation, like, normalized, scaler, clamp, parameters
         As in `decode`. Default of what `WindowDataset.save_samples` wrote: what it states.
     to
         "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
@@ -119,7 +119,7 @@ def decode_file(
         for one in paths:
             written += decode_file(
                 one, representation, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
-                normalized=normalized, scaler=scaler, clip=clip, body_model=body_model, betas=betas, frames=frames,
+                normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas, frames=frames,
                 **parameters,
             )  # fmt: skip
         return written
@@ -134,7 +134,7 @@ def decode_file(
     if representation is None:
         raise UsageError("nothing states what these columns are", where=path, fix="name it: --as edge151")
     mesh = _mesh(to, body_model, betas, frames)
-    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clip)
+    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp)
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
         mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))

@@ -22,6 +22,7 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
+from dancedata.evaluation.scores import DRAWS
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
 from dancedata.store import Store
@@ -78,7 +79,7 @@ class Evaluator:
         Whether samples are normalised by the dataset's scaler; with a dataset it has to be stated.
     scaler
         Another scaler, or the file of its ``save``: samples are normalised by it.
-    clip
+    clamp
         Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     jobs, cache
         As in `dancedata.evaluate`, for the pool, which is measured now.
@@ -118,7 +119,7 @@ class Evaluator:
         music: str | None = None,
         normalized: bool | None = None,
         scaler: Scaler | str | Path | None = None,
-        clip: bool = False,
+        clamp: bool = False,
         jobs: int = 1,
         cache: str | Path | None = None,
     ) -> None:
@@ -127,7 +128,7 @@ class Evaluator:
         self.store = store_of(reader)
         self.field, columns = reader_for(self.store, rules.motion, field)
         labels = columns.representation.columns.labels
-        scaling = scaling_of(reader, self.field, labels, normalized=normalized, scaler=scaler, clip=clip)
+        scaling = scaling_of(reader, self.field, labels, normalized=normalized, scaler=scaler, clamp=clamp)
         if scaling.normalized is None:
             raise scaling.unstated(f"{self.store.path}, field {self.field}")
         self.reader = replace(columns, scaling=scaling)
@@ -317,13 +318,13 @@ class Evaluator:
                     self._left_out.setdefault(name, reason)
         return self
 
-    def compute(self, *, bootstrap: int = 0) -> Report:
+    def compute(self, *, intervals: bool = True) -> Report:
         """Return the report of all samples so far.
 
         Parameters
         ----------
-        bootstrap
-            How many times scores are computed again for intervals, at most; 0: no intervals.
+        intervals
+            Whether scores have intervals of 95 percent, as of `dancedata.evaluate`.
 
         Raises
         ------
@@ -335,8 +336,8 @@ class Evaluator:
             raise UsageError("no sample could be measured", found=reason)
         clips = [self._measured[name] for name in sorted(self._measured)]
         return report_of(
-            self.protocol, clips, self.pool, role="generated", source="samples of a model", draws=bootstrap,
-            warnings=self._about_music(), left_out=sorted(self._left_out.items()),
+            self.protocol, clips, self.pool, role="generated", source="samples of a model",
+            draws=DRAWS if intervals else 0, warnings=self._about_music(), left_out=sorted(self._left_out.items()),
             truth=self._truth(), truth_source=f"the same of {self.store.path.name}",
         )  # fmt: skip
 

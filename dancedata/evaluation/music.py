@@ -118,7 +118,7 @@ def clip_music(
             music |= stored
     silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
     if silent and not sources.files:
-        problems.append(f"no beats of songs that --music-of names: {listed(silent)}")
+        problems.append(f"no beats of songs that --music names: {listed(silent)}")
     if not music:
         problems.append(_no_music(rule))
     return music, problems
@@ -140,8 +140,8 @@ def _no_music(rule: MusicRule) -> str:
     about = f" ({rule.about})" if rule.about else ""
     return (
         f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{alone}{about}; give "
-        "--source MUSIC or a dataset with that field (--like), and --music-of FILE.csv for clips whose ids are not "
-        "those of songs or of clips of the dataset"
+        "--music FOLDER or a dataset with that field (--like), or --music FILE.csv for clips whose ids are not those "
+        "of songs or of clips of the dataset"
     )
 
 
@@ -214,7 +214,7 @@ def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
     if name not in FEATURES.names():
         raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
                          found=f"features {', '.join(FEATURES.names())}",
-                         fix="take the beats from a dataset that has the field, or leave out --source")  # fmt: skip
+                         fix="take the beats from a dataset that has the field, or leave out --music")  # fmt: skip
     return make_named(FEATURES, "audio", name, {})
 
 

@@ -18,7 +18,7 @@ from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic
 from dancedata.evaluation.pool import Pool, one_rate, rows_of
 from dancedata.evaluation.protocol import Protocol
-from dancedata.evaluation.scores import Score, describe_outcome, number_text, scores_of
+from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
 from dancedata.scene.inputs.clip import MemoryClip
@@ -292,7 +292,7 @@ def report_of(
     *,
     role: str,
     source: str,
-    draws: int = 200,
+    draws: int = DRAWS,
     numbers: Sequence[int] | None = None,
     left_out: Iterable[tuple[str, str]] = (),
     warnings: Iterable[str] = (),

@@ -2,16 +2,14 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from dataclasses import field as dataclass_field
+from dataclasses import field as field_of
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DataError, UsageError, did_you_mean
+from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
@@ -21,13 +19,13 @@ from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
-from dancedata.metrics.intervals import MIN_CLIPS
+from dancedata.evaluation.scores import DRAWS
 from dancedata.recipes.plugins import make_named
 from dancedata.remote import local_folder
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
-from dancedata.scene.inputs.files import FileFormat, columns_width, file_clip, folder_clips
+from dancedata.scene.inputs.files import FileFormat, field_of_width, file_clip, folder_clips
 from dancedata.scene.inputs.naming import named_clips
-from dancedata.scene.inputs.songs import MusicSources, song_files
+from dancedata.scene.inputs.songs import MusicSources
 from dancedata.store import Store, open_store
 from dancedata.store.like import Reader, scaling_of
 from dancedata.store.motion_fields import ColumnsReader, motion_readers
@@ -59,7 +57,7 @@ class Inputs:
     pool_numbers: list[int]
     music: MusicSources | None
     truth: ClipSet | None = None
-    draws: int = 200
+    draws: int = DRAWS
     save_pool: Path | None = None
 
 
@@ -76,36 +74,30 @@ class Request:
     like: Store | None = None
     reader: Reader | None = None
     field: str | None = None
-    representation: str | None = None
     normalized: bool | None = None
     scaler: Scaler | str | Path | None = None
-    clip: bool = False
+    clamp: bool = False
     fps: Number | None = None
     up: str | None = None
     unit: str | None = None
     body: str | None = None
-    source: Path | None = None
-    songs: Mapping[str, str] = dataclass_field(default_factory=dict)
-    beats: Mapping[str, Any] = dataclass_field(default_factory=dict)
-    draws: int = 200
+    music: MusicSources = field_of(default_factory=MusicSources)
+    intervals: bool = True
     metrics: tuple[str, ...] = ()
     save_pool: Path | None = None
 
     def __post_init__(self) -> None:
         if self.role not in (None, *ROLES):
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
-        if self.draws != 0 and self.draws < MIN_CLIPS:
-            raise UsageError(
-                "invalid number of bootstrap draws", found=self.draws, allowed=f"0, or {MIN_CLIPS} and above"
-            )
         if self.normalized and self.like is None and self.scaler is None:
             raise UsageError(
                 "normalised columns need the scaler of a dataset", fix="name it: --like STORE, or --scaler FILE"
             )
-        if self.scaler is not None and self.like is None and self.representation is None:
-            raise UsageError("a scaler is of columns", fix="name them: --like STORE, or --representation NAME")
+        if self.scaler is not None and self.like is None and self.field is None:
+            raise UsageError("a scaler is of columns", fix="name them: --like STORE, or --field NAME")
         if self.field is None and self.like is not None:
-            object.__setattr__(self, "field", self._field_of_width(self.like) or None)
+            path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
+            object.__setattr__(self, "field", None if path is None else field_of_width(self.like, path))
 
     @property
     def numbers(self) -> list[int]:
@@ -133,20 +125,19 @@ class Request:
         split = self.split or ("test" if store is not None and "test" in store.splits else None)
         clip_set = self._clip_set(self.what, split, self.role)
         ids = {clip.id for clip in clip_set.clips}
-        if unknown := sorted(set(self.songs) - ids):
+        if unknown := sorted(set(self.music.songs) - ids):
             raise UsageError("the list of songs names unknown clips", found=listed(unknown))
-        if music is not None and (unknown := sorted(set(music.beats) - ids)):
+        if unknown := sorted(set(self.music.beats) - ids):
             raise UsageError("beats given for unknown clips", found=listed(unknown))
         clip_set = self._named(clip_set, music)
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
-            music=music, truth=self._truth(clip_set), draws=self.draws, save_pool=self.save_pool,
+            music=music, truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
         )  # fmt: skip
 
     def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:
         """Return clips with what their names say."""
-        files = frozenset() if music is None else frozenset(music.files)
-        named = named_clips(clip_set.clips, self.songs, self.like or clip_set.store, files)
+        named = named_clips(clip_set.clips, self.music, self.like or clip_set.store)
         clip_set = replace(clip_set, clips=named.clips, samples=named.samples)
         if self.like is None or clip_set.store is not None:
             return clip_set
@@ -236,25 +227,14 @@ class Request:
             stored = named_reader(self.like, name)
             grid = stored.grid if self.fps is None else FrameGrid.of(self.fps)
             return ColumnsReader(stored.representation, grid, self._scaling(name, stored.representation))
-        if self.representation is None:
+        if self.field is None or _as_store(self.what) is not None:
             return None
         if self.fps is None:
             raise UsageError(
                 "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like STORE"
             )
-        plugin: Representation = make_named(REPRESENTATIONS, "motion", self.representation, {})
-        return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.representation, plugin))
-
-    def _field_of_width(self, like: Store) -> str:
-        """Return the only motion field as wide as the columns of the first file; "" if there are none or several."""
-        path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
-        files = [] if path is None else sorted(path.iterdir()) if path.is_dir() else [path]
-        file = next((file for file in files if file.suffix.lower() in (".npy", ".npz")), None)
-        with suppress(DataError, OSError):
-            width = 0 if file is None else columns_width(file)
-            fields = [name for name in motion_readers(like) if like.field(name).columns.width == width]
-            return fields[0] if len(fields) == 1 else ""
-        return ""
+        plugin: Representation = make_named(REPRESENTATIONS, "motion", self.field, {})
+        return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.field, plugin))
 
     @property
     def scaler_sha256(self) -> str:
@@ -267,19 +247,14 @@ class Request:
     def _scaling(self, field: str, plugin: Representation) -> Scaling:
         return scaling_of(
             self.reader or self.like, field, plugin.columns.labels, normalized=self.normalized, scaler=self.scaler,
-            clip=self.clip,
+            clamp=self.clamp,
         )  # fmt: skip
 
     def _music_sources(self, numbers: Iterable[int]) -> MusicSources | None:
         protocol = self.protocol
         if protocol.music is None or not any(protocol.measures[n].metric.needs_music for n in numbers):
             return None
-        return MusicSources(
-            beats=self.beats,
-            files={} if self.source is None else song_files(self.source.absolute()),
-            like=self.like,
-            songs=self.songs,
-        )
+        return replace(self.music, like=self.like)
 
 
 def _as_store(what: MotionInput) -> Store | None:

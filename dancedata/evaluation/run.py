@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy.typing as npt
 
 from dancedata.building.commands import folder_of, jobs_of
-from dancedata.core.grid import Number, as_fraction
+from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.request import Request
+from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend
-from dancedata.scene.inputs.songs import Song, read_songs, song_name
+from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.store import Store
 from dancedata.store.like import opened, store_of
 from dancedata.store.saved_samples import saved_samples
@@ -42,19 +43,16 @@ def evaluate(
     role: Literal["truth", "generated"] | None = None,
     like: str | Path | Store | Reader | None = None,
     field: str | None = None,
-    representation: str | None = None,
     normalized: bool | None = None,
     scaler: str | Path | Scaler | None = None,
-    clip: bool = False,
+    clamp: bool = False,
     fps: Number | None = None,
     up: str | None = None,
     unit: str | None = None,
     body: str | None = None,
-    source: str | Path | None = None,
-    music_of: str | Path | Mapping[str, str | tuple[str, Number]] | None = None,
-    beats: Mapping[str, Any] | None = None,
+    music: MusicLike = None,
     metrics: Sequence[str] = (),
-    bootstrap: int = 200,
+    intervals: bool = True,
     save_pool: str | Path | None = None,
     jobs: int | None = 1,
     cache: str | Path | None = None,
@@ -84,31 +82,28 @@ def evaluate(
         Dataset that a model was trained on, or its reader: its rate, columns, scaler, music, and by default the pool.
         A reader states its scaler, and whether it normalises.
     field
-        Motion field of the dataset, or of `like`. Default: the first one that has the protocol's joints.
-    representation
-        Columns of two-dimensional arrays, where `like` is not given.
+        What columns are: a motion field of the dataset, or of `like`; without one a representation. Default: what
+        samples state, else the only field of their width, else the first one that has the protocol's joints.
     normalized
         Whether columns are normalised by the scaler of `like`. Where columns are read with a dataset as `like`, it
         has to be stated, here or by the entry ``normalized`` of their files; columns that are clearly not as stated
         are refused.
     scaler
         Another scaler, or the file of its ``save``: columns are normalised by it.
-    clip
+    clamp
         Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     fps, up, unit, body
         Declarations for files that do not state them; `body` is the body of joint positions, such as "smpl24".
-    source
-        Folder of music files, by the names of songs. Default: beats are those of the dataset, or of `like`.
-    music_of
-        Song of each clip: a mapping, or a CSV file with the columns clip and song. A third column, start_s, or a pair
-        in place of a song, states its second at the clip's first frame; default: 0, but windows need it.
-    beats
-        Beats of the music of clips, frames at the protocol's rate or `MusicBeats`; for those, nothing else is read.
+    music
+        A music file, that of all clips; a folder of them, by the names of songs; a CSV file with the columns sample,
+        song and start_s, the song's second at the first frame, which windows need. Or a mapping by the id of a clip:
+        a song or its file, a pair of it and its second, or the beats, frames at the protocol's rate or `MusicBeats`.
+        Default: that of the dataset, or of `like`.
     metrics
         Compute only these, by the names of metrics ("kinetic") or of scores ("fid_k"). Default: all of the protocol.
         Every registered metric may be named: one that is not of the protocol has its default parameters.
-    bootstrap
-        How many times scores are computed again for intervals, at most; 0: no intervals.
+    intervals
+        Whether scores have intervals of 95 percent; they are computed again up to 200 times for them.
     save_pool
         File (.npz) to write the pool to.
     jobs, cache, backend, scheduler, progress
@@ -135,10 +130,6 @@ def evaluate(
     >>> 0 < report["bas"].value < 1
     True
     """
-    if isinstance(music_of, Mapping):
-        songs = {clip: _song(song) for clip, song in music_of.items()}
-    else:
-        songs = {} if music_of is None else read_songs(Path(music_of))
     named, saved = None if like is None else opened(like), saved_samples(what)
     if saved is not None:
         of = saved.like(None if named is None else store_of(named))
@@ -155,19 +146,16 @@ def evaluate(
         like=None if named is None else store_of(named),
         reader=None if isinstance(named, Store) else named,
         field=field,
-        representation=representation,
         normalized=normalized,
         scaler=scaler,
-        clip=clip,
+        clamp=clamp,
         fps=fps,
         up=up,
         unit=unit,
         body=body,
-        source=folder_of(source),
-        songs=songs,
-        beats=beats or {},
+        music=MusicSources.of(music),
         metrics=tuple(metrics),
-        draws=bootstrap,
+        intervals=intervals,
         save_pool=folder_of(save_pool),
     )
     check_backend(backend, scheduler)
@@ -175,11 +163,6 @@ def evaluate(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),
     )  # fmt: skip
-
-
-def _song(song: str | tuple[str, Number]) -> Song:
-    name, start = (song, None) if isinstance(song, str) else song
-    return Song.of(song_name(name), None if start is None else as_fraction(start, "music_of"))
 
 
 def _protocol(protocol: str | Protocol) -> Protocol:
@@ -191,7 +174,7 @@ def self_test(
     source: str | Path,
     *,
     protocol: str | Protocol | None = None,
-    bootstrap: int = 200,
+    intervals: bool = True,
     jobs: int | None = 1,
     cache: str | Path | None = None,
     progress: bool = False,
@@ -204,7 +187,7 @@ def self_test(
         Folder with the dataset's files, as for `build`.
     protocol
         Only this protocol. Default: every one that has a published row of the dataset.
-    bootstrap, jobs, cache, progress
+    intervals, jobs, cache, progress
         As in `evaluate`.
 
     Returns
@@ -213,6 +196,6 @@ def self_test(
         ``str(...)`` is the table, `rows()` its lines, `reports` the whole results.
     """
     return _self_test(
-        Path(source).expanduser(), protocol=protocol, draws=bootstrap, jobs=jobs_of(jobs), cache=folder_of(cache),
-        progress=Progress(quiet=not progress),
+        Path(source).expanduser(), protocol=protocol, draws=DRAWS if intervals else 0, jobs=jobs_of(jobs),
+        cache=folder_of(cache), progress=Progress(quiet=not progress),
     )  # fmt: skip

@@ -13,6 +13,8 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.pool import MetricRows
 from dancedata.metrics.intervals import MIN_CLIPS, Interval, jackknife
 
+#: How many times scores are computed again for intervals, at most.
+DRAWS = 200
 #: Sets and pools with more vectors have no intervals: each draw compares all pairs of vectors.
 MAX_VECTORS = 4_000
 _CHANCE, _MEDIAN, _POOL, _VARYING = "_chance", "_median", "_pool", "_varying"

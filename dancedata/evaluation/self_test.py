@@ -16,6 +16,7 @@ from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published, protocol_named
 from dancedata.evaluation.report import LABELS, Report
 from dancedata.evaluation.request import Inputs
+from dancedata.evaluation.scores import DRAWS
 from dancedata.execution.progress import Progress
 from dancedata.scene.inputs.clip import DatasetClip
 from dancedata.scene.inputs.songs import MusicSources
@@ -90,7 +91,7 @@ def self_test(
     source: Path,
     *,
     protocol: str | Protocol | None = None,
-    draws: int = 200,
+    draws: int = DRAWS,
     jobs: int = 1,
     cache: Path | None = None,
     progress: Progress | None = None,

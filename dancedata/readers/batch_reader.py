@@ -130,7 +130,7 @@ class FieldReader:
     `mirror`: Applied to mirrored windows; None for audio.
     `root`: Columns that become relative to a window's first row.
     `scaler`: Applied last; the result is float32.
-    `clip`: Whether scaled values are cut to [-1, 1].
+    `clamp`: Whether scaled values are cut to [-1, 1].
     """
 
     name: str
@@ -138,7 +138,7 @@ class FieldReader:
     mirror: Mirror | None
     root: slice | None
     scaler: Scaler | None
-    clip: bool = False
+    clamp: bool = False
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -174,7 +174,7 @@ class FieldReader:
         rows = rows.astype(self._arithmetic, copy=False)
         for operation, operand in self._whole_window if rows.shape == self.rows.shape else self._row:
             rows = operation(rows, operand)
-        return rows.clip(-1, 1, out=rows) if self.clip else rows
+        return rows.clip(-1, 1, out=rows) if self.clamp else rows
 
     # Operations on columns take half the time where the operands have the shape of a window.
 

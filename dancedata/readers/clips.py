@@ -211,7 +211,7 @@ class ClipDataset(SplitDataset):
             rows = self._mirrors[field].apply(rows)
         rows = self._augmenter.rows(field, rows, request.epoch, place)
         if field in self._normalizers:
-            rows = self._normalizers[field].normalize(rows, clip=self.clip).astype(np.float32, copy=False)
+            rows = self._normalizers[field].normalize(rows, clamp=self.clamp).astype(np.float32, copy=False)
         if field in self._augmenter.dropped(request.epoch, place):
             rows = np.full_like(rows, blank_of(self.store, field))
         return torch.from_numpy(rows)

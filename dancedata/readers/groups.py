@@ -270,7 +270,7 @@ class GroupReader(BatchReader):
         windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
         rows = {n: store._window_rows(windows[n], n, mapped=store.mapped) for n in dataset.fields}
         fields = [
-            FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clip)
+            FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clamp)
             for n in dataset.fields
         ]
         super().__init__(store, dataset.windows, fields, dataset._augmenter, None, lambda place, epoch: 0)

@@ -371,7 +371,7 @@ def _properties(dataset: SplitDataset) -> dict[str, str]:
         "kind": type(dataset).__name__,
         "fields": ", ".join(dataset.fields),
         "normalised": ", ".join(dataset.normalized) or "nothing",
-        "clip": str(dataset.clip),
+        "clamp": str(dataset.clamp),
         "values beside the fields": ", ".join(n for n in dataset.samples([0], 0)[0] if n not in dataset.fields),
         "frames per second": str(store.grid),
         "body": store.skeleton.name,

@@ -181,7 +181,7 @@ class Scale(Value):
         "zscore_grouped": one deviation for the columns of a group, as HumanML3D.
     fields
         Names of the fields that are scaled; None: those of motion.
-    clip
+    clamp
         Whether values are cut to [-1, 1], as EDGE and Lodge do.
     covers
         Augmentations, as readers take them, whose results the range covers. Every reader and command that meets the
@@ -196,17 +196,17 @@ class Scale(Value):
 
     kind: ScaleKind = "minmax"
     fields: tuple[str, ...] | None = None
-    clip: bool = False
+    clamp: bool = False
     covers: Augment = ()
     over: Literal["train", "all"] = "train"
     scaler: ScalerLike | None = None
 
     def __post_init__(self) -> None:
         self._tuples("fields", "covers")
-        self._truth("clip")
+        self._truth("clamp")
         self._one_of("kind", get_args(ScaleKind))
         self._one_of("over", ("train", "all"))
-        for name in ("clip", "covers", "over", "scaler"):
+        for name in ("clamp", "covers", "over", "scaler"):
             self._not_both("kind", name)
         self._not_both("scaler", "covers")
         self._not_both("scaler", "over")
@@ -380,7 +380,7 @@ def _lodge(length: int, stride: int) -> dict[str, Any]:
         "fields": ("lodge139", "librosa35"),
         "windows": Windows(length=length, stride=stride, fps=30, trim=True),
         "select": Select(ignore=("ignored",), protocol="cross_genre", filter={"movement": {"field": "lodge139"}}),
-        "scale": Scale(clip=True),
+        "scale": Scale(clamp=True),
     }
 
 
@@ -391,7 +391,7 @@ PRESETS: Mapping[str, dict[str, Any]] = {
     "edge": {
         "fields": ("edge151", "librosa35"),
         "windows": Windows(length_s=5, stride_s=0.5, fps=30),
-        "scale": Scale(clip=True),
+        "scale": Scale(clamp=True),
     },
     # Lodge (Li et al., CVPR 2024): trimmed tracks, cross-genre split, without training windows that stand still.
     "lodge-global": _lodge(1024, 1024 // 10),

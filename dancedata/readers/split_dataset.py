@@ -167,14 +167,14 @@ class SplitDataset(EpochDataset):
             mirrors = any(step.mirrors and step.p for step in steps)
             self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
             self._is_random |= self._words.draws
-        self.clip, self._covers = self._scale.clip, tuple(steps_of(self._scale.covers))
+        self.clamp, self._covers = self._scale.clamp, tuple(steps_of(self._scale.covers))
         for step in self._covers:
             check_step(step, self._augmenter.fields, self.store)
         self._named_scalers = named_scalers(self.store, self.fields, self._scale.scaler)
         self._normalizers = {name: self._scaler(name) for name in self._scaled}
         for name, scaler in self._normalizers.items():
-            scaler.require_range(self.clip)
-            if self.clip or scaler.kind != "minmax":
+            scaler.require_range(self.clamp)
+            if self.clamp or scaler.kind != "minmax":
                 continue
             needed, stored_range = self._covering(name, scaler, self._augmenter.steps).data_range, scaler.data_range
             times = needed / np.where(stored_range > 1e-5, stored_range, np.inf)  # constant columns are not stretched
@@ -182,7 +182,7 @@ class SplitDataset(EpochDataset):
                 label = self.store.fields[name].labels[int(times.argmax())]
                 _log.warning(
                     "augment= takes scaled values of %s far beyond [-1, 1], those of %s furthest; name what the "
-                    "scaler has to cover, Scale(covers=...), or cut values, Scale(clip=True)", name, label,
+                    "scaler has to cover, Scale(covers=...), or cut values, Scale(clamp=True)", name, label,
                 )  # fmt: skip
 
     @property
@@ -217,7 +217,7 @@ class SplitDataset(EpochDataset):
             scaler = self._normalizers.get(name)
             shape, dtype = self._shape(name), self.store.field(name).dtype if scaler is None else "float32"
             how = "as stored" if scaler is None else f"{scaler.kind} scaler {scaler.sha256[:12]}"
-            how += ", cut to [-1, 1]" if scaler is not None and self.clip else ""
+            how += ", cut to [-1, 1]" if scaler is not None and self.clamp else ""
             lines.append(f"  {name}: ({', '.join(map(str, shape))}) {dtype}, {how}")
         lines += [f"  {item!r}" for item in (self._items.primitives, self._items.words) if item is not None]
         return "\n".join(lines + [f"  {name}: of the clip" for name in self.columns])

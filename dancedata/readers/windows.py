@@ -248,7 +248,9 @@ class WindowDataset(SplitDataset):
                 name: self.store._window_rows(self.windows, name, mapped=self.store.mapped) for name in self.fields
             }
             fields = [
-                FieldReader(n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clip)
+                FieldReader(
+                    n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clamp
+                )
                 for n in self.fields
             ]
             for name, values in rows.items():

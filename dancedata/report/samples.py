@@ -29,7 +29,7 @@ from dancedata.report.samples_page import samples_page
 from dancedata.report.scales import Scales
 from dancedata.report.write import Target
 from dancedata.scene.figure import Figure
-from dancedata.scene.inputs.songs import read_songs
+from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.motions import MotionScenes
 from dancedata.scene.pieces import Piece, figure_key_motion
 from dancedata.scene.pose_space import Space, poses_of
@@ -44,7 +44,7 @@ _BLOCK = 1000
 
 def write_samples_report(
     samples: str | Path,
-    against: str | Path,
+    like: str | Path,
     to: str | Path | None = None,
     *,
     protocol: str | Protocol = "dancedata",
@@ -53,11 +53,10 @@ def write_samples_report(
     field: str | None = None,
     normalized: bool | None = None,
     scaler: str | Path | None = None,
-    clip_to_range: bool = False,
+    clamp: bool = False,
     fps: Number | None = None,
-    source: str | Path | None = None,
-    music_of: str | Path | None = None,
-    bootstrap: int = 200,
+    music: MusicLike = None,
+    intervals: bool = True,
     max_mb: float = 20,
     overwrite: bool = False,
     cache: str | Path | None = None,
@@ -66,14 +65,13 @@ def write_samples_report(
     """Compare samples of a model with the dataset that it was trained on, as ``dancedata report S --against D`` does.
 
     `samples`: A folder of motion files, or one file, as `dancedata.evaluate` reads them.
-    `against`: The built dataset: its rate, columns, scaler, music and ground truth.
+    `like`: The built dataset: its rate, columns, scaler, music and ground truth.
     `to`: HTML file to write; None: numbers alone.
     `protocol`: Name of the protocol of the scores.
     `split`: Splits of the ground truth beside them. Default: the dances that samples are of, or "test".
     `clips`: Number of samples that the page plays, the most suspicious first.
-    `field`, `normalized`, `scaler`, `clip_to_range`, `fps`: What columns of arrays are, as in `dancedata.evaluate`.
-    `source`, `music_of`: Music files of the songs, and a CSV file with the columns clip and song.
-    `bootstrap`: As in `dancedata.evaluate`.
+    `field`, `normalized`, `scaler`, `clamp`, `fps`: What columns of arrays are, as in `dancedata.evaluate`.
+    `music`, `intervals`: As in `dancedata.evaluate`.
     `max_mb`, `overwrite`, `progress`: As in `write_report`.
     Raises UsageError: if the samples cannot be read as stated, or the page cannot be written.
     Raises DataError: if no sample can be measured.
@@ -81,19 +79,17 @@ def write_samples_report(
     path, reporter = Path(samples).expanduser(), Progress(quiet=not progress)
     target = None
     if to is not None:
-        target = Target.of(Path(to), [Path(against)], max_mb=max_mb, overwrite=overwrite)
+        target = Target.of(Path(to), [Path(like)], max_mb=max_mb, overwrite=overwrite)
     root = (Path(cache).expanduser() if cache is not None else default_cache()).absolute()
-    with open_store(against) as store:
+    with open_store(like) as store:
         store.require_intact()
         named = protocol_named(protocol)
         if (saved := saved_samples(path)) is not None:
             saved.like(store)
             field, scaler = field or saved.field, scaler or saved.scaler
-        files = None if source is None else Path(source).expanduser()
         request = Request(
             what=path, protocol=named, like=store, role="generated", split=split, field=field, normalized=normalized,
-            scaler=scaler, clip=clip_to_range, fps=fps, source=files, draws=bootstrap,
-            songs={} if music_of is None else read_songs(Path(music_of)),
+            scaler=scaler, clamp=clamp, fps=fps, music=MusicSources.of(music), intervals=intervals,
         )  # fmt: skip
         inputs = request.inputs()
         scores = evaluate_inputs(inputs, cache=root, progress=reporter)

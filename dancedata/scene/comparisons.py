@@ -150,10 +150,10 @@ def file_format(
     store: Store | None,
     *,
     grid: FrameGrid | None = None,
-    representation: str | None = None,
+    field: str | None = None,
     normalized: bool | None = None,
     scaler: Scaler | str | Path | None = None,
-    clip: bool = False,
+    clamp: bool = False,
     fps: str | None = None,
     up: str = "y",
     unit: str | None = None,
@@ -162,29 +162,29 @@ def file_format(
 
     `store`: The dataset whose fields and scalers their columns have; None for none.
     `grid`: Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
-    `representation`: What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
+    `field`: What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
     `normalized`: Whether they are normalised by the scaler of the store's field of that name; has to be stated where
         the store has it, here or by the entry ``normalized`` of the files.
     `scaler`: Another scaler, or its file: they are normalised by it.
-    `clip`: Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
+    `clamp`: Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
     `fps`: Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
     Raises UsageError: for an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
     grid = grid or (None if store is None else store.grid)
     rate = grid if fps is None else FrameGrid.of(fps)
-    if representation is None:
+    if field is None:
         return FileFormat(fps=None if rate is None else str(rate), up=up, unit=unit)
-    name, _ = REPRESENTATIONS.split(representation)
+    name, _ = REPRESENTATIONS.split(field)
     plugin = make_named(REPRESENTATIONS, "motion", name, {})
-    stored = store is not None and representation in store.fields
+    stored = store is not None and field in store.fields
     if fps is None:
-        of_field = store.field(representation).grid if store is not None and stored else None
+        of_field = store.field(field).grid if store is not None and stored else None
         rate = of_field or (None if plugin.rate is None else FrameGrid(plugin.rate)) or grid
     if rate is None:
-        raise UsageError(f"the frame rate of columns of {representation} is unknown",
+        raise UsageError(f"the frame rate of columns of {field} is unknown",
                          fix="give it with --fps, or with --like STORE")  # fmt: skip
     like = store if stored or normalized else None
-    scaling = scaling_of(like, representation, plugin.columns.labels, normalized=normalized, scaler=scaler, clip=clip)
+    scaling = scaling_of(like, field, plugin.columns.labels, normalized=normalized, scaler=scaler, clamp=clamp)
     return FileFormat(fps=str(rate), up=up, unit=unit, columns=ColumnsReader(plugin, rate, scaling))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import member_id
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.core.rotations import Float64Array
@@ -25,7 +25,7 @@ from dancedata.scene.group_scene import Together
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.files import FileFormat, clips_of
 from dancedata.scene.inputs.naming import named_clips
-from dancedata.scene.inputs.songs import Song, read_songs, song_files
+from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
 from dancedata.scene.scenes import rhythm_of
 from dancedata.scene.source import MAX_SECONDS, ClipSound, cut
@@ -53,43 +53,21 @@ class MusicFiles:
     def beside(cls, path: Path, clips: Sequence[ClipInput], like: Store | None = None) -> MusicFiles:
         """Return the music of clips.
 
-        `path`: A music file, which is that of every clip; a folder of files that are named as a clip, its song, or a
-            part of its name between underscores; or a CSV file with the columns clip, song and, where clips do not
-            begin with their songs, start_s, with the songs in its folder.
+        `path`: A music file, a folder of them or a list, as `MusicSources.of` takes it; files are also those of clips
+            whose names they are, or a part of these between underscores.
         `like`: The dataset whose samples clips are: it knows where they begin in their songs.
         Raises UsageError: if there is no such file, or none for any clip; if it is not known where a window begins in
             its song; if a file is named for samples that dance to another song.
         """
-        if path.suffix.lower() in AUDIO_SUFFIXES:
-            return cls._of_one(path, clips, like)
-        songs = {} if path.is_dir() else read_songs(path)
-        files = song_files(path if path.is_dir() else path.parent)
-        named = named_clips(clips, songs, like, frozenset(files)).clips
-        music = {clip.id: files[clip.music] for clip in named if clip.music in files}
+        sources = MusicSources.of(path)
+        named = named_clips(clips, sources, like).clips
+        music = {clip.id: sources.files[clip.music] for clip in named if clip.music in sources.files}
         if not music:
-            raise UsageError("no file of this music is named as a clip", where=path, found=listed(sorted(files), 5),
+            raise UsageError("no file of this music is named as a clip", where=path,
+                             found=listed(sorted(sources.files), 5),
                              allowed=listed([clip.id for clip in clips], 5),
-                             fix="name one file, or a CSV file with the columns clip,song")  # fmt: skip
+                             fix="name one file, or a CSV file with the columns sample,song")  # fmt: skip
         return cls({clip.id: clip for clip in named}, music)
-
-    @classmethod
-    def _of_one(cls, path: Path, clips: Sequence[ClipInput], like: Store | None) -> MusicFiles:
-        if not path.is_file():
-            raise UsageError("there is no such music file", where=path)
-        samples = named_clips(clips, {}, like).samples
-        for name, sample in samples.items():
-            if sample.id.start is not None and sample.clip.music not in ("", path.stem):
-                second = f"{float(sample.music_start_s):g}"
-                raise UsageError(
-                    "a song is named for a window whose music the dataset has", where=name, found=path.name,
-                    allowed=f"{sample.clip.music}, from its second {second}",
-                    fix=f"for other music on purpose write a list: {name},{path.name},SECONDS (clip,song,start_s)",
-                )  # fmt: skip
-        songs = {clip.id: Song.of(path.stem, Fraction(0) if clip.id in samples else None) for clip in clips}
-        named = {clip.id: clip for clip in named_clips(clips, songs, None).clips}
-        named |= {name: replace(named[name], audio_start=of.music_start_s) for name, of in samples.items()
-                  if of.id.start is not None}  # fmt: skip
-        return cls(named, dict.fromkeys(named, path))
 
     def signal(self, clip: str, n_seconds: Fraction) -> AudioSignal | None:
         """Return the music of the first seconds of a clip, silent where it has ended; None without any."""
@@ -258,8 +236,10 @@ def motion_scenes(
         raise UsageError("two files have one name", where=path, found=listed(twice, 5), fix="rename one of them")
     beside = None if music is None else MusicFiles.beside(music, clips, like)
     try:
-        return MotionScenes(named_clips(clips, {}, like).clips, path.name, beside, body)
+        return MotionScenes(named_clips(clips, MusicSources(), like).clips, path.name, beside, body)
     except DataError as error:
         if error.reason == "bad_shape" and form.columns is None:
-            error.fix = "if these are columns, say of what: --as edge151, and --like STORE for their scaler and rate"
+            error.fix = (
+                "if these are columns, say of what: --field edge151, and --like STORE for their scaler and rate"
+            )
         raise

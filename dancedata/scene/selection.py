@@ -7,13 +7,15 @@ from dataclasses import KW_ONLY, dataclass, fields, replace
 from pathlib import Path
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.clip import member_id
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.sample_id import SampleId
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.scene.comparisons import Comparison, OriginalComparison, comparison_of, file_format
-from dancedata.scene.inputs.files import FileFormat
+from dancedata.scene.inputs.files import FileFormat, field_of_width
 from dancedata.scene.motions import MotionScenes, motion_scenes
 from dancedata.scene.payload import link
 from dancedata.scene.scene_list import Item, SceneList
@@ -27,12 +29,9 @@ from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
 
 #: Attributes of a request whose option has another name.
-_OPTIONS = {
-    "columns": "--as", "compare_as": "--compare-as", "clip_to_range": "--clip-values",
-    "normalized": "--normalized or --not-normalized",
-}  # fmt: skip
+_OPTIONS = {"normalized": "--normalized or --not-normalized"}
 #: Those that say how motion files are read.
-_OF_FILES = ("compare_as", "normalized", "scaler", "clip_to_range", "fps", "up", "unit", "overlay")
+_OF_FILES = ("normalized", "scaler", "clamp", "fps", "up", "unit", "overlay")
 
 
 @dataclass(frozen=True)
@@ -40,17 +39,15 @@ class ViewRequest:
     """Options of `dancedata view`.
 
     `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for
-        the first. A dancer of a group is shown alone.
-    `field`: Motion field to draw. Default: the best one.
-    `source`: Folder that the dataset was built from, for its music and the original motion.
-    `columns`, `like`: What columns of motion files at `path` are, and the dataset with their scaler and rate.
-    `music`: Music of motion files at `path`; see `MusicFiles.beside`.
+        the first. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
+    `field`: Motion field to draw, and what columns of motion files are. Default: the best one; that of their width.
+    `like`: The dataset with the scaler and rate of motion files at `path`.
+    `music`: Of a dataset the folder that it was built from, with its music and the original motion; of motion files
+        see `MusicFiles.beside`.
     `compare`: Datasets, folders of motion files, or files.
-    `compare_as`, `normalized`, `scaler`, `clip_to_range`, `fps`, `up`, `unit`: How motion files are read; see
-        `file_format`.
+    `normalized`, `scaler`, `clamp`, `fps`, `up`, `unit`: How motion files are read; see `file_format`.
     `at`: Seconds to begin at.
-    `window`: Number of the clip's window to loop.
-    `mirrored`, `overlay`: Whether the dancer is mirrored, and motions to compare with are drawn over him.
+    `overlay`: Whether motions to compare with are drawn over the dancer.
     `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
     `body_model`, `betas`: File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default:
         its mean.
@@ -60,21 +57,16 @@ class ViewRequest:
     clip: str = ""
     _: KW_ONLY
     field: str | None = None
-    source: Path | None = None
-    columns: str | None = None
     like: Path | None = None
     music: Path | None = None
     compare: Sequence[Path] = ()
-    compare_as: str | None = None
     normalized: bool | None = None
     fps: str | None = None
     up: str = "y"
     unit: str | None = None
     at: float = 0.0
-    window: int | None = None
     scaler: Path | None = None
-    clip_to_range: bool = False
-    mirrored: bool = False
+    clamp: bool = False
     overlay: bool = False
     wall: bool = False
     body_model: Path | None = None
@@ -91,7 +83,7 @@ class ViewRequest:
     def beside_truth(self) -> ViewRequest:
         """Return the request for samples that say what they are: the dances of their dataset, and they beside."""
         saved = saved_samples(self.path)
-        if saved is None or self.columns is not None or self.compare or (self.path / DATASET_FILE).exists():
+        if saved is None or self.field is not None or self.compare or (self.path / DATASET_FILE).exists():
             return self
         place = saved.dataset if self.like is None else self.like
         saved.like(open_store(place))
@@ -100,7 +92,7 @@ class ViewRequest:
     def scenes(self) -> SceneList:
         """Open the dataset, or read the motion files; UsageError if there is nothing to show."""
         if (self.path / DATASET_FILE).exists():
-            self._refuse("goes with motion files, and this is a dataset", ("columns", "like", "music"))
+            self._refuse("goes with motion files, and this is a dataset", ("like",))
             if not self.compare:
                 self._refuse(
                     "would have no effect without --compare", _OF_FILES, fix="name the files: --compare FOLDER"
@@ -111,30 +103,21 @@ class ViewRequest:
             if not scenes.items:
                 raise UsageError("this dataset has no clips to show", where=str(self.path))
             return scenes
-        self._refuse("goes with a dataset, and this is none", ("source", "field", "window"))
         if not self.compare:
-            self._refuse("would have no effect without --compare", ("compare_as", "overlay"))
+            self._refuse("would have no effect without --compare", ("overlay",))
         like = None if self.like is None else open_store(self.like)
-        self._require_columns(self.columns or self.compare_as)
-        form = self._format(like, None if like is None else like.grid, self.columns)
+        form = self._format(like, None if like is None else like.grid, self.path)
         return motion_scenes(self.path, form, self.music, SMPL24 if like is None else like.skeleton, like)
 
     def comparisons(self, scenes: SceneList, source: Sounds | None) -> tuple[Comparison, ...]:
         """Return the comparisons; equal names get a number."""
         store = scenes.store if isinstance(scenes, Scenes) else None
-        if store is not None:
-            self._require_columns(self.compare_as)
-        elif self.like is not None:
+        if store is None and self.like is not None:
             store = open_store(self.like)
-        form = self._format(store, scenes.grid, self.compare_as or self.columns)
         original = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
         comparisons: list[Comparison] = [*original]
         for path in self.compare:
-            saved = None if self.compare_as or self.columns else saved_samples(path)
-            of_path = form
-            if saved is not None:
-                of_path = replace(self, scaler=self.scaler or saved.scaler)._format(store, scenes.grid, saved.field)
-            comparisons.append(comparison_of(path, scenes, of_path))
+            comparisons.append(comparison_of(path, scenes, self._format(store, scenes.grid, path)))
             if not matched(comparisons[-1], scenes):
                 raise DataError(
                     "nothing here is named as a clip that is shown", reason="nothing_matched", where=str(path),
@@ -153,19 +136,22 @@ class ViewRequest:
         if used:
             raise UsageError(f"{' and '.join(used)} {problem}", where=self.path, fix=fix)
 
-    def _require_columns(self, representation: str | None) -> None:
-        if (self.normalized is not None or self.scaler is not None) and representation is None:
+    def _format(self, store: Store | None, grid: FrameGrid | None, path: Path) -> FileFormat:
+        """Return how the motion files of a path are read."""
+        saved = None if self.field is not None else saved_samples(path)
+        field, scaler = (self.field, None) if saved is None else (saved.field, saved.scaler)
+        if field is None and store is not None:
+            field = field_of_width(store, path)
+        if (self.normalized is not None or self.scaler is not None) and field is None:
             named = "--scaler" if self.normalized is None else "--normalized"
-            raise UsageError(f"{named} goes with --as or --compare-as", fix="name the columns of the files")
-
-    def _format(self, store: Store | None, grid: FrameGrid | None, representation: str | None) -> FileFormat:
+            raise UsageError(f"{named} goes with columns", where=path, fix="name them: --field FIELD")
         return file_format(
             store,
             grid=grid,
-            representation=representation,
+            field=field,
             normalized=self.normalized,
-            scaler=self.scaler,
-            clip=self.clip_to_range,
+            scaler=self.scaler or scaler,
+            clamp=self.clamp,
             fps=self.fps,
             up=self.up,
             unit=self.unit,
@@ -173,18 +159,25 @@ class ViewRequest:
 
     def first(self, scenes: SceneList, compared: Sequence[Comparison] = ()) -> tuple[Item, tuple[int, int] | None]:
         """Return the item to begin with, and the loop; without a clip the first that most of `compared` have."""
-        if self.clip:
-            item = scenes.find(self.clip)
-        else:
+        if not self.clip:
             item = max(scenes.items, key=lambda item: sum(comparison.has(item) for comparison in compared))
-        if self.window is None:
             return item, None
-        windows = scenes.windows_of(item)
-        if not 0 <= self.window < len(windows):
-            allowed = f"0 to {len(windows) - 1}" if windows else "no windows"
-            raise UsageError("the clip has no such window", where=item.name, found=self.window, allowed=allowed)
-        start, length = windows[self.window]
-        return item, (start, start + length)
+        named = SampleId.parse(self.clip)
+        if scenes.has(self.clip) or named == SampleId(named.clip):
+            return scenes.find(self.clip), None
+        item = scenes.find(named.clip if named.dancer is None else member_id(named.clip, named.dancer))
+        if named.start is None or named.length is None:
+            return item, None
+        if named.start + named.length > item.n_frames or not named.length:
+            raise UsageError("the window is not within its clip", where=self.clip,
+                             found=f"frames {named.start} to {named.start + named.length}",
+                             allowed=f"0 to {item.n_frames} of {item.name}")  # fmt: skip
+        return item, (named.start, named.start + named.length)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the dancer is mirrored."""
+        return bool(self.clip) and SampleId.parse(self.clip).mirrored
 
 
 def matched(comparison: Comparison, scenes: SceneList) -> int:
@@ -220,7 +213,7 @@ class Shown:
         scenes = request.scenes()
         sounds: Sounds | None = None
         if isinstance(scenes, Scenes):
-            sounds = None if request.source is None else ClipSource(scenes.store, request.source)
+            sounds = None if request.music is None else ClipSource(scenes.store, request.music)
         elif isinstance(scenes, MotionScenes) and scenes.music is not None:
             sounds = scenes
         comparisons = request.comparisons(scenes, sounds)
@@ -282,9 +275,8 @@ class Shown:
         notice = self.notice(allowed_by_caller=allowed_by_caller)
         if self.sounds is None:
             raise UsageError("--audio embed needs the music",
-                             fix="name it: --source DIR for a dataset, --music PATH for motion files")  # fmt: skip
+                             fix="name it: --music PATH")  # fmt: skip
         sound = self.sounds.sound(self.item)
         if sound is None:
-            where = self.request.source or self.request.music
-            raise UsageError("there is no music of this clip", where=where, found=self.item.name)
+            raise UsageError("there is no music of this clip", where=self.request.music, found=self.item.name)
         return sound.signal, notice

@@ -57,7 +57,7 @@ def scaling_of(
     *,
     normalized: bool | None = None,
     scaler: Scaler | str | Path | Reader | None = None,
-    clip: bool = False,
+    clamp: bool = False,
 ) -> Scaling:
     """Return the scaling of a field that a caller states.
 
@@ -77,7 +77,7 @@ def scaling_of(
         read = _scaler_of(scaler, field)
         stored = None if store is None else _stored(store, field)
         dataset = "" if stored is None else stored.sha256
-        return Scaling(read.require(field=field, columns=columns, dataset=dataset), True, clip)
+        return Scaling(read.require(field=field, columns=columns, dataset=dataset), True, clamp)
     if like is None or store is None:
         if normalized:
             raise UsageError(
@@ -90,9 +90,9 @@ def scaling_of(
     if not isinstance(like, Store) and field in like.fields:
         normalized = field in like.normalized if normalized is None else normalized
         if normalized or field in like.normalized:
-            return Scaling(like.scaler(field), normalized, clip)
+            return Scaling(like.scaler(field), normalized, clamp)
     stored_scaler = store.scaler(field) if normalized else _stored(store, field)
-    return Scaling(stored_scaler, False if stored_scaler is None else normalized, clip)
+    return Scaling(stored_scaler, False if stored_scaler is None else normalized, clamp)
 
 
 def _scaler_of(scaler: Scaler | str | Path | Reader, field: str) -> Scaler:

@@ -133,34 +133,36 @@ class Scaler:
         """Hash of the numbers, by which checkpoints, exports and pools name the scaler."""
         return json_sha256(self.state_dict())
 
-    def normalize(self, x: Values, clip: bool = False) -> Values:
+    def normalize(self, x: Values, clamp: bool = False) -> Values:
         """Map x, (..., D) numpy or torch.
 
-        Values outside the range in training go beyond, and come back whole; with `clip` they are cut to [-1, 1], as
+        Values outside the range in training go beyond, and come back whole; with `clamp` they are cut to [-1, 1], as
         EDGE and Lodge do. Arithmetic and result are float32 for half precision (float16, bfloat16), float64 for
         integers, else of x's type.
         """
-        self.require_range(clip)
+        self.require_range(clamp)
         values, operands = self._like(x)
         for (operation, _), operand in zip(self.steps, operands, strict=True):
             values = operation(values, operand)
         scaled: Values = values
-        return scaled.clip(-1, 1) if clip else scaled
+        return scaled.clip(-1, 1) if clamp else scaled
 
-    def unnormalize(self, x: Values, clip: bool = False) -> Values:
-        """Invert `normalize`, in its types; with `clip`, x is first clipped to [-1, 1], as EDGE does."""
-        self.require_range(clip)
+    def unnormalize(self, x: Values, clamp: bool = False) -> Values:
+        """Invert `normalize`, in its types; with `clamp`, x is first cut to [-1, 1], as EDGE does."""
+        self.require_range(clamp)
         values, operands = self._like(x)
-        values = values.clip(-1, 1) if clip else values
+        values = values.clip(-1, 1) if clamp else values
         for (operation, _), operand in zip(reversed(self.steps), reversed(operands), strict=True):
             values = _INVERSE[operation](values, operand)
         unscaled: Values = values
         return unscaled
 
-    def require_range(self, clip: bool) -> None:
+    def require_range(self, clamp: bool) -> None:
         """Check that values may be cut to [-1, 1] if they are to be; UsageError for a scaler without that range."""
-        if clip and self.kind != "minmax":
-            raise UsageError("z-scores have no range to cut values to", fix="leave clip=True out, or give clip=False")
+        if clamp and self.kind != "minmax":
+            raise UsageError(
+                "z-scores have no range to cut values to", fix="leave clamp=True out, or give clamp=False"
+            )
 
     def covering(self, field: SampleField, steps: Iterable[Step]) -> Scaler:
         """Return the scaler whose range covers what augmentations make of motion; of another field, this one."""

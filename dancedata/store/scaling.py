@@ -54,16 +54,16 @@ class Scaling:
 
     `scaler`: The scaler that normalised columns have; None if nothing names one.
     `normalized`: Whether columns are normalised; None if only their file can state that.
-    `clip`: Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
+    `clamp`: Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
     """
 
     scaler: Scaler | None = None
     normalized: bool | None = None
-    clip: bool = False
+    clamp: bool = False
 
     def identity(self) -> Any:
         """Return JSON data for cache keys."""
-        return None if self.scaler is None else [self.scaler.sha256, self.normalized, self.clip]
+        return None if self.scaler is None else [self.scaler.sha256, self.normalized, self.clamp]
 
     @staticmethod
     def unstated(where: object = None) -> UsageError:
@@ -117,7 +117,7 @@ class Scaling:
         doubt = _check(_rows(rows), representation, self.scaler, normalized, where)
         if not normalized:
             return columns, doubt
-        undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clip=self.clip)
+        undone: npt.NDArray[Any] = self.scaler.unnormalize(rows, clamp=self.clamp)
         return np.where(np.isfinite(rows), undone, np.nan), doubt  # clipping would hide infinity
 
 

@@ -118,7 +118,7 @@ def write_study(
     notice = views[first].notice(allowed_by_caller=shared)
     sounds = views[first].sounds
     if sounds is None:
-        raise UsageError("a study needs the music", fix="name it: --source DIR for a dataset, --music PATH for files")
+        raise UsageError("a study needs the music", fix="name it: --music PATH")
     scenes = {trial.number: _scene(trial, clips[trial.clip], systems, request.seconds) for trial in trials}
     music = {
         trial.number: _music(

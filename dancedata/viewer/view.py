@@ -124,9 +124,10 @@ def _advice(server: ViewServer, shown: Shown) -> list[str]:
         lines.append("On your own machine, run this line first, then open the address above there:")
         lines.append(f"  ssh -N -L {port}:127.0.0.1:{port} {host}")
     if shown.sounds is None:
-        music = "--source DIR names the folder that the dataset was built from"
-        music = music if isinstance(shown.scenes, Scenes) else "--music PATH names a file, or a folder with files"
-        lines.append(f"No music: {music}. C clicks on the beats.")
+        what = (
+            "the folder that the dataset was built from" if isinstance(shown.scenes, Scenes) else "a song or a folder"
+        )
+        lines.append(f"No music: --music PATH names {what}. C clicks on the beats.")
     return [*lines, "Ctrl-C ends it."]
 
 

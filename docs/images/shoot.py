@@ -158,7 +158,7 @@ def viewer(
     camera.size(*size)
     camera.theme(theme)
     compare = (smoothed(data, clip),) if "with=smoothed" in more else ()
-    with served(ViewRequest(data.real, source=data.real_source, compare=compare)) as address:
+    with served(ViewRequest(data.real, music=data.real_source, compare=compare)) as address:
         camera.open(f"{address}#clip={clip}&theme={theme}{more}", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
@@ -168,7 +168,7 @@ def duet(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return a picture of a generated duet in the viewer."""
     camera.size(1280, 800)
     camera.theme(theme)
-    with served(ViewRequest(data.duets, source=data.duets.with_name("dd100-source"))) as address:
+    with served(ViewRequest(data.duets, music=data.duets.with_name("dd100-source"))) as address:
         camera.open(f"{address}#group=Waltz_5_0&theme={theme}&t=6.90", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
@@ -187,7 +187,7 @@ def motion(camera: Camera, theme: str, path: Path, more: str, **options: Any) ->
 def wall(camera: Camera, data: Data, theme: str) -> Image.Image:
     """Return a picture of the dancers of a song of the demo on one stage."""
     camera.size(1280, 720)
-    with served(ViewRequest(data.demo, source=data.demo_source, wall=True)) as address:
+    with served(ViewRequest(data.demo, music=data.demo_source, wall=True)) as address:
         camera.open(f"{address}#group=mBR0&theme={theme}&t=3.20&body=2", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
         return camera.picture()
@@ -197,7 +197,7 @@ def wall_of_twelve(camera: Camera, data: Data, theme: str, size: tuple[int, int]
     """Return a picture of a real clip beside eleven copies of it, smoothed more and more."""
     camera.size(*size)
     compare = tuple(smoothed(data, LONG, 5 + 6 * k) for k in range(11))
-    request = ViewRequest(data.real, LONG, source=data.real_source, compare=compare, wall=True)
+    request = ViewRequest(data.real, LONG, music=data.real_source, compare=compare, wall=True)
     with served(request) as address:
         camera.open(f"{address}#group={LONG}&theme={theme}&t=21.30", READY, True)
         camera.driver.execute_script("document.activeElement.blur()")
@@ -209,7 +209,7 @@ def study(camera: Camera, data: Data, theme: str) -> Image.Image:
     page = data.demo.parent / "study.html"
     smoothed(data, FLAGGED)
     folder = smoothed(data, LONG)
-    systems = {"truth": ViewRequest(data.real, source=data.real_source), "smoothed": ViewRequest(folder, fps="30")}
+    systems = {"truth": ViewRequest(data.real, music=data.real_source), "smoothed": ViewRequest(folder, fps="30")}
     write_study(StudyRequest(systems, songs=2, checks=0), page, shared=True, overwrite=True)
     camera.size(1280, 800)
     camera.theme(theme)

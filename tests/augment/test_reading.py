@@ -114,7 +114,7 @@ def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path
     for name in ("edge151", "lodge139"):
         scaler = data.scaler(name)
         for k in range(len(data)):
-            exact = scaler.normalize(raw[k][name].double(), clip=False)
+            exact = scaler.normalize(raw[k][name].double(), clamp=False)
             assert float(exact.abs().max()) <= 1 + 1e-5
             np.testing.assert_array_equal(data[k][name], scaler.normalize(raw[k][name]))
     val = dataset(store_path, split="val", scale=Scale(covers=augment))
@@ -130,7 +130,7 @@ def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
     store_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     store, fields = dancedata.open(store_path), ("edge151", "lodge139")
-    for scale, far in ((Scale(), 2), (Scale(clip=True), 0), (Scale(covers=["noise"]), 0), (None, 0)):
+    for scale, far in ((Scale(), 2), (Scale(clamp=True), 0), (Scale(covers=["noise"]), 0), (None, 0)):
         caplog.clear()
         dataset(store_path, ["noise"], fields=fields, scale=scale)
         assert sum("far beyond [-1, 1]" in message for message in caplog.messages) == far, scale

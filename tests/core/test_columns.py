@@ -90,10 +90,10 @@ def test_range_at_the_limit_of_constant() -> None:
 def test_clipping() -> None:
     scaler = Scaler("minmax", [0.0], [2.0])
     x = np.array([[-1.0], [3.0], [1.0]], np.float32)
-    assert scaler.normalize(x, clip=True).ravel().tolist() == [-1, 1, 0]
+    assert scaler.normalize(x, clamp=True).ravel().tolist() == [-1, 1, 0]
     assert scaler.normalize(x).ravel().tolist() == [-2, 2, 0]
     assert scaler.unnormalize(np.array([[2.0], [-3.0]])).ravel().tolist() == [3, -2]
-    assert scaler.unnormalize(np.array([[2.0], [-3.0]]), clip=True).ravel().tolist() == [2, 0]
+    assert scaler.unnormalize(np.array([[2.0], [-3.0]]), clamp=True).ravel().tolist() == [2, 0]
     assert x.ravel().tolist() == [-1, 3, 1]
     assert scaler.normalize(x).dtype == np.float32
     assert scaler.normalize(np.array([[1]])).dtype == np.float64
@@ -104,11 +104,11 @@ def test_torch() -> None:
     scaler = Scaler("minmax", DATA.min(axis=0), DATA.max(axis=0))
     x = np.random.default_rng(0).normal(size=(2, 5, 4)).astype(np.float32)
     for clip in (True, False):
-        made = scaler.normalize(torch.from_numpy(x), clip=clip)
+        made = scaler.normalize(torch.from_numpy(x), clamp=clip)
         assert made.dtype == torch.float32
-        np.testing.assert_allclose(made.numpy(), scaler.normalize(x, clip=clip), rtol=1e-6)
-        back = scaler.unnormalize(made, clip=clip)
-        np.testing.assert_allclose(back.numpy(), scaler.unnormalize(made.numpy(), clip=clip), rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(made.numpy(), scaler.normalize(x, clamp=clip), rtol=1e-6)
+        back = scaler.unnormalize(made, clamp=clip)
+        np.testing.assert_allclose(back.numpy(), scaler.unnormalize(made.numpy(), clamp=clip), rtol=1e-5, atol=1e-6)
 
 
 @settings(deadline=None)
@@ -207,8 +207,8 @@ def test_half_precision_of_torch(name: str) -> None:
     low, high = scaler.data_min, scaler.data_max
     wanted = low + (x.double().numpy() + 1) / 2 * (high - low)
     for clip in (False, True):
-        found = scaler.unnormalize(x, clip=clip)
+        found = scaler.unnormalize(x, clamp=clip)
         assert found.dtype == torch.float32
         np.testing.assert_allclose(found.numpy(), wanted, rtol=0, atol=1e-6)
-        assert scaler.normalize(x, clip=clip).dtype == torch.float32
+        assert scaler.normalize(x, clamp=clip).dtype == torch.float32
     assert scaler.normalize(torch.zeros(1, 2, dtype=torch.int64)).tolist() == [pytest.approx([1 / 3, -13.0])]

@@ -74,7 +74,7 @@ def test_the_normaliser_is_undone(store: Store) -> None:
             np.testing.assert_allclose(motion.joints(), plain.joints(), rtol=0, atol=1e-5)
     options: dict[str, Any] = {"like": store, "normalized": True}
     cut = dancedata.decode(np.clip(normal * 3, -1, 1), "edge151", **options)[0].translation
-    np.testing.assert_array_equal(dancedata.decode(normal * 3, "edge151", clip=True, **options)[0].translation, cut)
+    np.testing.assert_array_equal(dancedata.decode(normal * 3, "edge151", clamp=True, **options)[0].translation, cut)
     beyond = dancedata.decode(normal * 3, "edge151", **options)[0].translation
     assert np.abs(beyond - cut).max() > 0.1
 

@@ -36,7 +36,7 @@ def sixty(tmp_path_factory: pytest.TempPathFactory) -> Store:
 
 def bas(what: object, protocol: str, **options: object) -> float:
     options |= {"split": "all"} if isinstance(what, Store) else {}
-    report = dancedata.evaluate(what, protocol=protocol, metrics=["bas"], bootstrap=0, **options)  # type: ignore[arg-type]
+    report = dancedata.evaluate(what, protocol=protocol, metrics=["bas"], intervals=False, **options)  # type: ignore[arg-type]
     value = report["bas"].value
     assert value is not None
     return value
@@ -52,14 +52,14 @@ def test_the_column_of_a_dataset(sixty: Store, protocol: str) -> None:
     assert all(own.frames.tolist() == np.flatnonzero(sixty[c].read("bailando438")[:, COLUMN]).tolist()
                for c, own in beats.items())  # fmt: skip
     assert all(len(own.frames) for own in beats.values())
-    assert found == bas(sixty, protocol, beats=beats)
+    assert found == bas(sixty, protocol, music=beats)
     late = {clip: MusicBeats.of(own.frames + 7, own.grid) for clip, own in beats.items()}
-    assert found != bas(sixty, protocol, beats=late)
+    assert found != bas(sixty, protocol, music=late)
 
 
 def test_the_music_gives_the_same(sixty: Store) -> None:
     wavs = Path(f"{sixty.path}-source") / "wavs"
-    assert bas(sixty, "bailando-aistpp", source=wavs) == bas(sixty, "bailando-aistpp")
+    assert bas(sixty, "bailando-aistpp", music=wavs) == bas(sixty, "bailando-aistpp")
 
 
 def test_generated_motion_takes_it_by_its_song(sixty: Store, tmp_path: Path) -> None:
@@ -67,12 +67,12 @@ def test_generated_motion_takes_it_by_its_song(sixty: Store, tmp_path: Path) -> 
     for k, clip in enumerate(sixty.clips):
         np.save(tmp_path / f"sample{k}.npy", clip.read("joints"))
         songs[f"sample{k}"] = clip.music
-    found = bas(tmp_path, "bailando-aistpp", like=sixty, music_of=songs, field="joints", normalized=False)
+    found = bas(tmp_path, "bailando-aistpp", like=sixty, music=songs, field="joints", normalized=False)
     assert found == pytest.approx(bas(sixty, "bailando-aistpp"), rel=1e-12)
 
 
 def test_a_dataset_without_it_has_no_beats_for_the_protocol(sixty: Store, motions: Mapping[str, Motion]) -> None:
     clips = {name: motion.resampled(FrameGrid.of(60)) for name, motion in motions.items()}
-    report = dancedata.evaluate(clips, protocol="bailando-aistpp", pool=sixty, bootstrap=0)
+    report = dancedata.evaluate(clips, protocol="bailando-aistpp", pool=sixty, intervals=False)
     assert report["bas"].value is None
     assert any("the protocol takes those of bailando438 at 60 per second" in w for w in report.warnings)

@@ -44,8 +44,8 @@ def walk(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Path) -> None:
     rows = tmp_path / "rows.csv"
     text = run(
-        walk, "--like", store.path, "--music-of", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
-        "--bootstrap", 20, "--quiet", "--not-normalized",
+        walk, "--like", store.path, "--music", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
+        "--quiet", "--not-normalized",
     )  # fmt: skip
     assert text.startswith("generated: 6 samples: 6 by song, from its second 0\n")
     assert f"\ndancedata, version 2: {walk} as generated\n  6 samples of 4 clips, 6 pieces, 30 frames" in text
@@ -64,7 +64,7 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
 
 
 def test_json_and_tables(walk: Path, store: Store) -> None:
-    options = [walk, "--like", store.path, "--jobs", "1", "--bootstrap", "10", "--protocol", "edge-aistpp"]
+    options = [walk, "--like", store.path, "--jobs", "1", "--protocol", "edge-aistpp"]
     options += ["--not-normalized"]
     found = json.loads(run(*options, "--json"))
     assert found["protocol"] == "edge-aistpp"
@@ -82,33 +82,31 @@ def test_json_and_tables(walk: Path, store: Store) -> None:
 
 
 def test_a_store_against_itself(store: Store) -> None:
-    text = run(store.path, "--split", "test", "--jobs", 1, "--bootstrap", 0, "--quiet")
+    text = run(store.path, "--split", "test", "--jobs", 1, "--quiet")
     assert f"{store.path}, split test as truth" in text
     assert f"pool: {store.path}, split train, 4 clips" in text
 
 
 def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
-    stored = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--json"))
+    stored = json.loads(run(store.path, "--jobs", 1, "--json"))
     wavs = folder / "small-source" / "wavs"
     assert wavs.is_dir(), sorted(p.name for p in (folder / "small-source").iterdir())
-    computed = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--source", wavs, "--json"))
+    computed = json.loads(run(store.path, "--jobs", 1, "--music", wavs, "--json"))
     assert computed["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
-    root = json.loads(run(store.path, "--jobs", 1, "--bootstrap", 0, "--source", wavs.parent, "--json"))
+    root = json.loads(run(store.path, "--jobs", 1, "--music", wavs.parent, "--json"))
     assert root["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
-    refused = run(store.path, "--jobs", 1, "--source", store.path, code=2)
+    refused = run(store.path, "--jobs", 1, "--music", store.path, code=2)
     assert "no music in the folder; allowed: files .wav" in refused
     assert "here or in music/, wavs/" in refused
 
 
 def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path) -> None:
-    without = json.loads(
-        run(store.path, "--protocol", "dgsdp", "--split", "test", "--jobs", 1, "--bootstrap", 0, "--json")
-    )
+    without = json.loads(run(store.path, "--protocol", "dgsdp", "--split", "test", "--jobs", 1, "--json"))
     assert any("no beats of music" in warning for warning in without["warnings"])
     assert without["scores"]["pfc"]["n"]["vectors"] > 0
     wavs = folder / "small-source" / "wavs"
     found = json.loads(run(
-        store.path, "--protocol", "dgsdp", "--split", "test", "--source", wavs, "--jobs", 1, "--bootstrap", 0,
+        store.path, "--protocol", "dgsdp", "--split", "test", "--music", wavs, "--jobs", 1,
         "--json",
     ))  # fmt: skip
     assert found["scores"]["bas"]["n"]["vectors"] == found["pieces"]
@@ -121,7 +119,7 @@ def test_a_missing_feature(store: Store, folder: Path, monkeypatch: pytest.Monke
     wavs = folder / "small-source" / "wavs"
     np.save(tmp_path / "a.npy", np.random.default_rng(0).normal(size=(200, 24, 3)))
     text = run(
-        tmp_path, "--protocol", "bailando-aistpp", "--fps", 60, "--up", "y", "--source", wavs, "--quiet", code=2
+        tmp_path, "--protocol", "bailando-aistpp", "--fps", 60, "--up", "y", "--music", wavs, "--quiet", code=2
     )
     assert "from the audio feature bailando438, which is not installed" in text
 

@@ -41,7 +41,7 @@ def flip(copy: Path) -> Flip:
 
 
 def pfc(path: Path, cache: Path) -> float | None:
-    return dancedata.evaluate(path, split="all", metrics=["pfc"], field="joints", bootstrap=0, cache=cache)[
+    return dancedata.evaluate(path, split="all", metrics=["pfc"], field="joints", intervals=False, cache=cache)[
         "pfc"
     ].value
 
@@ -72,7 +72,7 @@ def test_pools_and_beats_are_of_intact_shards(copy: Path, flip: Flip, metrics: l
         clips = {clip.id: dancedata.decode(clip.read("edge151"), "edge151", fps=30)}
     flip("librosa35")
     with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):
-        dancedata.evaluate(clips, like=copy, metrics=metrics, bootstrap=0)
+        dancedata.evaluate(clips, like=copy, metrics=metrics, intervals=False)
 
 
 @pytest.mark.parametrize("name", ["stats.json", "rejects.jsonl"])

@@ -14,12 +14,12 @@ from tests.clusters import dask_cluster
 
 def test_a_cluster_gives_the_same_numbers(store: Store, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    here = dancedata.evaluate(store, bootstrap=0, cache=tmp_path / "here")
+    here = dancedata.evaluate(store, intervals=False, cache=tmp_path / "here")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", dashboard_address=None
     ) as cluster:
         there = dancedata.evaluate(
-            store, bootstrap=0, cache=tmp_path / "there", backend="dask", scheduler=cluster.scheduler_address
+            store, intervals=False, cache=tmp_path / "there", backend="dask", scheduler=cluster.scheduler_address
         )
     assert there.to_json() == here.to_json()
     assert there.per_clip == here.per_clip
@@ -31,7 +31,14 @@ def test_workers_in_another_folder_read_the_same_music(tmp_path: Path, monkeypat
     pytest.importorskip("distributed")
     for seed, name in enumerate(("here", "there")):
         write_synthetic(tmp_path / name, seed=seed, songs=2, clips_per_song=2, clip_s=6.0)
-    options: dict[str, Any] = {"fps": 60, "up": "y", "unit": "m", "metrics": ("bas",), "bootstrap": 0, "source": "."}
+    options: dict[str, Any] = {
+        "fps": 60,
+        "up": "y",
+        "unit": "m",
+        "metrics": ("bas",),
+        "intervals": False,
+        "music": ".",
+    }
     monkeypatch.chdir(tmp_path / "there")
     with dask_cluster(os.environ, workers=1) as address:
         monkeypatch.chdir(tmp_path / "here")

@@ -51,7 +51,7 @@ def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, b
         name: dancedata.metrics.MusicBeats.of_rows(rows, store.fields["librosa35"], store.grid, late=1)
         for name, rows in zip(ids, music, strict=True)
     }
-    whole = dancedata.evaluate(motions, pool=store, pool_split="train", beats=beats, bootstrap=0)
+    whole = dancedata.evaluate(motions, pool=store, pool_split="train", music=beats, intervals=False)
     for name, value in values(whole).items():
         assert value is not None
         assert values(found)[name] == pytest.approx(value, rel=1e-9), name
@@ -304,7 +304,7 @@ def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_pa
     rng = np.random.default_rng(0)
     dances = {f"d{k}": rng.normal(0, 0.01, (300, 24, 3)).cumsum(axis=0) for k in range(3)}
     path = tmp_path / "pool.npz"
-    dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, bootstrap=0)
+    dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, intervals=False)
     with raises_message(UsageError, "generate", where="pool.npz"):
         Evaluator(store, "edge151", pool=path, normalized=True)
 

@@ -53,7 +53,7 @@ def golden(metrics_golden: Any) -> Golden:
 
 
 def evaluated(motions: Mapping[str, np.ndarray], protocol: str, fps: int, **options: Any) -> Report:
-    return dancedata.evaluate(motions, protocol=protocol, fps=fps, role="truth", bootstrap=0, **options)
+    return dancedata.evaluate(motions, protocol=protocol, fps=fps, role="truth", intervals=False, **options)
 
 
 def column(report: Report, name: str) -> dict[str, Any]:
@@ -72,21 +72,21 @@ def beats(golden: Golden, suffix: str, clips: Mapping[str, Any]) -> dict[str, np
 
 def test_bailando(golden: Golden) -> None:
     music = beats(golden, "bailando60", golden.y60)
-    report = evaluated(golden.y60, "bailando-aistpp", 60, beats=music)
+    report = evaluated(golden.y60, "bailando-aistpp", 60, music=music)
     assert_total(report, "bas", golden.of("bas_bailando", golden.y60), BAS)
     assert "no clip" not in str(report)
 
 
 def test_fact(golden: Golden) -> None:
     music = golden.of("music_beats_fact60", golden.y60)
-    report = evaluated(golden.y60, "fact-aistpp", 60, body="smpl24", beats=music)
+    report = evaluated(golden.y60, "fact-aistpp", 60, body="smpl24", music=music)
     assert_total(report, "bas", golden.of("bas_fact", golden.y60), BAS_FLOAT32)
 
 
 @pytest.mark.parametrize("fps", [60, 30])
 def test_motius(golden: Golden, fps: int) -> None:
     dances = {clip: joints[:: 60 // fps] for clip, joints in golden.y60.items()}
-    report = evaluated(dances, "motius-aistpp", fps, beats=beats(golden, "bailando60", dances))
+    report = evaluated(dances, "motius-aistpp", fps, music=beats(golden, "bailando60", dances))
     assert_total(report, "bas", golden.of(f"bas_motius{fps}", dances), BAS)
     physics = golden.of(f"physical_motius{fps}", dances)
     for name, score in (("Jitter", "jitter"), ("Dynamic", "dynamic"), ("Float", "floating"), ("Slide", "sliding")):
@@ -95,7 +95,7 @@ def test_motius(golden: Golden, fps: int) -> None:
 
 def test_popdg(golden: Golden) -> None:
     music = golden.of("music_beats_edge30_track", golden.z30)
-    report = evaluated(golden.z30, "popdg", 30, body="smpl24-edge", beats=music)
+    report = evaluated(golden.z30, "popdg", 30, body="smpl24-edge", music=music)
     expected = golden.of("bas_popdg", golden.z30)
     assert column(report, "bas") == pytest.approx(expected, rel=BAS_FLOAT32)
     assert report["bas"].value == pytest.approx(sum(expected.values()) / 24, rel=BAS_FLOAT32)
@@ -105,7 +105,7 @@ def test_popdg(golden: Golden) -> None:
 
 def test_gcd(golden: Golden) -> None:
     music = golden.of("music_beats_edge30_track", golden.z30)
-    report = evaluated(golden.z30, "gcd", 30, body="smpl24", beats=music)
+    report = evaluated(golden.z30, "gcd", 30, body="smpl24", music=music)
     assert_total(report, "bas", golden.of("bas_gcd", golden.z30), BAS_FLOAT32)
 
 
@@ -128,14 +128,14 @@ def test_beats_of_dgsdps_slices(whole: None, golden: Golden) -> None:
     for clip, joints in clips.items():
         cut = {f"{clip}@{k:02d}": joints[15 * k : 15 * k + 150] for k, v in enumerate(values[clip]) if v is not None}
         music = {name: slices[clip][int(name[-2:])] for name in cut}
-        found = column(evaluated(cut, "dgsdp", 30, beats=music), "bas")
+        found = column(evaluated(cut, "dgsdp", 30, music=music), "bas")
         assert found == pytest.approx({name: values[clip][int(name[-2:])] for name in cut}, rel=BAS)
 
 
 def test_megadance(whole: None, golden: Golden) -> None:
     # Its windows are cut to multiples of 8: dances that are such multiples are measured whole.
     clips = {k: v for k, v in golden.z30.items() if len(v) % 8 == 0}
-    report = evaluated(clips, "megadance-finedance", 30, beats=golden.of("music_beats_edge30_track", clips))
+    report = evaluated(clips, "megadance-finedance", 30, music=golden.of("music_beats_edge30_track", clips))
     assert_total(report, "bas", golden.of("bas_megadance", clips), BAS)
 
 
@@ -144,7 +144,7 @@ def test_lodge(golden: Golden) -> None:
     if not clips:
         pytest.skip("a dance of at most 1,024 frames is in the whole set")
     music = beats(golden, "music_beats_wav", clips)
-    report = evaluated(clips, "lodge-finedance", 30, body="smplx24", beats=music)
+    report = evaluated(clips, "lodge-finedance", 30, body="smplx24", music=music)
     assert_total(report, "bas", golden.of("bas_lodge.music_beats_wav", clips), BAS)
     sides = np.array([golden.values[clip]["fsr_lodge"] for clip in clips])
     found = [[column(report, f"skating_{side}")[clip] for side in ("left", "right")] for clip in clips]
@@ -236,5 +236,7 @@ def test_beats_at_another_rate_than_the_motions() -> None:
     dance = {"a": rng.normal(0, 0.01, (200, 24, 3)).cumsum(axis=0)}
     with_30 = MusicBeats.of([3, 20, 50, 77], FrameGrid.of(30))
     with_60 = MusicBeats.of([6, 40, 100, 154], FrameGrid.of(60))
-    scores = [dancedata.evaluate(dance, fps=40, beats={"a": b}, bootstrap=0)["bas"].value for b in (with_30, with_60)]
+    scores = [
+        dancedata.evaluate(dance, fps=40, music={"a": b}, intervals=False)["bas"].value for b in (with_30, with_60)
+    ]
     assert scores[0] == scores[1]

@@ -66,7 +66,7 @@ def joints_of(groups: Mapping[str, list[Motion]]) -> dict[str, Array]:
 
 def test_groups_as_gcd_scores_them(golden: Mapping[str, Array]) -> None:
     joints = {name: golden[f"{name}.joints"] for name in GROUPS}
-    report = dancedata.evaluate(joints, protocol="gcd-groups", fps=FPS, body="smpl24", pool=joints, bootstrap=0)
+    report = dancedata.evaluate(joints, protocol="gcd-groups", fps=FPS, body="smpl24", pool=joints, intervals=False)
     assert {row["clip"]: row["gmc"] for row in report.per_clip} == pytest.approx(
         {name: float(golden[f"{name}.gmc"]) for name in GROUPS}, rel=1e-6
     )
@@ -84,8 +84,8 @@ def test_beats_are_a_mean_over_dancers(golden: Mapping[str, Array], shared: Path
     }
     report = dancedata.evaluate(
         {name: golden[f"{name}.joints"] for name in GROUPS},
-        protocol="gcd-groups", fps=FPS, body="smpl24", bootstrap=0, metrics=["bas"],
-        beats={name: np.flatnonzero(row[:, -1]) for name, row in rows.items()},
+        protocol="gcd-groups", fps=FPS, body="smpl24", intervals=False, metrics=["bas"],
+        music={name: np.flatnonzero(row[:, -1]) for name, row in rows.items()},
     )  # fmt: skip
     assert {row["clip"]: row["bas"] for row in report.per_clip} == pytest.approx(
         {name: scores[name]["beat_score"] for name in GROUPS}, rel=1e-5
@@ -96,7 +96,7 @@ def test_results_of_gcd_in_their_files(golden: Mapping[str, Array], shared: Path
     """Rotations and translations of all dancers in one pickle; joints are the stand-in's, on SMPL's male bones."""
     report = dancedata.evaluate(
         shared / "golden" / "crowd" / "inputs" / "gcd_results",
-        protocol="gcd-groups", fps=FPS, up="y", unit="m", bootstrap=0, metrics=["gmc"],
+        protocol="gcd-groups", fps=FPS, up="y", unit="m", intervals=False, metrics=["gmc"],
     )  # fmt: skip
     assert {row["clip"]: row["gmc"] for row in report.per_clip} == pytest.approx(
         {name: float(golden[f"{name}.gmc"]) for name in GROUPS}, rel=1e-4
@@ -106,7 +106,7 @@ def test_results_of_gcd_in_their_files(golden: Mapping[str, Array], shared: Path
 def test_a_duet_as_duolando_scores_it(golden: Mapping[str, Array]) -> None:
     n = min(len(golden["follower"]), len(golden["leader"]))
     duet = {"Waltz_5_0": [golden["follower"], golden["leader"]]}
-    report = dancedata.evaluate(duet, protocol="duolando", fps=FPS, bootstrap=0, metrics=["bed"])
+    report = dancedata.evaluate(duet, protocol="duolando", fps=FPS, intervals=False, metrics=["bed"])
     # The program takes the beats of the whole motion of both, a report those of the frames that both have.
     assert report["bed"].value == pytest.approx(float(golden["bed"]), rel=1e-9)
     assert report.per_clip[0]["frames"] == n
@@ -121,7 +121,7 @@ def test_planted_distances_collisions_and_contacts(motions: Mapping[str, list[Mo
     touching[1, 30:75, 20] = touching[0, 30:75, 21]
     together = np.stack([first, first + np.array([2.0, 0, 0])])
     groups = {"together": together, "through": through, "apart": apart, "touching": touching}
-    report = dancedata.evaluate(groups, protocol="groups", fps=FPS, body="smpl24", bootstrap=0)
+    report = dancedata.evaluate(groups, protocol="groups", fps=FPS, body="smpl24", intervals=False)
     rows = {row["clip"]: row for row in report.per_clip if row["piece"] == 0}
     assert rows["apart"]["root_distance"] == pytest.approx((4 + 3 + 5) / 3)
     assert rows["apart"]["nearest_roots"] == pytest.approx(3)
@@ -136,7 +136,7 @@ def test_planted_distances_collisions_and_contacts(motions: Mapping[str, list[Mo
 
 
 def test_files_of_groups_are_read_as_the_same_motions(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
-    expected = dancedata.evaluate(dict(motions), protocol="groups", bootstrap=0, pool=dict(motions))
+    expected = dancedata.evaluate(dict(motions), protocol="groups", intervals=False, pool=dict(motions))
     folder, masked = tmp_path / "results", tmp_path / "masked"
     folder.mkdir()
     masked.mkdir()
@@ -152,7 +152,7 @@ def test_files_of_groups_are_read_as_the_same_motions(tmp_path: Path, motions: M
         np.savez(masked / f"{name}.npz", joints=padded, person_mask=[1] * len(joints) + [0])
     for path, given in ((folder, {"unit": "m"}), (masked, {"body": "smpl24"})):
         report = dancedata.evaluate(
-            path, protocol="groups", fps=FPS, up="y", bootstrap=0, pool=dict(motions), **given
+            path, protocol="groups", fps=FPS, up="y", intervals=False, pool=dict(motions), **given
         )  # fmt: skip
         for score in expected.scores:
             if score.value is None:
@@ -162,7 +162,7 @@ def test_files_of_groups_are_read_as_the_same_motions(tmp_path: Path, motions: M
 
 
 def test_a_dataset_of_duets(duets: Store) -> None:
-    report = dancedata.evaluate(duets, split="all", protocol="groups", bootstrap=0)
+    report = dancedata.evaluate(duets, split="all", protocol="groups", intervals=False)
     assert set(report.clips) == {clip.group for clip in duets.clips}
     for name in ("gmc", "root_distance", "tif", "bed", "bas"):
         assert report[name].value is not None, name
@@ -173,7 +173,7 @@ def test_a_dataset_of_duets(duets: Store) -> None:
         pair = sorted((c for c in duets.clips if c.group == name), key=lambda c: c.role)
         assert [c.role for c in pair] == ["follower", "leader"]
         by_hand[name] = [dancedata.decode(c.read("edge151"), "edge151", fps=duets.fps) for c in pair]
-    again = dancedata.evaluate(by_hand, protocol="groups", bootstrap=0, like=duets)
+    again = dancedata.evaluate(by_hand, protocol="groups", intervals=False, like=duets)
     for score in report.scores:
         assert again[score.name].value == pytest.approx(score.value, rel=1e-5, abs=1e-5), score.name
 
@@ -183,7 +183,7 @@ def test_members_order_and_the_place_of_the_group_do_not_matter(motions: Mapping
     turn = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
     moved = {"trio": joints["trio"][[2, 0, 1]] @ turn.T + (3.0, 0, -2.0)}
     one, other = (
-        dancedata.evaluate(g, protocol="groups", fps=FPS, body="smpl24", bootstrap=0) for g in (joints, moved)
+        dancedata.evaluate(g, protocol="groups", fps=FPS, body="smpl24", intervals=False) for g in (joints, moved)
     )
     for name in ("root_distance", "nearest_roots", "tif", "touching"):
         assert other[name].value == pytest.approx(one[name].value, rel=1e-9), name
@@ -207,7 +207,7 @@ def test_refusals(store: Store, tmp_path: Path, motions: Mapping[str, list[Motio
 
 def test_a_single_dancer_is_counted_as_undefined(motions: Mapping[str, list[Motion]]) -> None:
     groups = {"duet": motions["duet"], "one": motions["pair"][:1]}
-    report = dancedata.evaluate(groups, protocol="groups", bootstrap=0, metrics=["gmc", "tif"])
+    report = dancedata.evaluate(groups, protocol="groups", intervals=False, metrics=["gmc", "tif"])
     score = next(s for s in report.scores if s.name == "gmc")
     assert all(name.startswith("one") for name in score.undefined["few_dancers"])
     assert score.value is not None
@@ -220,7 +220,7 @@ def test_files_of_dancers_are_one_group(tmp_path: Path, motions: Mapping[str, li
     for name, duet in joints.items():
         for k, dancer in enumerate(duet):
             np.savez(tmp_path / f"{name}_{k:02}.npz", joints=dancer, fps=FPS)
-    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "intervals": False, "body": "smpl24"}
     expected = dancedata.evaluate(joints, pool=joints, **options)
     found = dancedata.evaluate(tmp_path, pool=joints, up="y", **options)
     assert {score.name: score.value for score in found.scores} == {s.name: s.value for s in expected.scores}
@@ -237,7 +237,7 @@ def test_dancers_that_decode_writes_are_one_group(tmp_path: Path, motions: Mappi
     for name, group in groups.items():
         for k, dancer in enumerate(group):
             np.savez(tmp_path / f"{name}_p{2 * k}.npz", joints=dancer, fps=FPS)
-    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "intervals": False, "body": "smpl24"}
     expected = dancedata.evaluate(groups, pool=groups, **options)
     found = dancedata.evaluate(tmp_path, pool=groups, up="y", **options)
     assert sorted(found.clips) == sorted(groups)
@@ -249,7 +249,7 @@ def test_a_decoded_dancer_may_be_alone(tmp_path: Path, motions: Mapping[str, lis
     np.savez(tmp_path / "alone_p0.npz", joints=group[0], fps=FPS)
     np.savez(tmp_path / "whole_p0.npz", joints=group, fps=FPS)
     report = dancedata.evaluate(
-        tmp_path, protocol="groups", metrics=["collisions"], up="y", fps=FPS, bootstrap=0, body="smpl24"
+        tmp_path, protocol="groups", metrics=["collisions"], up="y", fps=FPS, intervals=False, body="smpl24"
     )
     assert report.clips == ("alone", "whole_p0")
 
@@ -259,7 +259,7 @@ def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, l
     groups = {f"s_{k:02}": group for k, group in enumerate(joints_of(motions).values())}
     for name, group in groups.items():
         np.savez(tmp_path / f"{name}.npz", joints=group, fps=FPS)
-    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "bootstrap": 0, "body": "smpl24"}
+    options: dict[str, Any] = {"protocol": "groups", "fps": FPS, "intervals": False, "body": "smpl24"}
     expected = dancedata.evaluate(groups, pool=groups, **options)
     report = dancedata.evaluate(tmp_path, pool=groups, up="y", **options)
     assert report.clips == tuple(groups)
@@ -273,4 +273,4 @@ def test_a_group_is_not_measured_as_a_dancer(tmp_path: Path, motions: Mapping[st
     group = next(iter(joints_of(motions).values()))
     np.savez(tmp_path / "group.npz", joints=group, fps=FPS)
     with pytest.raises(DataError, match="--protocol groups"):
-        dancedata.evaluate(tmp_path, protocol="dancedata", fps=FPS, up="y", bootstrap=0, metrics=["pfc"])
+        dancedata.evaluate(tmp_path, protocol="dancedata", fps=FPS, up="y", intervals=False, metrics=["pfc"])

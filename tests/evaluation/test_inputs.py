@@ -34,14 +34,20 @@ def assert_same(one: Report, other: Report, rtol: float, atol: float = 1e-6) -> 
 
 
 def evaluated(what: object, store: Store, protocol: str = "dancedata", **options: object) -> Report:
-    options = {"protocol": protocol, "pool": store, "pool_split": "all", "role": "truth", "bootstrap": 0} | options
+    options = {
+        "protocol": protocol,
+        "pool": store,
+        "pool_split": "all",
+        "role": "truth",
+        "intervals": False,
+    } | options
     options |= {"split": "all"} if what is store or what == store.path else {}
     return dancedata.evaluate(what, **options)
 
 
 @pytest.fixture(scope="module")
 def reference(folder: Path, store: Store) -> Report:
-    return dancedata.evaluate(store, split="all", pool_split="all", bootstrap=0, cache=folder / "cache")
+    return dancedata.evaluate(store, split="all", pool_split="all", intervals=False, cache=folder / "cache")
 
 
 def test_a_store_has_every_score(reference: Report) -> None:
@@ -84,7 +90,7 @@ def test_columns_normalised_or_not(
     assert_same(reference, evaluated(tmp_path, store, like=store, field="edge151", normalized=False), 1e-12)
     found = evaluated(tmp_path / "normalised", store, like=store, field="edge151", normalized=True)
     assert_same(reference, found, FLOAT32, 1e-4)
-    alone = evaluated(tmp_path, store, representation="edge151", fps=30)
+    alone = evaluated(tmp_path, store, field="edge151", fps=30)
     assert alone["fid_k"].value == pytest.approx(reference["fid_k"].value, abs=1e-9)
 
 
@@ -95,7 +101,9 @@ def test_files_that_decode_writes(tmp_path: Path, store: Store) -> None:
     for to, options in (("npz", {"up": "y", "body": "smpl24"}), ("smpl", {}), ("bvh", {"unit": "m"})):
         out = tmp_path / to
         dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, fps=30, out=out)
-        found = dancedata.evaluate(out, like=store, metrics=["PFC"], protocol="edge-aistpp", bootstrap=0, **options)
+        found = dancedata.evaluate(
+            out, like=store, metrics=["PFC"], protocol="edge-aistpp", intervals=False, **options
+        )
         assert not found.left_out
         scores.append(found["pfc"].value)
     assert scores[1] == pytest.approx(scores[0], rel=1e-2)
@@ -128,7 +136,9 @@ def test_order_and_jobs_do_not_count(
 ) -> None:
     backwards = dict(reversed(motions.items()))
     assert values(evaluated(backwards, store, like=store)) == values(evaluated(motions, store, like=store))
-    again = dancedata.evaluate(store, split="all", pool_split="all", bootstrap=0, jobs=2, cache=tmp_path / "cache")
+    again = dancedata.evaluate(
+        store, split="all", pool_split="all", intervals=False, jobs=2, cache=tmp_path / "cache"
+    )
     assert again.to_json() == reference.to_json()
 
 
@@ -136,7 +146,7 @@ def test_a_second_run_computes_nothing(store: Store, reference: Report, monkeypa
     from dancedata.evaluation import measuring
 
     monkeypatch.setattr(measuring, "measure_pose", None)
-    assert dancedata.evaluate(store, split="all", pool_split="all", bootstrap=0).to_json() == reference.to_json()
+    assert dancedata.evaluate(store, split="all", pool_split="all", intervals=False).to_json() == reference.to_json()
 
 
 def test_yaw_and_a_shift_change_nothing(store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
@@ -156,7 +166,7 @@ def test_every_protocol_gives_a_table(store: Store, motions: Mapping[str, Motion
     sources = {k: Motion(m.translation, m.rotations, m.grid, m.skeleton) for k, m in sources.items()}
     beats = MusicBeats.of([9, 40, 70, 99, 130, 200], FrameGrid.of(rate))
     music = {} if protocol.music is None else dict.fromkeys(motions, beats)
-    report = dancedata.evaluate(sources, protocol=name, pool=sources, beats=music, bootstrap=3, role="truth")
+    report = dancedata.evaluate(sources, protocol=name, pool=sources, music=music, role="truth")
     assert len(report.clips) == len(motions)
     for score in report.scores:
         assert score.value is not None, score
@@ -167,14 +177,14 @@ def test_every_protocol_gives_a_table(store: Store, motions: Mapping[str, Motion
 
 def test_lodge_takes_smplx(store: Store, motions: Mapping[str, Motion]) -> None:
     smplx = {name: carried_over(motion, SMPLX55) for name, motion in motions.items()}
-    of_motion = dancedata.evaluate(smplx, protocol="lodge-finedance", pool=smplx, like=store, bootstrap=0)
+    of_motion = dancedata.evaluate(smplx, protocol="lodge-finedance", pool=smplx, like=store, intervals=False)
     joints = {name: motion.joints()[:, :24] for name, motion in smplx.items()}
     of_joints = dancedata.evaluate(
-        joints, protocol="lodge-finedance", pool=joints, like=store, body="smplx24", bootstrap=0
+        joints, protocol="lodge-finedance", pool=joints, like=store, body="smplx24", intervals=False
     )
     assert_same(of_motion, of_joints, 1e-9)
     of_store = dancedata.evaluate(
-        store, split="all", protocol="lodge-finedance", pool_split="all", bootstrap=0, role="generated"
+        store, split="all", protocol="lodge-finedance", pool_split="all", intervals=False, role="generated"
     )
     assert_same(of_motion, of_store, FLOAT32)
 
@@ -185,7 +195,7 @@ def test_judged_clips_in_the_pool_are_said(store: Store) -> None:
     for split, pool_split, said in (
         (other, train, False), (other, other, True), (other, "all", True), (other, None, False), (train, None, True),
     ):  # fmt: skip
-        report = dancedata.evaluate(store, split=split, pool_split=pool_split, bootstrap=0)
+        report = dancedata.evaluate(store, split=split, pool_split=pool_split, intervals=False)
         assert any(why.code == "in_pool" for why in report["fid_k"].why) == said
         assert not any(why.code == "in_pool" for why in report["pfc"].why)
 
@@ -196,7 +206,7 @@ def test_the_pool_is_the_split_of_the_protocol(store: Store, protocol: str, spli
     if protocol == "own":
         object.__setattr__(rules, "pool_split", "val")
     pool = dancedata.evaluate(
-        store, split="all", protocol=rules, pool=store.path, metrics=["FID_k"], bootstrap=0
+        store, split="all", protocol=rules, pool=store.path, metrics=["FID_k"], intervals=False
     ).pool
     assert pool is not None
     assert pool["clips"] == sum(not c.source and (not splits or c.split in splits) for c in store.clips)

@@ -16,7 +16,7 @@ from dancedata.evaluation.music import ClipMusic
 from dancedata.metrics import MusicBeats
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import named_clips
-from dancedata.scene.inputs.songs import of_known, read_songs, song_files, song_name
+from dancedata.scene.inputs.songs import MusicSources, of_known, read_songs, song_files, song_name
 from dancedata.store import Store
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
@@ -44,14 +44,13 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
     clip = store.clips[0]
     np.save(tmp_path / "sample.npy", clip.read("edge151"))
     (tmp_path / "songs.csv").write_text(f"sample,{clip.music}.wav\n", encoding="utf-8")
-    options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0}
-    named = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", **options)
-    stored = dancedata.evaluate({clip.id: dancedata.decode(clip.read("edge151"), "edge151")}, like=store, bootstrap=0)
+    options: dict[str, Any] = {"like": store, "normalized": False, "intervals": False}
+    named = dancedata.evaluate(tmp_path, music=tmp_path / "songs.csv", **options)
+    stored = dancedata.evaluate(
+        {clip.id: dancedata.decode(clip.read("edge151"), "edge151")}, like=store, intervals=False
+    )
     assert named["bas"].value == stored["bas"].value is not None
-    # Of nothing that the dataset has there is no music: an error, unless no metric takes it.
-    with raises_message(DataError, "named") as error:
-        dancedata.evaluate(tmp_path, **options)
-    assert error.value.reason == "nothing_matched"
+    # Of nothing that the dataset has there is no music, but metrics without it have values.
     assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"].value is not None
     # Of some a warning comes first, with their number.
     np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:150])
@@ -66,7 +65,7 @@ def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: P
     clip = store.clips[0]
     joints = dancedata.decode(clip.read("edge151"), "edge151").joints()
     long = {"long": np.concatenate([joints, joints, joints])}
-    report = dancedata.evaluate(long, like=store, music_of={"long": clip.music}, bootstrap=0)
+    report = dancedata.evaluate(long, like=store, music={"long": clip.music}, intervals=False)
     assert any("the music ends before the motion of 1 clip: long" in warning for warning in report.warnings)
 
 
@@ -85,7 +84,7 @@ def test_beats_of_slices_where_a_protocol_takes_those_of_songs(store: Store, tmp
     evaluator.reset()
     evaluator.update(columns, ids, music=music)
     assert own == pytest.approx(evaluator.compute()["bas"].value, rel=1e-9)
-    reports = [dancedata.evaluate(windows, split="all", metrics=["bas"], bootstrap=0), evaluator.compute()]
+    reports = [dancedata.evaluate(windows, split="all", metrics=["bas"], intervals=False), evaluator.compute()]
     for report in reports:
         assert report["bas"].value is not None
     told = [any("beats are those of each slice" in w for w in r.warnings) for r in reports]
@@ -113,12 +112,12 @@ def test_lists_of_songs_of_other_spreadsheets(tmp_path: Path) -> None:
 def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
     for k, clip in enumerate(store.clips[:2]):
         np.save(tmp_path / f"sample{k}.npy", clip.read("edge151"))
-    options: dict[str, Any] = {"like": store, "normalized": False, "bootstrap": 0, "metrics": ["bas"]}
+    options: dict[str, Any] = {"like": store, "normalized": False, "intervals": False, "metrics": ["bas"]}
     songs = {"sample0": store.clips[0].music, "sample1": "nosong"}
-    report = dancedata.evaluate(tmp_path, music_of=songs, **options)
-    assert "no beats of songs that --music-of names: nosong" in report.warnings
+    report = dancedata.evaluate(tmp_path, music=songs, **options)
+    assert "no beats of songs that --music names: nosong" in report.warnings
     with raises_message(UsageError, "could"):
-        dancedata.evaluate(tmp_path, music_of={"sample0": "other", "sample1": "nosong"}, **options)
+        dancedata.evaluate(tmp_path, music={"sample0": "other", "sample1": "nosong"}, **options)
     with raises_message(DataError, "named"):
         dancedata.evaluate(tmp_path, **options)
 
@@ -134,14 +133,14 @@ def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
     store: Store, motions: Mapping[str, Motion], other_songs: dict[str, str]
 ) -> None:
     own, other = [
-        dancedata.evaluate(store, split="all", metrics=["bas"], music_of=m, bootstrap=0) for m in (None, other_songs)
+        dancedata.evaluate(store, split="all", metrics=["bas"], music=m, intervals=False) for m in (None, other_songs)
     ]
     assert own["bas"].value != other["bas"].value
     # As if generated clips of other names had these songs, and as generated clips with the names of the dataset's.
     renamed = {f"new-{name}": motion for name, motion in motions.items()}
     songs = {f"new-{name}": song for name, song in other_songs.items()}
     for clips, music in ((renamed, songs), (dict(motions), other_songs)):
-        found = dancedata.evaluate(clips, like=store, metrics=["bas"], music_of=music, bootstrap=0)
+        found = dancedata.evaluate(clips, like=store, metrics=["bas"], music=music, intervals=False)
         assert found["bas"].value == pytest.approx(other["bas"].value, rel=1e-9)
 
 
@@ -150,10 +149,10 @@ def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> 
     assert len(set(tempos.values())) > 1
     clips = [MemoryClip(id=clip.id, music=clip.music, tempo_bpm=clip.tempo_bpm) for clip in store.clips]
     for like in (store, None):
-        named = named_clips(clips, other_songs, like).clips
+        named = named_clips(clips, MusicSources(songs=other_songs), like).clips
         assert [clip.tempo_bpm for clip in named] == [tempos[other_songs[clip.id]] for clip in named]
     # Songs whose names say nothing have the tempo that the dataset states.
-    (other,) = named_clips([MemoryClip(id="a", tempo_bpm=90.0)], {"a": "polka"}, None).clips
+    (other,) = named_clips([MemoryClip(id="a", tempo_bpm=90.0)], MusicSources.of({"a": "polka"}), None).clips
     assert other.tempo_bpm is None
 
 
@@ -172,7 +171,8 @@ def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping
     renamed = {f"new-{name}": motion for name, motion in motions.items()}
     songs = {f"new-{name}": song for name, song in music.items()}
     assert (
-        dancedata.evaluate(renamed, like=store, metrics=["bas"], music_of=songs, bootstrap=0)["bas"].value is not None
+        dancedata.evaluate(renamed, like=store, metrics=["bas"], music=songs, intervals=False)["bas"].value
+        is not None
     )
 
 

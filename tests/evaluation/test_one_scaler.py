@@ -45,7 +45,7 @@ def worst(found: Any, wanted: Any) -> float:
 
 def view(path: Path, rows: Any, store: Store, **options: Any) -> Any:
     np.save(path / "x.npy", rows)
-    return FileClip(id="x", path=path / "x.npy", format=file_format(store, representation=FIELD, **options)).load()
+    return FileClip(id="x", path=path / "x.npy", format=file_format(store, field=FIELD, **options)).load()
 
 
 def evaluated(store: Store, rows: Any, **options: Any) -> Any:
@@ -85,7 +85,7 @@ def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Stor
     batch = [changed[place] for place in places]
     evaluator.update(np.stack([sample[FIELD].numpy() for sample in batch]), [sample["id"] for sample in batch])
     motions = {f"{place}": dancedata.decode(plain[place][FIELD].numpy(), FIELD, fps=30) for place in places}
-    wanted = dancedata.evaluate(motions, pool=store, bootstrap=0)
+    wanted = dancedata.evaluate(motions, pool=store, intervals=False)
     for name in ("fid_k", "pfc", "div_k"):
         assert evaluator.compute()[name].value == pytest.approx(wanted[name].value, rel=1e-3), name
 
@@ -169,9 +169,9 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         with raises_message(UsageError, "whether", where="x.npy"):
             view(tmp_path, wrong, store)
         with raises_message(UsageError, "whether", where="x.npy"):
-            dancedata.evaluate(tmp_path, like=store, field=FIELD, bootstrap=0)
+            dancedata.evaluate(tmp_path, like=store, field=FIELD, intervals=False)
         with raises_message(UsageError, "whether", where="x.npy"):
-            comparison_of(tmp_path, store, file_format(store, representation=FIELD))
+            comparison_of(tmp_path, store, file_format(store, field=FIELD))
     with raises_message(UsageError, "whether", where="small, field edge151"):
         Evaluator(store, FIELD)
     # A file may state it; then no argument is needed.
@@ -182,8 +182,10 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
         with np.load(tmp_path / f"{normalized}" / "x.npz") as made:
             assert worst(made["positions"], joints(rows, store)) < 1e-5
         with raises_message(UsageError, "whether", where="x.npz"):
-            dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, normalized=not normalized, bootstrap=0)
-    options: dict[str, Any] = {"metrics": ["pfc"], "bootstrap": 0}
+            dancedata.evaluate(
+                tmp_path / "x.npz", like=store, field=FIELD, normalized=not normalized, intervals=False
+            )
+    options: dict[str, Any] = {"metrics": ["pfc"], "intervals": False}
     assert dancedata.evaluate(tmp_path / "x.npz", like=store, field=FIELD, **options)["pfc"].value is not None
 
 
@@ -273,9 +275,9 @@ def test_the_commands(store: Store, tmp_path: Path) -> None:
         "decode", tmp_path / "made" / "x.npy", "--as", FIELD, "--to", "npz", "--like", store.path, "--overwrite",
     )  # fmt: skip
     evaluate = (
-        "evaluate", tmp_path / "made", "--like", store.path, "--field", FIELD, "--metric", "pfc", "--bootstrap", 0,
+        "evaluate", tmp_path / "made", "--like", store.path, "--field", FIELD, "--metric", "pfc",
     )  # fmt: skip
-    view_ = ("view", store.path, "--compare", tmp_path / "made", "--compare-as", FIELD, "--no-browser")
+    view_ = ("view", store.path, "--compare", tmp_path / "made", "--field", FIELD, "--no-browser")
     for command in (decode, evaluate, view_):
         out = ("--out", tmp_path / "out") if command is decode else ()
         done = run(*command, *out)
@@ -301,7 +303,7 @@ def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) ->
         (tmp_path / name).mkdir()
         for clip in list(store.clips)[:3]:
             np.save(tmp_path / name / f"{clip.id}.npy", own.normalize(clip.read(FIELD)))
-    options: dict[str, Any] = {"like": store, "field": FIELD, "bootstrap": 0, "metrics": ["fid_k"]}
+    options: dict[str, Any] = {"like": store, "field": FIELD, "intervals": False, "metrics": ["fid_k"]}
     pool, saved = tmp_path / "wide", tmp_path / "pool.npz"
     wanted = dancedata.evaluate(pool, pool=pool, scaler=wide, save_pool=saved, **options)
     assert dancedata.evaluate(pool, pool=saved, scaler=wide, **options)["fid_k"].value == pytest.approx(

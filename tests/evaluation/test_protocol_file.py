@@ -42,9 +42,9 @@ def write(folder: Path, text: str = TEXT) -> Path:
 def test_a_file_gives_the_numbers_of_the_same_protocol_in_code(jobs: int, store: Store, tmp_path: Path) -> None:
     file = str(write(tmp_path))
     ours = dancedata.evaluate(
-        store, split="all", protocol=file, bootstrap=0, jobs=jobs, cache=tmp_path, save_pool=tmp_path / "p.npz"
+        store, split="all", protocol=file, intervals=False, jobs=jobs, cache=tmp_path, save_pool=tmp_path / "p.npz"
     )
-    theirs = dancedata.evaluate(store, split="all", bootstrap=0)
+    theirs = dancedata.evaluate(store, split="all", intervals=False)
     assert {s.name: s.value for s in ours.scores} == {
         name: theirs[name].value for name in (s.name for s in ours.scores)
     }
@@ -52,11 +52,11 @@ def test_a_file_gives_the_numbers_of_the_same_protocol_in_code(jobs: int, store:
     assert str(ours).startswith("ours, version 3: ")
     assert ours.notes[-1] == "of a file"
     assert next(s.published for s in ours.scores if s.name == "pfc") == 1.25
-    again = dancedata.evaluate(store, split="all", protocol=file, pool=tmp_path / "p.npz", bootstrap=0)
+    again = dancedata.evaluate(store, split="all", protocol=file, pool=tmp_path / "p.npz", intervals=False)
     assert again["fid_k"].value == ours["fid_k"].value
     changed = write(tmp_path, TEXT.replace("[5, 2.5]", "[4, 2]"))
     with pytest.raises(UsageError, match="the pool was measured by other metrics"):
-        dancedata.evaluate(store, split="all", protocol=str(changed), pool=tmp_path / "p.npz", bootstrap=0)
+        dancedata.evaluate(store, split="all", protocol=str(changed), pool=tmp_path / "p.npz", intervals=False)
 
 
 def test_members_are_those_of_the_file(tmp_path: Path) -> None:

@@ -70,7 +70,7 @@ def test_a_file_with_a_batch(store: Store, tmp_path: Path) -> None:
 
 
 def test_metrics_have_the_names_of_the_table(store: Store) -> None:
-    scores = dancedata.evaluate(store, split="all", metrics=["FSR"], bootstrap=0).scores
+    scores = dancedata.evaluate(store, split="all", metrics=["FSR"], intervals=False).scores
     assert [s.name for s in scores][-1] == "skating"
     assert {s.better for s in scores if s.name.startswith("skating")} == {"lower"}
     with raises_message(UsageError, "skating_right", where="protocol dancedata"):
@@ -78,7 +78,7 @@ def test_metrics_have_the_names_of_the_table(store: Store) -> None:
 
 
 def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
-    scores = dancedata.evaluate(dances(n_frames=30), like=store, bootstrap=0).scores
+    scores = dancedata.evaluate(dances(n_frames=30), like=store, intervals=False).scores
     assert {s.name: s.better for s in scores if s.value is None}["fid_k"] == "lower"
 
 
@@ -92,7 +92,9 @@ def test_lodge_without_smplx(motions: Mapping[str, Motion]) -> None:
 def test_fact_without_the_true_pelvis() -> None:
     with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60)
-    report = dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), bootstrap=0)
+    report = dancedata.evaluate(
+        dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), intervals=False
+    )
     assert report["fid_k"].value is not None
 
 
@@ -105,10 +107,12 @@ def test_joints_of_an_unknown_body(joints: int) -> None:
 def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:
     path = tmp_path / "pool.npz"
     made = dancedata.evaluate(
-        dances(), protocol="bailando-aistpp", fps=60, pool=dances(4), save_pool=path, bootstrap=0
+        dances(), protocol="bailando-aistpp", fps=60, pool=dances(4), save_pool=path, intervals=False
     )
     data = path.read_bytes()
-    again = dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=60, pool=path, save_pool=path, bootstrap=0)
+    again = dancedata.evaluate(
+        dances(), protocol="bailando-aistpp", fps=60, pool=path, save_pool=path, intervals=False
+    )
     assert path.read_bytes() == data
     assert [s.value for s in again.scores] == [s.value for s in made.scores]
     assert load_pool(path, BailandoAistpp()).ids == ("d0", "d1", "d2", "d3")
@@ -138,7 +142,7 @@ def test_broken_clips_are_counted_by_name(tmp_path: Path, store: Store) -> None:
     broken = dance()
     broken[7] = np.nan
     np.save(tmp_path / "broken.npy", broken)
-    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, bootstrap=0)
+    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, intervals=False)
     assert report.clips == ("d0", "d1", "d2")
     ((clip, reason),) = report.left_out
     assert clip == "broken"
@@ -146,7 +150,7 @@ def test_broken_clips_are_counted_by_name(tmp_path: Path, store: Store) -> None:
     assert "left out: 1 clip\n    broken:" in str(report)
     for k in range(4):
         np.save(tmp_path / f"broken{k}.npy", broken)
-    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, bootstrap=0)
+    report = dancedata.evaluate(tmp_path, fps=30, up="y", pool=store, intervals=False)
     assert "    and 2 more, which --json lists" in str(report)
 
 
@@ -159,7 +163,7 @@ def test_columns_that_cannot_be_decoded_are_named_with_their_file(
     path = tmp_path / "zeros.npy"
     np.save(path, np.zeros((30, width), np.float32))
     with pytest.raises(DataError) as raised:
-        dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=False, bootstrap=0)
+        dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=False, intervals=False)
     assert f"found {path}: " in str(raised.value)
     assert said in str(raised.value)
 
@@ -167,13 +171,13 @@ def test_columns_that_cannot_be_decoded_are_named_with_their_file(
 def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:
     still = np.broadcast_to(dance()[:1], (300, 24, 3))
     clips = dances() | {"still": still, "short": dance(60)}
-    report = dancedata.evaluate(clips, fps=30, pool=store, beats=dict.fromkeys(clips, _beats()), bootstrap=0)
+    report = dancedata.evaluate(clips, fps=30, pool=store, music=dict.fromkeys(clips, _beats()), intervals=False)
     pfc = next(s for s in report.scores if s.name == "pfc")
     assert pfc.undefined == {"short": ("short",), "still": ("still#0", "still#1", "still#2")}
     bas = next(s for s in report.scores if s.name == "bas")
     assert bas.undefined["no_motion_beats"] == ("still#0", "still#1", "still#2")
     assert "never accelerates (still), 3 pieces: still#0" in str(report)
-    alone = dancedata.evaluate({"still": still}, fps=30, pool=store, bootstrap=0)
+    alone = dancedata.evaluate({"still": still}, fps=30, pool=store, intervals=False)
     assert alone["pfc"].value is None
     assert alone.to_json()["scores"]["pfc"]["value"] is None
 
@@ -188,17 +192,16 @@ def _beats() -> Any:
     ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
     ({"role": "ground truth"}, "unknown role"), ({"normalized": True}, "normalised columns need the scaler"),
     ({"scaler": "scaler.json"}, "a scaler is of columns"), ({"split": "test"}, "only a dataset has splits"),
-    ({"bootstrap": -1}, "invalid number of bootstrap draws"),
     ({"fps": None}, "the frame rate of the joints is unknown"),
-    ({"music_of": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
-    ({"beats": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),
-    ({"beats": {"d0": [1]}}, "does not state a rate of beats"), ({"up": "x"}, None),
+    ({"music": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
+    ({"music": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),
+    ({"music": {"d0": [1]}}, "does not state a rate of beats"), ({"up": "x"}, None),
 ])  # fmt: skip
 def test_options_that_do_not_go_together(options: dict[str, Any], message: str | None) -> None:
     given = {"fps": 30} | options
     if message is None:
         assert (
-            dancedata.evaluate(dances(), bootstrap=0, **given)["pfc"].value is not None
+            dancedata.evaluate(dances(), intervals=False, **given)["pfc"].value is not None
         )  # arrays in memory are +Y up
         return
     with pytest.raises(UsageError, match=message):
@@ -236,14 +239,14 @@ def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: 
         dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"])
     np.savez(tmp_path / "a.npz", columns=columns, fps=30)
     assert (
-        dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], bootstrap=0)["pfc"].value
+        dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], intervals=False)["pfc"].value
         is not None
     )
 
 
 def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) -> None:
     columns = store.clips[0].read("edge151")
-    options: dict[str, Any] = {"representation": "edge151", "fps": 30, "metrics": ["pfc"], "bootstrap": 0}
+    options: dict[str, Any] = {"field": "edge151", "fps": 30, "metrics": ["pfc"], "intervals": False}
     wanted = []
     for name, beside in (
         ("alone", {}), ("both", {"joints": dance()}), ("named", {"joints": np.array(["hip", "knee"])}),

@@ -22,7 +22,7 @@ from tests.messages import raises_message
 
 
 def test_names_in_tables() -> None:
-    report = dancedata.evaluate(dances(), fps=30, metrics=["pfc"], bootstrap=0)
+    report = dancedata.evaluate(dances(), fps=30, metrics=["pfc"], intervals=False)
     hostile = replace(report, source="/home/me/~a^b_<c>\\|%")
     assert r"\textasciitilde{}a\textasciicircum{}b\_\textless{}c\textgreater{}" in latex(hostile)
     assert r"\textbackslash{}\textbar{}\%" in latex(hostile)
@@ -34,10 +34,10 @@ def test_names_in_tables() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
-@pytest.mark.parametrize("bootstrap", [0, 5])
-def test_numbers_that_overflow_are_undefined_by_name(store: Store, bootstrap: int) -> None:
+@pytest.mark.parametrize("intervals", [False, True])
+def test_numbers_that_overflow_are_undefined_by_name(store: Store, intervals: bool) -> None:
     far = dances() | {"far": dance() * 1e100}
-    report = dancedata.evaluate(far, fps=30, pool=store, bootstrap=bootstrap)
+    report = dancedata.evaluate(far, fps=30, pool=store, intervals=intervals)
     found = json.loads(json.dumps(report.to_json(), allow_nan=False))
     assert found["scores"]["fid_k"]["value"] is None
     assert found["scores"]["fid_k"]["undefined"] == {"not_finite": []}
@@ -75,7 +75,7 @@ def test_tables_of_clips_are_not_run_by_spreadsheets(tmp_path: Path) -> None:
     for name in names:
         np.save(folder / f"{name}.npy", dance())
     run(
-        folder, "--fps", 30, "--up", "y", "--protocol", "popdg", "--metric", "pbc", "--bootstrap", 0, "--jobs", 1,
+        folder, "--fps", 30, "--up", "y", "--protocol", "popdg", "--metric", "pbc", "--jobs", 1,
         "--per-clip", tmp_path / "rows.csv", "--quiet",
     )  # fmt: skip
     with open(tmp_path / "rows.csv", encoding="utf-8", newline="") as file:
@@ -100,15 +100,15 @@ def test_clips_in_memory_that_are_not_dances() -> None:
 
 
 def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
-    whole = dancedata.evaluate(store, split="test", bootstrap=0)
+    whole = dancedata.evaluate(store, split="test", intervals=False)
     for metrics, names in (
         (["pfc"], ["pfc"]), (["fid_k"], ["fid_k", "div_k"]),
         (["skating", "kinetic"], ["fid_k", "div_k", "skating_left", "skating_right", "skating"]), (["bas"], ["bas"]),
     ):  # fmt: skip
-        found = dancedata.evaluate(store, split="test", metrics=metrics, bootstrap=0)
+        found = dancedata.evaluate(store, split="test", metrics=metrics, intervals=False)
         assert {s.name: s.value for s in found.scores} == {name: whole[name].value for name in names}
-    found = dancedata.evaluate(store, split="all", metrics=["pfc"], save_pool=tmp_path / "pool.npz", bootstrap=0)
-    again = dancedata.evaluate(store, pool=tmp_path / "pool.npz", split="test", bootstrap=0)
+    found = dancedata.evaluate(store, split="all", metrics=["pfc"], save_pool=tmp_path / "pool.npz", intervals=False)
+    again = dancedata.evaluate(store, pool=tmp_path / "pool.npz", split="test", intervals=False)
     assert again["fid_k"].value == whole["fid_k"].value  # a pool is whole, for any request
     text = run(store.path, "--metric", "pfc", "--metric", "bas", "--split", "test", "--quiet", "--jobs", 1)
     assert "  PFC " in text
@@ -119,7 +119,9 @@ def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
 def test_only_beats_without_music(store: Store) -> None:
     with raises_message(UsageError, "could", where="clips in memory"):
         dancedata.evaluate(dances(), fps=30, metrics=["bas"])
-    some = dancedata.evaluate(dances(n_frames=200), fps=30, metrics=["bas"], beats={"d0": _beats(store)}, bootstrap=0)
+    some = dancedata.evaluate(
+        dances(n_frames=200), fps=30, metrics=["bas"], music={"d0": _beats(store)}, intervals=False
+    )
     assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
     assert some.fps == "30"
 
@@ -130,7 +132,7 @@ def _beats(store: Store) -> dancedata.metrics.MusicBeats:
 
 def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path) -> None:
     options = [
-        store.path, "--split", "test", "--metric", "pfc", "--bootstrap", 0, "--quiet", "--jobs", 1, "--per-clip",
+        store.path, "--split", "test", "--metric", "pfc", "--quiet", "--jobs", 1, "--per-clip",
     ]  # fmt: skip
     path = tmp_path / "rows.csv"
     path.write_text("mine", encoding="utf-8")
@@ -155,7 +157,7 @@ def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypa
 
 def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, protocol = tmp_path / "pool.npz", BailandoAistpp()
-    dancedata.evaluate(dances(), protocol=protocol, fps=60, pool=dances(4), save_pool=path, bootstrap=0)
+    dancedata.evaluate(dances(), protocol=protocol, fps=60, pool=dances(4), save_pool=path, intervals=False)
     monkeypatch.setattr(Kinetic, "version", Kinetic.version + 1)
     with raises_message(UsageError, "metrics", where="pool.npz"):
         load_pool(path, protocol)
@@ -171,5 +173,7 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
 def test_scores_do_not_depend_on_the_order_of_the_pool() -> None:
     pool = {f"p{k}": dance(seed=20 + k) for k in range(7)}
     turned = dict(reversed(pool.items()))
-    found = [dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], bootstrap=0) for p in (pool, turned)]
+    found = [
+        dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], intervals=False) for p in (pool, turned)
+    ]
     assert found[0].to_json() == found[1].to_json()

@@ -13,7 +13,7 @@ from tests.messages import raises_message
 
 
 def test_every_published_row_of_aistpp(folder: Path) -> None:
-    found = self_test(folder / "small-source", bootstrap=0)
+    found = self_test(folder / "small-source", intervals=False)
     assert found.dataset == "aist++"
     assert {row["protocol"] for row in found.rows()} == {"bailando-aistpp", "motius-aistpp", "edge-aistpp"}
     rows = {(row["protocol"], row["score"]): row for row in found.rows()}
@@ -41,7 +41,7 @@ def test_one_protocol_and_json(folder: Path) -> None:
 
 def test_finedance(tmp_path: Path) -> None:
     FineDance().make_example(tmp_path)
-    found = self_test(tmp_path, bootstrap=0)
+    found = self_test(tmp_path, intervals=False)
     assert found.dataset == "finedance"
     measured = {row["score"]: row["measured"] for row in found.rows()}
     assert set(measured) == {"skating", "div_k", "div_g", "bas"} or found.skipped

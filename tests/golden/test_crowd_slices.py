@@ -100,12 +100,12 @@ def test_each_train_window_has_a_scaler_of_its_own_and_the_last_is_kept(
         scaler = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
         np.testing.assert_allclose(scaler.data_min[4:], golden["scale.train_window_min"][k, 4:], rtol=0, atol=1e-5)
         np.testing.assert_allclose(scaler.data_max[4:], golden["scale.train_window_max"][k, 4:], rtol=0, atol=1e-5)
-        found = scaler.normalize(trios[name], clip=True)[:, ENDS]
+        found = scaler.normalize(trios[name], clamp=True)[:, ENDS]
         assert_normalised(found, golden[f"train{k}.normalised_first_last"], scaler, slice(4, None))
     np.testing.assert_allclose(scaler.data_min, golden["scale.kept_min"], rtol=0, atol=1e-5)
     np.testing.assert_allclose(scaler.data_max, golden["scale.kept_max"], rtol=0, atol=1e-5)
     (name,) = facts["names"]["test"]
-    found = scaler.normalize(trios[name], clip=True)[:, ENDS]
+    found = scaler.normalize(trios[name], clamp=True)[:, ENDS]
     assert_normalised(found, golden["test0.normalised_first_last"], scaler, slice(4, None))
     outside = (trios[name] < scaler.data_min) | (trios[name] > scaler.data_max)
     assert outside.mean() == pytest.approx(facts["test_values_outside_the_kept_range"], abs=1e-3)
@@ -159,7 +159,7 @@ def test_popdgs_scaler_and_normalised_windows(crowd: Path, slices: dict[str, lis
         np.testing.assert_allclose(
             windows[:, ENDS, :147], golden[f"{part}.raw_first_last"][..., :147], rtol=0, atol=1e-5
         )
-        found = scaler.normalize(windows, clip=True)[:, ENDS]
+        found = scaler.normalize(windows, clamp=True)[:, ENDS]
         assert_normalised(found, golden[f"{part}.normalised_first_last"], scaler, slice(147), 8e-5)
     contacts = np.concatenate([columns["train"]])[..., 147:].mean(axis=(0, 1))
     assert np.abs(contacts - facts["contact_rate_by_joint"]).max() * 4 * LENGTH <= len(near_to_call(facts)) + 0.01

@@ -84,7 +84,7 @@ def test_scaler(exact: Store, peers: Any) -> None:
 @pytest.mark.parametrize(("split", "name"), [("train", "pose_normalized_first16"), ("test", "pose_normalized")])
 def test_normalised_columns(exact: Store, peers: Any, split: str, name: str) -> None:
     golden = peers.load(f"edge_{split}.npz")
-    normalised = exact.scaler("edge151").normalize(_read(exact, split, "edge151"), clip=True)
+    normalised = exact.scaler("edge151").normalize(_read(exact, split, "edge151"), clamp=True)
     found, wanted = golden.pair(name, normalised[: golden.shape(name)[0]])
     width = peers.load("edge_normalizer.npz")["data_range"].astype(np.float64)
     # An error of 1e-5 in the columns and in either end of the range is stretched by 2 / range.

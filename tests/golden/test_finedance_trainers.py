@@ -76,7 +76,7 @@ def test_lodges_scaler_by_name(store: Store, peers: Any, lodge: Any) -> None:
     rows = store["001"].read("lodge139")[:300]
     # A value's error is that of the columns, and what an error of the range makes of it.
     allowed = 1e-5 + 4e-5 / np.where(scaler.data_range > 1e-5, scaler.data_range, 1)
-    found, wanted = known.pair("normalized_first300", scaler.normalize(rows, clip=True))
+    found, wanted = known.pair("normalized_first300", scaler.normalize(rows, clamp=True))
     assert (np.abs(found - wanted) <= allowed).all()
     # By default the scaler knows train alone.
     assert not np.allclose(

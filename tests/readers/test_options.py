@@ -38,7 +38,7 @@ ARGUMENTS: dict[str, Any] = {
     "fields": ("edge151", "x/level", Relative("lodge139"), Primitives(n=128), Text("style", empty=0.1)),
     "windows": Windows(length_s=4, stride=10, fps=30, start_at="downbeat", trim=True),
     "select": Select({"genre": ("gBR", "gPO")}, ignore=("a", "b"), protocol="p", filter={"movement": {"min_std": 1}}),
-    "scale": Scale(fields=("edge151",), clip=True, covers=({"mirror": 0.5}, "yaw"), over="all"),
+    "scale": Scale(fields=("edge151",), clamp=True, covers=({"mirror": 0.5}, "yaw"), over="all"),
     "dancers": Dancers(persons=3, choose="seed", singles=True),
     "augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}},
     "seed": 3,
@@ -76,12 +76,12 @@ def test_scalers_are_data_by_their_files(tmp_path: Path) -> None:
     [
         {"windows": {"lenght": 3}}, {"select": {"were": {}}}, {"scale": {"kind": "minmaxx"}},
         {"fields": [{"txt": {}}]}, {"fields": [{"text": {}}]}, {"dancers": {"choose": "tallest"}},
-        {"scale": {"kind": "zscore", "clip": True}},
+        {"scale": {"kind": "zscore", "clamp": True}},
     ],
     ids=str,
 )  # fmt: skip
 def test_plain_data_that_stand_for_nothing(plain: dict[str, Any]) -> None:
-    with raises_message(UsageError, "lenght|were|minmaxx|txt|layer|tallest|clip"):
+    with raises_message(UsageError, "lenght|were|minmaxx|txt|layer|tallest|clamp"):
         from_plain(plain)
 
 
@@ -91,7 +91,7 @@ def test_plain_data_that_stand_for_nothing(plain: dict[str, Any]) -> None:
         (lambda: Windows(length=3, length_s=1), ("length=3", "length_s=1")),
         (lambda: Windows(stride=3, stride_s=1), ("stride=3", "stride_s=1")),
         (lambda: Dancers(persons=3, exactly=2), ("persons=3", "exactly=2")),
-        (lambda: Scale("zscore", clip=True), ("kind='zscore'", "clip=True")),
+        (lambda: Scale("zscore", clamp=True), ("kind='zscore'", "clamp=True")),
         (lambda: Scale("zscore", covers=["mirror"]), ("kind='zscore'", "covers=('mirror',)")),
         (lambda: Scale("zscore_grouped", over="all"), ("kind='zscore_grouped'", "over='all'")),
         (lambda: Scale(covers=["mirror"], scaler="a.json"), ("covers=('mirror',)", "scaler='a.json'")),
@@ -106,7 +106,7 @@ def test_values_that_do_not_go_together_are_both_named(make: Any, both: tuple[st
 @pytest.mark.parametrize(
     ("cls", "wrong"),
     [
-        (Scale, {"fields": True}), (Scale, {"clip": "no"}), (Windows, {"length": "x"}), (Windows, {"length": 0}),
+        (Scale, {"fields": True}), (Scale, {"clamp": "no"}), (Windows, {"length": "x"}), (Windows, {"length": 0}),
         (Windows, {"trim": 1}), (Windows, {"start_at": "bar"}), (Select, {"ignore": 5}), (Dancers, {"persons": "3"}),
         (Dancers, {"singles": "yes"}), (Primitives, {"n": 0}), (Primitives, {"variant": "codes"}),
         (Text, {"layer": "a", "empty": 2}), (Text, {"layer": "a", "min_share": -1}),

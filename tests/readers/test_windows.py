@@ -195,7 +195,7 @@ def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) ->
     for place in range(0, len(raw), 97):
         plain = raw[place][MOTION].numpy()
         for rows in (plain, mirror.apply(plain)):
-            assert np.abs(scaler.normalize(rows, clip=False)).max() <= 1 + 1e-5
+            assert np.abs(scaler.normalize(rows, clamp=False)).max() <= 1 + 1e-5
         np.testing.assert_allclose(dataset[place][MOTION].numpy(), scaler.normalize(mirror.apply(plain)), atol=1e-6)
 
 
@@ -207,11 +207,11 @@ def test_edges_clip_is_selected_by_name(store: Store) -> None:
     assert np.abs(expected).max() > 1.1
     whole, cut = (
         WindowDataset(store, augment={"mirror": 1.0}),
-        WindowDataset(store, scale=Scale(clip=True), augment={"mirror": 1.0}),
+        WindowDataset(store, scale=Scale(clamp=True), augment={"mirror": 1.0}),
     )
     np.testing.assert_allclose(whole[7][MOTION].numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(cut[7][MOTION].numpy(), expected.clip(-1, 1), atol=1e-6)
-    assert WindowDataset(store, **PRESETS["edge"], augment={"mirror": 0.5}).clip  # as EDGE does, mirrored or not
+    assert WindowDataset(store, **PRESETS["edge"], augment={"mirror": 0.5}).clamp  # as EDGE does, mirrored or not
 
 
 def test_val_has_the_scaler_of_train(store: Store) -> None:

@@ -108,7 +108,7 @@ def test_another_scaler_is_doubted(store: Store, caplog: pytest.LogCaptureFixtur
 def test_what_z_scores_cannot(store: Store) -> None:
     scaler = store.scaler(FIELD, "zscore")
     with pytest.raises(UsageError, match="no range to cut"):
-        WindowDataset(store, fields=[FIELD], scale=Scale(clip=True, scaler=scaler))
+        WindowDataset(store, fields=[FIELD], scale=Scale(clamp=True, scaler=scaler))
     with pytest.raises(UsageError, match="go together"):
         WindowDataset(store, fields=[FIELD], scale=Scale(covers=["mirror"], scaler=scaler), augment={"mirror": 0.5})
     with raises_message(UsageError, "zscore|mirror"):

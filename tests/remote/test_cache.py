@@ -72,7 +72,7 @@ def test_exports_and_evaluations_name_the_commit(
     address = f"hf://datasets/org/name@{'a' * 40}"
     exported = dancedata.export("hf://datasets/org/name", "npz", tmp_path / "npz", progress=False)
     assert exported.about["address"] == address
-    report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), bootstrap=0, jobs=1, progress=False)
+    report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), intervals=False, jobs=1, progress=False)
     assert address in str(report.to_json())
     written = dancedata.report.write_report("hf://datasets/org/name", None, clips=0, progress=False)
     assert written.to_json() == dancedata.report.write_report(built, None, clips=0, progress=False).to_json()

@@ -88,7 +88,7 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
         assert found["path"] == about.pop("path") == str(where)
         assert f": {where} (" in run("info", where).output
         checked = [p for p in found["problems"] if p["severity"] == "error"]
-        values = dancedata.evaluate(where, metrics=("pfc",), bootstrap=0, jobs=1, progress=False).to_json()
+        values = dancedata.evaluate(where, metrics=("pfc",), intervals=False, jobs=1, progress=False).to_json()
         (tmp_path / folder / "numbers.json").write_text(json.dumps([about, report, checked, values["scores"]]))
     for path in sorted((tmp_path / "local").rglob("*")):
         if path.is_file() and path.name != "export.json":

@@ -38,15 +38,15 @@ def samples(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def report(demo: Path, samples: Path) -> SamplesReport:
-    return write_samples_report(samples, demo, normalized=False, bootstrap=0)
+    return write_samples_report(samples, demo, normalized=False, intervals=False)
 
 
 def test_scores_are_those_of_evaluate(demo: Path, samples: Path, report: SamplesReport) -> None:
-    beside = dancedata.evaluate(samples, like=demo, normalized=False, bootstrap=0)
+    beside = dancedata.evaluate(samples, like=demo, normalized=False, intervals=False)
     assert report.scores.to_json() == beside.to_json()
     (clip,) = [Path(name).stem for name in report.scores.clips if name.startswith("g")]
     assert report.scores.truth_source == "the same of demo"
-    rows = dancedata.evaluate(demo, split="test", bootstrap=0).per_clip
+    rows = dancedata.evaluate(demo, split="test", intervals=False).per_clip
     pfc = [row["pfc"] for row in rows if row["clip"] == clip]
     assert report.scores["pfc"].truth == pytest.approx(np.mean(pfc), rel=1e-9)
 
@@ -92,7 +92,7 @@ def test_songs_are_those_of_the_clips_of_that_name(demo: Path, report: SamplesRe
 
 def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    written = write_samples_report(samples, demo, page, normalized=False, bootstrap=0, clips=2)
+    written = write_samples_report(samples, demo, page, normalized=False, intervals=False, clips=2)
     text = page.read_text()
     assert written.path == page
     for title in ("Scores", "How they move", "Map of the poses", "The strangest poses", "Numbers of each sample"):
@@ -101,7 +101,7 @@ def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Pat
     assert text.count("dancedataClip") or '"clips":{"0"' in text
     assert "a&amp;b=c#d%20%3Cscript%3E" in text.replace("<wbr>", "")
     again = tmp_path / "again.html"
-    write_samples_report(samples, demo, again, normalized=False, bootstrap=0, clips=2)
+    write_samples_report(samples, demo, again, normalized=False, intervals=False, clips=2)
     assert again.read_bytes() == page.read_bytes()
     with pytest.raises(UsageError, match="already there"):
         write_samples_report(samples, demo, page, normalized=False)

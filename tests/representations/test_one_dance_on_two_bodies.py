@@ -103,7 +103,7 @@ def test_metrics_of_other_positions_are_recomputed(dances: list[dict[str, Motion
 
     def evaluate() -> list[str]:
         measured.clear()
-        options: dict[str, Any] = {"fps": 60, "pool": clips, "metrics": ["fid_g"], "bootstrap": 0, "jobs": 1}
+        options: dict[str, Any] = {"fps": 60, "pool": clips, "metrics": ["fid_g"], "intervals": False, "jobs": 1}
         dancedata.evaluate(clips, protocol="fact-aistpp", cache=tmp_path, progress=False, **options)
         return sorted(measured)
 

@@ -37,7 +37,7 @@ def systems(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
 
 
 def request(demo: Path, systems: tuple[Path, Path], **options: Any) -> StudyRequest:
-    views = {"truth": ViewRequest(demo, source=demo.parent / "demo-source")}
+    views = {"truth": ViewRequest(demo, music=demo.parent / "demo-source")}
     views |= {path.name: ViewRequest(path) for path in systems}
     return StudyRequest(views, **{"songs": 2, "checks": 2, "seconds": 3.0, **options})
 
@@ -248,7 +248,7 @@ def test_a_rater_answers_and_the_table_recomputes(
 
 
 def test_the_command(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
-    arguments = ["study", demo, *systems, "--songs", 1, "--seconds", 2, "--source", demo.parent / "demo-source"]
+    arguments = ["study", demo, *systems, "--songs", 1, "--seconds", 2, "--music", demo.parent / "demo-source"]
     done = run(*arguments, "--out", tmp_path / "s.html", "--names", "truth,mine,theirs")
     assert "3 pairs and 2 checks of truth, mine, theirs" in done.stdout
     assert done.stdout.startswith("truth: ")

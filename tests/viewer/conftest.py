@@ -51,7 +51,7 @@ def odd(source: Path, once: Once) -> Path:
 @pytest.fixture(scope="session")
 def served(odd: Path, source: Path) -> Iterator[str]:
     """Address of the dataset with its music."""
-    with serving(ViewRequest(odd, source=source)) as address:
+    with serving(ViewRequest(odd, music=source)) as address:
         yield address
 
 

@@ -110,7 +110,7 @@ def test_a_shadow_is_darker_the_lower_the_body(browser: Browser, served: str) ->
 
 
 def test_copies_and_comparisons_have_bodies(browser: Browser, odd: Path, source: Path) -> None:
-    with serving(ViewRequest(odd, "wav", source=source)) as address:
+    with serving(ViewRequest(odd, "wav", music=source)) as address:
         browser.open(f"{address}&t=1")
         alone = len(sides(stage(browser))[0])
         browser.open(f"{address}&t=1&mirror=1&with=original")

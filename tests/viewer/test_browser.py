@@ -352,7 +352,7 @@ def test_a_comparison_that_has_ended_has_no_distance(browser: Browser, odd: Path
 
 
 def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source: Path) -> None:
-    with serving(ViewRequest(odd, "wav", source=source, compare=(odd, odd))) as address:
+    with serving(ViewRequest(odd, "wav", music=source, compare=(odd, odd))) as address:
         browser.open(address + "&with=original&over=1&t=1")
         browser.wait(f"return {V}.state.other")
         assert browser.js(f"return {V}.state.other.mean") < 0.01

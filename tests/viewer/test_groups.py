@@ -20,6 +20,7 @@ from dancedata.scene.source import ClipSource
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest, export_page
+from tests.messages import raises_message
 from tests.report.test_colours import contrast, luminance
 from tests.viewer.helpers import serving
 from tests.viewer.test_scenes import unpacked
@@ -102,14 +103,14 @@ def test_duets_have_roles_distances_contacts_and_collisions(duets: Path) -> None
 
 
 def test_a_request_begins_with_a_group_a_dancer_or_a_window(crowd: Path) -> None:
-    for name, window, place in ((TWO, None, "group"), (f"{TWO}_p1", None, "clip"), (TWO, 2, "group")):
-        with serving(ViewRequest(crowd, name, window=window)) as address:
-            loop = "&t=1.000&loop=30-90" if window else ""
-            assert address.partition("#")[2] == f"{place}={name}{loop}"
-    request = ViewRequest(crowd, TWO, window=99)
-    with pytest.raises(UsageError, match="the clip has no such window"):
+    loop = f"group={TWO}&t=1.000&loop=30-90"
+    for name, shown in ((TWO, f"group={TWO}"), (f"{TWO}~p1", f"clip={TWO}_p1"), (f"{TWO}@30+60", loop)):
+        with serving(ViewRequest(crowd, name)) as address:
+            assert address.partition("#")[2] == shown
+    request = ViewRequest(crowd, f"{TWO}@0+9999")
+    with raises_message(UsageError, "within", where="9999"):
         request.first(request.scenes())
-    page = export_page(ViewRequest(crowd, TWO, window=1), crowd.parent / "loop.html").read_text()
+    page = export_page(ViewRequest(crowd, f"{TWO}@15+60"), crowd.parent / "loop.html").read_text()
     assert f'"at":"#group={TWO}\\u0026t=0.500\\u0026loop=15-75"' in page
 
 

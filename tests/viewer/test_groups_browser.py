@@ -34,7 +34,7 @@ def served(crowd: Path, crowd_source: Path, tmp_path_factory: pytest.TempPathFac
     scenes = Scenes(dancedata.open(crowd))
     for member in scenes.scene(scenes.find(TWO)).members:
         np.save(folder / f"{member.item.clip.id}.npy", member.figure.joints + np.array((0.003, 0.0, 0.004)))
-    with serving(ViewRequest(crowd, source=crowd_source, compare=(folder,))) as address:
+    with serving(ViewRequest(crowd, music=crowd_source, compare=(folder,))) as address:
         yield address.partition("#")[0]
 
 

@@ -113,7 +113,7 @@ def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
     ds = dancedata.open(odd)
     rows = [ds.read(window, "edge151") for window in list(ds.windows("train"))[:3]]
     np.save(tmp_path / "samples.npy", ds.scaler("edge151").normalize(np.stack(rows)))
-    options: dict[str, Any] = {"columns": "edge151", "like": odd}
+    options: dict[str, Any] = {"field": "edge151", "like": odd}
     scenes = shown(tmp_path, normalized=True, **options).scenes
     assert [item.id for item in scenes.items] == ["samples_000", "samples_001", "samples_002"]
     for item, wanted in zip(scenes.items, rows, strict=True):
@@ -122,7 +122,7 @@ def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
     with raises_message(UsageError, "whether", where="samples.npy"):
         shown(tmp_path, **options)
     with raises_message(UsageError, "frame rate|wrong shape"):
-        shown(tmp_path, columns="edge151")
+        shown(tmp_path, field="edge151")
     with raises_message(DataError, "frame rate|wrong shape", where="samples.npy", reason="bad_shape"):
         shown(tmp_path)
 
@@ -154,7 +154,7 @@ def test_a_batch_of_groups_is_a_group_each(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"source": Path("x")}, {"window": 1}, {"overlay": True}, {"normalized": True}, {"clip": "nobody"}],
+    [{"overlay": True}, {"normalized": True}, {"clip": "nobody"}],
     ids=lambda o: next(iter(o)),
 )
 def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> None:
@@ -226,7 +226,7 @@ def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, 
     for name, n in (("mine", 180), ("short", 60)):
         (tmp_path / name).mkdir()
         np.savez(tmp_path / name / "wav.npz", joints=joints[:n], fps=FPS)
-    request = ViewRequest(odd, "wav", source=source, compare=(tmp_path / "mine", tmp_path / "short"), wall=True)
+    request = ViewRequest(odd, "wav", music=source, compare=(tmp_path / "mine", tmp_path / "short"), wall=True)
     opened = Shown.of(request)
     scene = opened.scenes.scene(opened.item)
     assert [member.item.part for member in scene.members] == ["odd", "mine", "short"]
@@ -263,7 +263,7 @@ def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:
     joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "mine.npz", joints=np.add(joints, (0.0, 0.0, 0.01)), fps=FPS)
-    request = ViewRequest(odd, "wav", compare=(tmp_path / "mine.npz",), window=1, mirrored=True, overlay=True, up="y")
+    request = ViewRequest(odd, "wav@15+60~mirror", compare=(tmp_path / "mine.npz",), overlay=True, up="y")
     page = document(export_page(request, tmp_path / "page.html"))
     assert page["head"]["takes"] == ["mine.npz"]
     assert page["clips"]["0"]["with"]["mine.npz"]["mean"] == pytest.approx(10, abs=0.1)

@@ -81,7 +81,7 @@ def test_dancers_on_a_wall_keep_their_seconds(stores: dict[str, Path]) -> None:
     beats = {name: Scenes(store).scene(own[name]).rhythm.beats for name in ("whole", "part")}
     expected = np.union1d(np.round(beats["whole"], 1), np.round(beats["part"][beats["part"] >= 7.8] + 4.2, 1))
     np.testing.assert_allclose(scene.rhythm.beats, expected, atol=0.1)
-    alone = dancedata.evaluate(store, metrics=["bas"], bootstrap=0)
+    alone = dancedata.evaluate(store, metrics=["bas"], intervals=False)
     found = wall_bas(wall)
     assert alone["bas"].value is not None
     assert found["whole"] == pytest.approx(found["part"], abs=0.15)
@@ -145,18 +145,18 @@ def test_a_song_of_a_window_needs_its_second(stores: dict[str, Path], tmp_path: 
     store = open_store(stores["cut"])
     rows = store["part"].read("edge151")
     np.save(tmp_path / "part@30+150.npy", rows[30:180])
-    options: dict[str, Any] = {"like": store, "normalized": False, "metrics": ["bas"], "bootstrap": 0}
+    options: dict[str, Any] = {"like": store, "normalized": False, "metrics": ["bas"], "intervals": False}
     (tmp_path / "songs.csv").write_text("clip,song\npart@30+150,song.wav\n")
     with raises_message(UsageError, "second 5.2", where="part@30+150"):
-        dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", **options)
-    for source in (None, stores["source"]):
-        (tmp_path / "songs.csv").write_text("clip,song,start_s\npart@30+150,song.wav,5.2\n")
-        listed = dancedata.evaluate(tmp_path, music_of=tmp_path / "songs.csv", source=source, **options)
-        given = dancedata.evaluate(tmp_path, music_of={"part@30+150": ("song", "5.2")}, source=source, **options)
+        dancedata.evaluate(tmp_path, music=tmp_path / "songs.csv", **options)
+    for folder in ("", f"{stores['source']}/"):
+        (tmp_path / "songs.csv").write_text(f"sample,song,start_s\npart@30+150,{folder}song.wav,5.2\n")
+        listed = dancedata.evaluate(tmp_path, music=tmp_path / "songs.csv", **options)
+        given = dancedata.evaluate(tmp_path, music={"part@30+150": (f"{folder}song.wav", "5.2")}, **options)
         motion = dancedata.decode(rows[30:180], "edge151")
         beats = store["part"].beats()
         mine = MusicBeats.of(np.round((beats[beats >= 1] - 1) * 30).astype(int), store.grid)
-        own = dancedata.evaluate({"x": motion}, beats={"x": mine}, metrics=["bas"], bootstrap=0)
+        own = dancedata.evaluate({"x": motion}, music={"x": mine}, metrics=["bas"], intervals=False)
         assert listed["bas"].value == given["bas"].value == pytest.approx(own["bas"].value, abs=0.03)
     (tmp_path / "songs.csv").write_text("part@30+150,song,1\npart@30+150,song,2\n")
     with raises_message(UsageError, "two songs"):

@@ -256,7 +256,7 @@ def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
     item = dataset.items[0]
     rows = dataset.store[item.id].read("edge151")
     np.savez(tmp_path / "generated.npz", columns=dataset.store.scaler("edge151").normalize(rows))
-    form = file_format(dataset.store, representation="edge151", normalized=True)
+    form = file_format(dataset.store, field="edge151", normalized=True)
     comparison = comparison_of(tmp_path / "generated.npz", dataset, form)
     assert comparison_payload(comparison, dataset.scene(item))["mean"] < 0.01
 

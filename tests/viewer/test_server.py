@@ -199,7 +199,7 @@ def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
     "request_",
     [
         {"clip": "wva"},
-        {"clip": "wav", "window": 99},
+        {"clip": "wav@0+9999"},
         {"field": "librosa35"},
         {"normalized": True},
         {"compare": (Path("/nothing/here"),)},
@@ -212,7 +212,7 @@ def test_wrong_requests(odd: Path, request_: dict) -> None:
 
 
 def test_the_address_shows_the_request(odd: Path) -> None:
-    with serving(ViewRequest(odd, "wav", window=2)) as address:
+    with serving(ViewRequest(odd, "wav@30+60")) as address:
         assert address.endswith("#clip=wav&t=1.000&loop=30-90")
 
 
@@ -233,7 +233,7 @@ def test_ctrl_c_ends_it_with_0(odd: Path) -> None:
     assert (process.returncode, errors) == (0, "")
     assert lines[2].split()[:3] == ["ssh", "-N", "-L"]
     assert f"{port}:127.0.0.1:{port}" in lines[2]
-    assert "--source DIR" in lines[3]
+    assert "--music PATH" in lines[3]
     assert "Ctrl-C" in lines[4]
 
 
@@ -243,9 +243,9 @@ def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
     with raises_message(UsageError, "already", where="wav.html"):
         export_page(ViewRequest(odd, "wav"), page)
     with raises_message(UsageError, "allow", where="odd"):
-        export_page(ViewRequest(odd, "wav", source=source), tmp_path / "b.html", audio=True)
+        export_page(ViewRequest(odd, "wav", music=source), tmp_path / "b.html", audio=True)
     assert not (tmp_path / "b.html").exists()
-    export_page(ViewRequest(odd, "wav", source=source), page, audio=True, shared=True, overwrite=True)
+    export_page(ViewRequest(odd, "wav", music=source), page, audio=True, shared=True, overwrite=True)
     assert "included on the statement" in page.read_text()
 
 

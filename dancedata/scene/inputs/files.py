@@ -34,7 +34,8 @@ from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 from dancedata.formats.video_tracks import people_of
 from dancedata.recipes.documents import document_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
-from dancedata.store.motion_fields import ColumnsReader, Pose
+from dancedata.store import Store
+from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
 from dancedata.store.scaling import stated_in
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
@@ -45,7 +46,7 @@ _LEAST_JOINTS = 22
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
     "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
-    "missing_key": "name its arrays so, or say what columns they are: --like STORE, --representation NAME",
+    "missing_key": "name its arrays so, or say what columns they are: --like STORE, --field NAME",
 }
 
 
@@ -328,6 +329,19 @@ def columns_width(path: Path) -> int:
         name = next((name for name in _COLUMNS if name in arrays.names), None)
         shape = () if name is None else _shape(arrays, name)
     return shape[-1] if len(shape) in (2, 3) and shape[-1] > 3 else 0
+
+
+def field_of_width(store: Store, path: Path) -> str | None:
+    """Return the only motion field as wide as the columns of the first file of a path; None without one."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
+    file = next((file for file in files if file.suffix.lower() in (".npy", ".npz")), None)
+    try:
+        width = 0 if file is None else columns_width(file)
+    except (DataError, OSError):  # whose clip gives the reason
+        return None
+    widths = {name: store.field(name).columns.width for name in motion_readers(store)}
+    fields = [name for name in widths if widths[name] == width]
+    return fields[0] if len(fields) == 1 else None
 
 
 def file_clip(path: Path, form: FileFormat) -> FileClip:

@@ -9,7 +9,7 @@ from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown
 from dancedata.formats.aist_names import parse_name, tempo_bpm
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.inputs.songs import Song, of_known
+from dancedata.scene.inputs.songs import MusicSources, Song, of_known
 from dancedata.store import Store
 from dancedata.store.samples import Sample, Samples
 
@@ -49,30 +49,25 @@ class Named:
             f"none of {counted(len(self.clips), 'file')} is named as a clip, window or song of {like.path.name}",
             reason="nothing_matched", where=where, found=listed(self.unknown),
             allowed=f"CLIP or CLIP@START+LENGTH, such as {example} and {SampleId(example, 0, 150)}",
-            fix="write samples with save_samples; or name their songs in a list, --music-of FILE.csv; or choose "
-            "metrics without music",
+            fix="write samples with save_samples; or name their songs in a list, --music FILE.csv; or choose metrics "
+            "without music",
         )  # fmt: skip
 
 
-def named_clips(
-    clips: Sequence[ClipInput],
-    songs: Mapping[str, str],
-    like: Store | None,
-    song_names: frozenset[str] = frozenset(),
-) -> Named:
+def named_clips(clips: Sequence[ClipInput], sources: MusicSources, like: Store | None) -> Named:
     """Find out of what clips of a dataset, and to which music, motion is: every command does it by this function.
 
     The sample is what the entry ``id`` of a file, or else its name, is of `like`: with its music, from the right
-    second on. The song is from `songs`, the clip itself, the sample, or the name, which then is that of one of
-    `song_names` or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
+    second on. The song is from the sources, the clip itself, the sample, or the name, which then is that of a song
+    or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
 
     Raises DataError: "two_ids" and "two_samples" for names that contradict; "no_clip", "outside" for windows that
         the dataset does not have.
-    Raises UsageError: for a window whose song is named without the second.
+    Raises UsageError: for a window whose song is named without the second, or that dances to another one.
     """
     finder = None if like is None else Samples(like)
-    song_names = song_names | {c.music for c in like.clips if c.music} if like is not None else song_names
-    songs = of_known(songs, song_names | {clip.music for clip in clips})
+    song_names = frozenset(sources.files) | {c.music for c in (() if like is None else like.clips) if c.music}
+    songs = of_known(sources.songs, song_names | {clip.music for clip in clips})
     tempos = {} if like is None else {c.music: c.tempo_bpm for c in like.clips if c.music and c.tempo_bpm}
     named: list[ClipInput] = []
     samples: dict[str, Sample] = {}
@@ -81,6 +76,8 @@ def named_clips(
     for clip in clips:
         sample = None if finder is None or clip.stored else _sample(finder, clip)
         song, name = songs.get(clip.id), parse_name(clip.id)
+        if song is None and sources.song:
+            song = _song_of_all(sources.song, sample)
         record = None if sample is None else sample.clip
         guesses = (
             clip.id if clip.id in song_names else "",
@@ -161,8 +158,22 @@ def _begin(clip: ClipInput, sample: Sample | None, song: Song | None, music: str
         "of the song", where=clip.id, found=f"{shown(music)} without start_s",
         allowed="the second that the dataset of the window has: name it with --like" if sample is None
         else f"second {right}, at which the window begins in its music",
-        fix=f"write a line {clip.id},{shown(music)},{right} (clip,song,start_s)",
+        fix=f"write a line {clip.id},{shown(music)},{right} (sample,song,start_s)",
     )  # fmt: skip
+
+
+def _song_of_all(song: str, sample: Sample | None) -> Song:
+    """Return the song of all clips, of a window from its second on; UsageError if it has other music."""
+    if sample is None or sample.id.start is None:
+        return Song.of(song)
+    if sample.clip.music not in ("", song):
+        raise UsageError(
+            "a song is named for a window whose music the dataset has", where=str(sample.id), found=song,
+            allowed=f"{sample.clip.music}, from its second {float(sample.music_start_s):g}",
+            fix=f"leave the music out; for other music on purpose write a list: {sample.id},{song},SECONDS "
+            "(sample,song,start_s)",
+        )  # fmt: skip
+    return Song.of(song, sample.music_start_s)
 
 
 def _song_within(name: str, songs: frozenset[str]) -> str:

@@ -3,11 +3,11 @@
 import csv
 import io
 from collections import Counter
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
 from dancedata.core.errors import UsageError
@@ -17,7 +17,9 @@ from dancedata.files.listing import best_audio, group_by_stem
 from dancedata.store import Store
 
 _MAX_CSV_BYTES = 1 << 24
-_HEAD = ["clip", "song", "start_s"]
+_HEADS = tuple([name, "song", "start_s"][:n] for name in ("sample", "clip") for n in (2, 3))
+#: What a caller may name as music; see `MusicSources.of`.
+MusicLike: TypeAlias = "str | Path | Mapping[str, Any] | None"
 
 
 class Song(str):
@@ -45,12 +47,59 @@ class MusicSources:
     `files`: Music files, by song.
     `like`: Dataset that has them where the dataset of a clip does not.
     `songs`: Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
+    `song`: The song of all clips; "" for none.
     """
 
     beats: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Path] = field(default_factory=dict)
     like: Store | None = None
     songs: Mapping[str, str] = field(default_factory=dict)
+    song: str = ""
+
+    @classmethod
+    def of(cls, music: MusicLike, like: Store | None = None) -> Self:
+        """Return the sources that a caller names.
+
+        `music`: A music file, that of all clips; a folder of them; a CSV file with the columns sample, song and
+            start_s, and the songs in its folder; or, by the id of a clip, its song, as a name or a file, alone or
+            with its second at the clip's first frame, or its beats.
+        """
+        if music is None:
+            return cls(like=like)
+        if isinstance(music, Mapping):
+            songs = {clip: _song(value) for clip, value in music.items() if _names_song(value)}
+            beats = {clip: value for clip, value in music.items() if clip not in songs}
+            return cls(beats, _files_of(Path(), songs.values()), like, songs)
+        path = Path(music).expanduser().absolute()
+        if path.suffix.lower() in AUDIO_SUFFIXES and not path.is_dir():
+            if not path.is_file():
+                raise UsageError("there is no such music file", where=path)
+            return cls(files={path.stem: path}, like=like, song=path.stem)
+        if path.is_dir():
+            return cls(files=song_files(path), like=like)
+        named = read_songs(path)
+        return cls(files=_files_of(path.parent, named.values()), like=like, songs=named)
+
+
+def _names_song(value: Any) -> bool:
+    return isinstance(value[0] if isinstance(value, tuple) and len(value) == 2 else value, str | Path)
+
+
+def _song(value: Any) -> Song:
+    name, start = value if isinstance(value, tuple) else (value, None)
+    return Song.of(song_name(str(name)), None if start is None else as_fraction(start, "music"))
+
+
+def _files_of(folder: Path, songs: Iterable[str]) -> dict[str, Path]:
+    """Return the files of songs in a folder or its folder of music, by file name; by path where two have one name."""
+    places = (*(folder / name for name in reversed(MUSIC_FOLDERS)), folder)
+    files = {
+        song: file
+        for song in songs for place in places for suffix in reversed(AUDIO_SUFFIXES)
+        if (file := place / f"{song}{suffix}").is_file()
+    }  # fmt: skip
+    n = Counter(Path(song).name for song in files)
+    return {Path(song).name if n[Path(song).name] == 1 else song: file for song, file in files.items()}
 
 
 def song_files(folder: Path) -> dict[str, Path]:
@@ -95,9 +144,9 @@ def of_known(songs: Mapping[str, str], known: Container[str]) -> dict[str, Song]
 
 
 def read_songs(path: Path) -> dict[str, Song]:
-    """Read clip, song and, where it is not 0, its second at the clip's first frame from the columns of a CSV file.
+    """Read sample, song and, where it is not 0, its second at the clip's first frame from the columns of a CSV file.
 
-    A heading "clip,song" or "clip,song,start_s" may come first. Columns are separated by commas, semicolons or
+    A heading "sample,song" or "sample,song,start_s" may come first. Columns are separated by commas, semicolons or
     tabulators, whichever make two or three of the first line.
 
     UsageError if it cannot be read, a line has another number of columns or no song, or two lines have one clip.
@@ -113,17 +162,17 @@ def read_songs(path: Path) -> dict[str, Song]:
         raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
     songs: dict[str, Song] = {}
     for number, line in enumerate(lines, start=1):
-        if not line or (number == 1 and [cell.strip().lower() for cell in line] in (_HEAD[:2], _HEAD)):
+        if not line or (number == 1 and [cell.strip().lower() for cell in line] in _HEADS):
             continue
         where = f"{path}, line {number}"
         if len(line) not in (2, 3):
-            allowed = "clip,song or clip,song,start_s"
+            allowed = "sample,song or sample,song,start_s"
             raise UsageError("a line does not have two columns", where=where, found=len(line), allowed=allowed)
         clip, name = csv_text(line[0].strip()), song_name(csv_text(line[1].strip()))
         stated = line[2].strip() if len(line) == 3 else ""
         song = Song.of(name, as_fraction(stated, f"{where}: the third of its columns, start_s,") if stated else None)
         if not song:
-            raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="clip,song")
+            raise UsageError("a line without a song", where=where, found=quoted(line[1]), allowed="sample,song")
         if songs.setdefault(clip, song) != song or songs[clip].start != song.start:
             raise UsageError("a clip has two songs", where=where, found=listed([songs[clip], song]), fix="delete one")
     return songs
