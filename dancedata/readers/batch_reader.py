@@ -247,6 +247,10 @@ class BatchReader:
             # A window that is moved has the pages of its neighbours.
             field.rows.read_ahead(places)
 
+    def require_unchanged(self, places: Sequence[int]) -> None:
+        """Raise StoreError if files of the windows at `places` were written to while they were read."""
+        self.fields[0].rows.require_unchanged(places)
+
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`.
 
@@ -271,6 +275,7 @@ class BatchReader:
                 scaled = field.scale(rows)
                 if scaled is not rows or target.dtype != rows.dtype:
                     target[nth] = scaled
+        self.require_unchanged(request.places)
         for nth, place in enumerate(request.places):
             for name in self._augmenter.dropped(request.epoch, place):
                 out[name][nth] = blank_of(self._store, name)

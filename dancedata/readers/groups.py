@@ -310,6 +310,12 @@ class GroupReader(BatchReader):
                 target[len(members) :] = blank_of(self._store, field.name)
             for name in self._augmenter.dropped(request.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
+        self.require_unchanged(request.places)
+
+    @override
+    def require_unchanged(self, places: Sequence[int]) -> None:
+        first = [int(self._dataset._begin[place]) for place in places]
+        super().require_unchanged(first if self.fields[0].name in self._per_dancer else places)
 
     @override
     def read_ahead(self, places: Sequence[int]) -> None:

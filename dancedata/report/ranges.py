@@ -1,9 +1,6 @@
 """Ranges of columns over the rows that train windows cover: the bounds and means of stats.json, and quantiles."""
 
-from collections.abc import Iterator, Sequence
-from hashlib import sha256
-from itertools import pairwise
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +8,7 @@ import numpy.typing as npt
 from dancedata.report.document import ColumnRange
 from dancedata.store import Store
 from dancedata.store.schema import Field
-from dancedata.store.shard_reader import ShardReader
-from dancedata.store.stats import Block, KeyedRows, covered
-from dancedata.store.window_list import IntArray
+from dancedata.store.stats import Block, covered, train_rows
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Values in memory at a time, and rows that are read at a time.
@@ -29,7 +24,7 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
     if stats is None or f.codebook is not None:
         return ()
     length = store.grid.rows(store.info["windows"]["length"], of=f.grid)
-    blocks = covered(_windows_and_rows(store, f), length)
+    blocks = covered(train_rows(store, f), length)
     step = max(1, _VALUES // stats["n"])
     quantiles = [
         np.quantile(_columns(store, f, blocks, slice(left, left + step)), _QUANTILES, axis=0, overwrite_input=True)
@@ -42,27 +37,6 @@ def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
     return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
 
 
-def _windows_and_rows(store: Store, f: Field) -> Iterator[tuple[IntArray, int, list[KeyedRows]]]:
-    """Yield per train shard what `covered` takes: timelines that several shards have are known by their rows."""
-    tables, train = store.tables, store._rows_of_split("train")
-    chosen = tables.having(f)[tables.window_clip[train.windows]]
-    clips = tables.window_clip[train.windows][chosen]
-    starts = tables.rows_of(f, store.grid)[train.windows][chosen]
-    spans = tables.spans.get(f.name)
-    timelines = None if spans is None or spans.offset is None else spans.first - spans.offset
-    of_shard, clip_shard = (tables.shard_of(k) - train.shards.start for k in (clips, np.arange(tables.n_clips)))
-    for number, reader in enumerate(store._shards("train")):
-        n_rows = reader.layout(f.name).n_rows
-        keyed: list[KeyedRows] = [(number, 0, n_rows)]
-        if timelines is not None:
-            begins = np.unique(timelines[clip_shard == number]).tolist()
-            keyed = [
-                (sha256(_read(reader, f, first, end).tobytes()).digest(), first, end - first)
-                for first, end in pairwise([*begins, n_rows])
-            ]
-        yield starts[of_shard == number], n_rows, keyed
-
-
 def _columns(store: Store, f: Field, blocks: Sequence[Block], columns: slice) -> npt.NDArray[np.float64]:
     """Read some columns of the rows that count, each as often as it does."""
     readers, parts = store._shards("train"), []
@@ -70,12 +44,6 @@ def _columns(store: Store, f: Field, blocks: Sequence[Block], columns: slice) ->
         for begin in range(0, len(counts), _ROWS):
             times = counts[begin : begin + _ROWS]
             if times.any():
-                rows = _read(readers[shard], f, first + begin, first + begin + len(times))
+                rows = readers[shard].rows(f.name, first + begin, len(times))
                 parts.append(np.repeat(rows[:, columns], times, axis=0))
     return np.concatenate(parts) + np.float64(0)  # turns -0.0 into 0.0
-
-
-def _read(reader: ShardReader, f: Field, first: int, end: int) -> npt.NDArray[Any]:
-    rows = np.empty((end - first, f.columns.width), dtype=f.disk_dtype)
-    reader.read_rows(f.name, first, rows)
-    return rows

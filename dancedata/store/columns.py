@@ -19,6 +19,8 @@ from dancedata.store import hdf5
 
 #: Largest text, bytes, and most entries of a list.
 MAX_TEXT, MAX_ENTRIES = 1 << 20, 4096
+#: Most rows of a table.
+MAX_ROWS = 2**31 - 1
 #: Longer texts are lists of bytes.
 FIXED = 128
 #: Values of free columns where a clip has none; the attribute `_FillValue` of numbers repeats them.
@@ -133,6 +135,15 @@ def between(offset: Array, row: int, n: int, where: str) -> slice:
 def broken(where: str, problem: str, actual: object, allowed: object = None) -> StoreError:
     """Return the error of a table that does not fit its dataset."""
     return StoreError(problem, where=where, found=actual, allowed=allowed, fix="run dancedata check on the dataset")
+
+
+def require_within(where: str, columns: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> None:
+    """Raise StoreError for a number of a table beyond the bounds of its column, and nan; not all have to be there."""
+    for name, (least, most) in bounds.items():
+        low, high = (f(columns[name]) for f in (np.min, np.max)) if len(columns.get(name, ())) else (least, most)
+        if not least <= low <= high <= most:
+            number = low if not low >= least else high
+            raise broken(f"{where}/{name}", "a number is out of bounds", number, f"{least:.15g} to {most:.15g}")
 
 
 Column = Array | Texts | Lists

@@ -198,7 +198,8 @@ def _object(value: Any) -> dict[str, Any]:
 def json_stats(text: str) -> dict[str, Any]:
     """Parse stats.json; raises ValueError."""
     stats = _object(parse_json(text))
-    _object(stats.get("fields"))
+    for numbers in _object(stats.get("fields")).values():
+        _object(numbers)
     return stats
 
 

@@ -159,6 +159,19 @@ class ListedFile:
             self.require_bytes(sha256_file)  # touched, or overwritten in place
         self._id = opened
 
+    def require_unchanged(self, descriptor: int | None = None) -> None:
+        """Raise StoreError if the file that was opened was written to since then, and has other bytes now."""
+        try:
+            status = os.stat(self.path) if descriptor is None else os.fstat(descriptor)
+        except OSError:  # removed: the open file has its bytes
+            return
+        opened = self._id
+        if opened is None or (status.st_mtime_ns, status.st_size) == (opened.modified_ns, opened.size):
+            return
+        if status.st_ino == opened.inode:  # else another file has its name
+            self.require_bytes(sha256_file)
+            self._id = FileId.of(status)
+
     def open(self) -> int:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
         self.require_there()

@@ -231,7 +231,4 @@ class RowQueries(StoreTables):
                              fix="read windows, which begin where all their fields do")  # fmt: skip
         if not f.per_clip and not whole_song:
             rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
-        out = np.empty((rows, f.columns.width), dtype=f.disk_dtype)
-        shard = self._shard_readers[int(tables.shard_of(row))]
-        shard.read_rows(field, int(spans.first[row]), out)
-        return out
+        return self._shard_readers[int(tables.shard_of(row))].rows(field, int(spans.first[row]), rows)

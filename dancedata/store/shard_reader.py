@@ -111,6 +111,12 @@ class WindowRows:
             self._seen[place] = True
             self._shards[number].read_ahead(self._field, int(self._first[place]), self._n_rows)
 
+    def require_unchanged(self, places: Sequence[int]) -> None:
+        """Raise StoreError if a mapped file was written to since it was opened: rows may be those of two datasets."""
+        for number in {int(self._shard[place]) for place in places}:
+            if self._maps[number] is not None:
+                self._shards[number].file.require_unchanged()
+
 
 @dataclass(frozen=True)
 class FieldLayout:
@@ -141,15 +147,16 @@ class ShardReader:
         """Nothing is opened yet."""
         self.path = file.path
         self.n_clips = entry.clips
-        self._listed, self._entry, self._fields = file, entry, fields
+        self.file, self._entry, self._fields = file, entry, fields
         self._layout: dict[str, FieldLayout] = {}
+        self._is_checked = False
         self._file: _File | None = None
         self._map: _Map | None = None
 
     @property
     def is_there(self) -> bool:
         """Whether the file is on the disk, or missing and not fetched."""
-        return self.path.exists() or not self._listed.is_fetched
+        return self.path.exists() or not self.file.is_fetched
 
     def layout(self, field: str) -> FieldLayout:
         """Return the place of a field's rows in the file."""
@@ -168,6 +175,20 @@ class ShardReader:
             raise _too_short(self.path, first + n_rows * layout.row_bytes - self._entry.size, self._entry.size)
         return layout
 
+    def _require_layout(self) -> None:
+        """Raise StoreError, when the file is first opened, where fields do not lie as dataset.json states."""
+        if self._is_checked:
+            return
+        with self.opened() as file:
+            for f in self._fields:
+                actual, stated = _field_layout(file, f, self.path), self._layout[f.name]
+                if stated.n_rows and stated != actual:
+                    found, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
+                    found = "chunks, or compressed rows" if actual.offset is None else found
+                    where, problem = f"{self.path}, {actual.name}", "a field does not lie where dataset.json states"
+                    raise StoreError(problem, where=where, found=found, allowed=allowed, fix=_CHECK)
+        self._is_checked = True
+
     def read_rows(self, field: str, first: int, out: npt.NDArray[Any]) -> None:
         """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
         layout = self.layout(field)
@@ -183,6 +204,13 @@ class ShardReader:
         if not direct:
             out[...] = target
 
+    def rows(self, field: str, first: int, n: int) -> npt.NDArray[Any]:
+        """Return n rows of a field, a new array of the stored type."""
+        layout = self.layout(field)
+        out = np.empty((n, layout.width), dtype=layout.dtype)
+        self.read_rows(field, first, out)
+        return out
+
     def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
         """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; else why it cannot be."""
         layout = self.layout(field)
@@ -190,10 +218,12 @@ class ShardReader:
             return f"{layout.name} of {self.path.name} is chunked or compressed"
         if self._map is None:
             try:
-                self._map = _Map(self._listed)
+                self._map = _Map(self.file)
             except (OSError, ValueError) as error:
                 return f"{self.path.name} cannot be mapped: {error}"
-        return self._map.rows(layout)
+        rows = self._map.rows(layout)
+        self._require_layout()
+        return rows
 
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
         """Ask the system to read rows of a mapped field from the disk; returns at once."""
@@ -203,7 +233,7 @@ class ShardReader:
 
     def require_bytes(self, sha256: FileHash) -> None:
         """Raise StoreError unless the shard has the bytes that dataset.json lists."""
-        self._listed.require_bytes(sha256)
+        self.file.require_bytes(sha256)
 
     def close(self) -> None:
         """Release file descriptor and mapping; a later read opens the file again."""
@@ -214,15 +244,16 @@ class ShardReader:
         file = self._file
         # A forked child opens the file again: the inherited descriptor belongs to the parent.
         if file is None or file.pid != os.getpid():
-            file = _File(self._listed)
+            file = _File(self.file)
+            self._require_layout()
             self._file = file
         return file
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
         """Open the shard through h5py."""
-        self._listed.require_there()
-        with hdf5.open_file(self.path, self._listed.require) as file:
+        self.file.require_there()
+        with hdf5.open_file(self.path, self.file.require) as file:
             yield file
 
 
@@ -233,7 +264,7 @@ class _File:
         self.path = file.path
         self.pid = os.getpid()
         self._descriptor = -1
-        self._descriptor = file.open()
+        self._listed, self._descriptor = file, file.open()
 
     def read_into(self, view: memoryview, position: int) -> None:
         """Fill `view` with the bytes from `position` on."""
@@ -242,6 +273,7 @@ class _File:
             if n == 0:
                 raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n
+        self._listed.require_unchanged(self._descriptor)
 
     def __del__(self) -> None:
         if self._descriptor >= 0:

@@ -1,7 +1,10 @@
 """stats.json: statistics of the rows that train windows cover, per field and column, in one pass over the shards."""
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
-from itertools import groupby
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
+from hashlib import sha256
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,6 +13,7 @@ import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
 from dancedata.store.normalize import Scaler
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.window_list import IntArray
@@ -30,13 +34,16 @@ class Block(NamedTuple):
 
 #: Rows of a clip or timeline in a shard: its key, first row, number of rows.
 KeyedRows = tuple[Hashable, int, int]
+#: Rows of a field in a shard: first rows of its windows (W,), number of rows, its clips or timelines.
+ShardRows = tuple[IntArray, int, Iterable[KeyedRows]]
+#: Opens a shard by its number: gives a function of first row and number of rows that reads them.
+OpenShard = Callable[[int], AbstractContextManager[Callable[[int, int], npt.NDArray[Any]]]]
 
 
-def covered(shards: Iterable[tuple[IntArray, int, Iterable[KeyedRows]]], length: int) -> list[Block]:
+def covered(shards: Iterable[ShardRows], length: int) -> list[Block]:
     """Find the rows of a field that windows cover; each counts once, however many do.
 
-    `shards`: First rows of the windows of a shard, (W,), its number of rows, and its clips or timelines. Those of one
-        key have equal rows in all shards, and are counted in the first.
+    `shards`: Clips or timelines of one key have equal rows in all shards, and are counted in the first.
     `length`: Rows of a window.
     Returns: One for each key, in order of appearance: the same for any sizes of shards.
     """
@@ -65,17 +72,62 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
     if not train:
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
-        length = header.grid.rows(header.length, of=f.grid)
-        blocks = covered((_windows_and_rows(plan, f) for plan in train), length)
-        if not f.optional or any(block.counts.any() for block in blocks):
-            rows = _rows(out, train, blocks, f)
-            result["fields"][f.name] = (
-                _column_stats(rows, f.columns.width) if f.codebook is None else _code_stats(rows, f.codebook)
-            )
+        length, shards = header.grid.rows(header.length, of=f.grid), (_windows_and_rows(plan, f) for plan in train)
+        numbers = field_stats(f, length, shards, lambda k, f=f: _opened(out, train[k], f))
+        result["fields"] |= {f.name: numbers} if numbers is not None else {}
     return result
 
 
-def _windows_and_rows(plan: ShardPlan, f: Field) -> tuple[IntArray, int, list[KeyedRows]]:
+def field_stats(f: Field, length: int, shards: Iterable[ShardRows], opened: OpenShard) -> dict[str, Any] | None:
+    """Return the entry of a field; None of one that no window has. `length` is that of windows, rows."""
+    blocks = covered(shards, length)
+    if not any(block.counts.any() for block in blocks):
+        return None
+    rows = _rows(blocks, opened)
+    return _column_stats(rows, f.columns.width) if f.codebook is None else _code_stats(rows, f.codebook)
+
+
+def stored_stats(store: RowQueries, f: Field) -> dict[str, Any]:
+    """Return the entry of a field by the rows of a dataset: of shared ones what does not depend on their times."""
+    readers, length = store._shards("train"), store.grid.rows(store.tables.window_length, of=f.grid)
+    numbers = field_stats(f, length, train_rows(store, f), lambda k: nullcontext(partial(readers[k].rows, f.name)))
+    # How often equal rows of several songs count is not stored.
+    return {key: value for key, value in (numbers or {}).items() if f.per_clip or key in ("min", "max", "scaler")}
+
+
+def train_rows(store: RowQueries, f: Field) -> Iterator[ShardRows]:
+    """Yield what `covered` takes of the train shards of a dataset: timelines of several shards by a hash of rows."""
+    tables, train = store.tables, store._rows_of_split("train")
+    has_rows = tables.having(f)[tables.window_clip[train.windows]]
+    clips = tables.window_clip[train.windows][has_rows]
+    starts = tables.rows_of(f, store.grid)[train.windows][has_rows]
+    spans = tables.spans[f.name]
+    timelines = None if spans.offset is None else spans.first - spans.offset
+    of_shard, clip_shard = (tables.shard_of(k) - train.shards.start for k in (clips, np.arange(tables.n_clips)))
+    for number, reader in enumerate(store._shards("train")):
+        n_rows = reader.layout(f.name).n_rows
+        keyed: list[KeyedRows] = [(number, 0, n_rows)]
+        if timelines is not None:
+            begins = np.unique(timelines[clip_shard == number]).tolist()
+            keyed = [
+                (sha256(reader.rows(f.name, first, end - first).tobytes()).digest(), first, end - first)
+                for first, end in pairwise([*begins, n_rows])
+            ]
+        yield starts[of_shard == number], n_rows, keyed
+
+
+@contextmanager
+def _opened(out: Path, plan: ShardPlan, f: Field) -> Iterator[Callable[[int, int], npt.NDArray[Any]]]:
+    with open(out / plan.file, "rb") as file:
+
+        def read(first: int, n: int) -> npt.NDArray[Any]:
+            file.seek(plan.first_bytes[f.name] + first * f.row_bytes)
+            return np.fromfile(file, f.disk_dtype, n * f.columns.width).reshape(n, -1)
+
+        yield read
+
+
+def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
     windows, n_rows = plan.window_table(), plan.rows[f.name]
     starts = windows.rows[f.name]
     if not f.per_clip:
@@ -88,16 +140,15 @@ def _windows_and_rows(plan: ShardPlan, f: Field) -> tuple[IntArray, int, list[Ke
     return starts[has_rows[windows.clip]], n_rows, keyed
 
 
-def _rows(out: Path, train: Sequence[ShardPlan], blocks: Sequence[Block], f: Field) -> Iterator[npt.NDArray[Any]]:
+def _rows(blocks: Sequence[Block], opened: OpenShard) -> Iterator[npt.NDArray[Any]]:
     """Yield rows (n, D), n > 0, each as often as it counts: those of a clip alone, at most _ROWS stored ones."""
     for shard, of_shard in groupby(blocks, key=lambda block: block.shard):
-        with open(out / train[shard].file, "rb") as file:
+        with opened(shard) as read:
             for block in of_shard:
-                file.seek(train[shard].first_bytes[f.name] + block.first * f.row_bytes)
                 for begin in range(0, len(block.counts), _ROWS):
                     counts = block.counts[begin : begin + _ROWS]
-                    rows = np.fromfile(file, f.disk_dtype, len(counts) * f.columns.width).reshape(len(counts), -1)
                     if counts.any():
+                        rows = read(block.first + begin, len(counts))
                         yield rows if (counts == 1).all() else np.repeat(rows, counts, axis=0)
 
 
@@ -118,6 +169,7 @@ def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, A
         squares += np.square(values, out=values).sum(axis=0) + np.square(apart) * (n * len(rows) / total)
         mean += apart * (len(rows) / total)
         n = total
+        del values  # before the next ones are made
     low, high = low + 0.0, high + 0.0  # -0.0 and 0.0 are equal, and either may be found
     constant = low == high
     scaler = Scaler("minmax", low.astype(np.float32), high.astype(np.float32))

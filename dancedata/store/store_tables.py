@@ -87,7 +87,7 @@ class StoreTables:
     def _segment_table(self) -> SegmentTable | None:
         """Columns of the segments, read on first use; None without any."""
         file = self._files.get(SEGMENTS_FILE)
-        return None if file is None else read_segments(file, self.tables.n_clips)
+        return None if file is None else read_segments(file, self.tables.n_clips, self._description)
 
     def _rows_of_split(self, split: str) -> SplitRows:
         """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""

@@ -13,12 +13,13 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.formats.segment_files import MAX_JOINT
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE
-from dancedata.store.columns import broken, kind_of, read_column
+from dancedata.store.columns import MAX_ROWS, broken, kind_of, read_column, require_within
 from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile
-from dancedata.store.tables import Tables, check_frames, check_references, check_spans
+from dancedata.store.tables import Tables, check_references, check_spans
 
 #: Larger files are mapped; smaller ones are read whole, which costs less and cannot be truncated under a reader.
 _READ_WHOLE = 1 << 24
@@ -119,7 +120,6 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
         kinds = {c.name: _KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {"split": "text", "file": "text"}
         columns = {name: source.column(f"clips/{name}", n_clips, kind) for name, kind in kinds.items()}
         free = {FREE + name: source.column(f"clips/{FREE}{name}", n_clips) for name in source.names(f"clips/{FREE}")}
-        check_frames(columns, where)
         spans = {}
         for f in description.fields:
             paths = [f"clips/{f.path}/{name}" for name in f.span_columns]
@@ -140,9 +140,11 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
                 "songs", id="text", sha256="text", sample_rate="int", n_samples="int", fingerprint="ints"
             ),
         )  # fmt: skip
-        return check_references(tables, where)
+        return check_references(tables, len(description.meta.get("licences", ())), where)
 
 
+#: Longest time of a segment, seconds: far above `CLIP_END`.
+_LONGEST_S = 1e12
 #: Columns of segments.
 SEGMENT_COLUMNS = {
     "clip": "int32", "whole": "bool", "start": "int32", "end": "int32", "start_s": "float", "end_s": "float",
@@ -170,12 +172,18 @@ class SegmentTable:
         return (np.flatnonzero(covers) + rows.start).tolist()
 
 
-def read_segments(listed: ListedFile, n_clips: int) -> SegmentTable:
-    """Read the segments of a dataset; StoreError for a table that does not fit the clips."""
+def read_segments(listed: ListedFile, n_clips: int, description: Description) -> SegmentTable:
+    """Read the segments of a dataset; StoreError for a table that does not fit its clips and layers."""
+    bounds: dict[str, tuple[float, float]] = {
+        "clip": (0, n_clips - 1), "start": (0, MAX_ROWS), "end": (0, MAX_ROWS), "other": (-1, n_clips - 1),
+        "start_s": (-_LONGEST_S, _LONGEST_S), "end_s": (-_LONGEST_S, _LONGEST_S),
+        "layer": (0, len(description.layers) - 1), "joint": (-1, MAX_JOINT),
+    }  # fmt: skip
     with TableFile.opened(listed) as source:
         columns = source.table("segments", **{name: _KINDS[kind] for name, kind in SEGMENT_COLUMNS.items()})
         first = np.asarray(source.column("segments/first", n_clips + 1, "int"), dtype=np.int64)
     if not columns or int(first[0]) != 0 or int(first[-1]) != len(columns["clip"]) or (np.diff(first) < 0).any():
         problem = "rows of clips that do not ascend from 0 to the last"
         raise broken(f"{listed.path}, /segments/first", problem, f"{first[:3]}")
+    require_within(f"{listed.path}, /segments", columns, bounds)
     return SegmentTable(columns, first)

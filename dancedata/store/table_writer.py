@@ -20,16 +20,13 @@ from dancedata.core.segments import Layer
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE, ClipColumn
-from dancedata.store.columns import MISSING, checked, free_kind, write_column
+from dancedata.store.columns import MAX_ROWS, MISSING, checked, free_kind, write_column
 from dancedata.store.hdf5 import SparseFile
 from dancedata.store.schema import FORMAT, SEGMENTS_FILE, TABLES_FILE, StoreHeader, check_name, layer_json
 from dancedata.store.segments import SegmentedClip, SegmentRow, segment_rows
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.table_file import SEGMENT_COLUMNS
-
-#: Most rows of a table.
-MAX_ROWS = 2**31 - 1
 
 
 class Header(Protocol):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.grid import FrameGrid
 from dancedata.store.clip_columns import CLIP_COLUMNS, FREE, ClipColumn, ClipRecord
-from dancedata.store.columns import MISSING, Texts, broken
+from dancedata.store.columns import MAX_ROWS, MISSING, Texts, broken, require_within
 from dancedata.store.dataset_json import SplitRows
 from dancedata.store.schema import Field
 from dancedata.store.window_list import IntArray
@@ -194,26 +194,16 @@ class Tables:
         return first
 
 
-def check_references(tables: Tables, where: str) -> Tables:
-    """Raise StoreError for windows and groups of clips that do not exist; reads their columns once."""
-    n, clip = tables.n_clips, tables.window_clip
-    first, count = (np.asarray(tables.groups.get(name, ()), dtype=np.float64) for name in ("first", "count"))
-    for name, least, most in (
-        ("windows/clip", clip.min(initial=0), clip.max(initial=0)),
-        ("groups/first", min(first.min(initial=0), count.min(initial=0)), (first + count).max(initial=1) - 1),
-    ):
-        if least < 0 or most >= n:
-            problem = "clips that do not exist"
-            raise broken(f"{where}, /{name}", problem, f"{int(least)} to {int(most)}", f"0 to {n - 1}")
+def check_references(tables: Tables, n_licences: int, where: str) -> Tables:
+    """Raise StoreError for numbers of clips, groups and licences that do not exist; reads their columns once."""
+    n, groups = tables.n_clips, {k: np.asarray(v, np.float64) for k, v in tables.groups.items() if k != "id"}
+    ends = groups["first"] + groups["count"] if groups else ()
+    frames = (0, MAX_ROWS)
+    require_within(f"{where}, /windows", {"clip": tables.window_clip}, {"clip": (0, n - 1)})
+    require_within(f"{where}, /groups", groups | {"last": ends}, {"first": (0, n), "count": (1, n), "last": (0, n)})
+    bounds = {"n_frames": frames, "trim_start": frames, "licence": (-1, n_licences - 1)}
+    require_within(f"{where}, /clips", tables.columns, bounds)
     return tables
-
-
-def check_frames(columns: Mapping[str, Any], where: str) -> None:
-    """Raise StoreError for a clip with a negative number of frames."""
-    for name in ("n_frames", "trim_start"):
-        least = int(np.min(columns[name], initial=0)) if name in columns else 0
-        if least < 0:
-            raise broken(f"{where}, /clips/{name}", "a clip has a negative number of frames", least)
 
 
 def check_spans(

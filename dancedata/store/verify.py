@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from dancedata.core.errors import StoreError
 from dancedata.core.text import counted, listed, shown
 from dancedata.files.atomic import PREFIX
@@ -25,6 +27,7 @@ from dancedata.store.schema import (
     shard_name,
 )
 from dancedata.store.songs import MAX_PAIRS, alike_songs, songs_of
+from dancedata.store.stats import stored_stats
 from dancedata.store.verify_shard import Problem, verify_shard, verify_tables
 
 _LEFTOVER = re.compile(r"\.tmp$|\.part$|~$")
@@ -84,6 +87,7 @@ def verify_store(path: str | Path) -> list[Problem]:
     # In a damaged dataset, counts would only repeat the same problems.
     if not any(p.severity == "error" for p in problems):
         problems += _check_counts(folder, description, records)
+        problems += _check_numbers(folder, description)
         problems += _find_alike_songs(folder, description)
     problems += _check_splits(folder, description, records)
     problems += _find_unlisted_files(folder, description)
@@ -133,6 +137,9 @@ def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
     try:
         stats = json_stats(read_regular(path, MAX_BYTES).decode("utf-8"))
         fields, n_windows = list(stats["fields"]), stats["windows"]
+        stored = sum(shard.windows for shard in description.shards if shard.split == "train")
+        if n_windows != stored:
+            yield Problem("error", str(path), f"it is of {shown(n_windows, 60)} windows, not {stored}")
     except (ValueError, KeyError, OSError) as error:
         yield Problem("error", str(path), f"it cannot be read: {shown(error)}")
         return
@@ -141,6 +148,28 @@ def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
     expected = [f.name for f in description.fields if f.name in expected and (not f.optional or f.name in fields)]
     if sorted(fields) != sorted(expected):
         yield Problem("error", str(path), f"it has fields {_list(fields)}, not {_list(expected)}")
+
+
+def _check_numbers(folder: Path, description: Description) -> Iterator[Problem]:
+    """Compare the numbers of stats.json with the rows; means and deviations but for the last digits."""
+    with open_store(folder) as store:
+        for name, stated in store.stats["fields"].items() if STATS_FILE in description.files else ():
+            computed = stored_stats(store, store.field(name))
+            wrong = [key for key, value in computed.items() if not _is_near(stated.get(key), value, computed)]
+            if wrong:
+                yield Problem("error", str(folder / STATS_FILE), f"{name}: not the {_list(wrong)} of the rows")
+
+
+def _is_near(stated: Any, value: Any, numbers: Mapping[str, Any]) -> bool:
+    if isinstance(value, dict):
+        return isinstance(stated, dict) and all(_is_near(stated.get(key), v, numbers) for key, v in value.items())
+    if stated == value:
+        return True
+    try:
+        size = np.maximum(np.abs(numbers["min"]), np.abs(numbers["max"]))
+        return np.shape(stated) == np.shape(value) and np.allclose(stated, value, rtol=1e-6, atol=1e-6 * size)
+    except (TypeError, ValueError):  # no numbers
+        return False
 
 
 def _compare_file(path: Path, entry: Mapping[str, Any]) -> str:

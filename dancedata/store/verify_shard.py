@@ -64,7 +64,7 @@ def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
             *_check_spans(tables, description),
             *_check_windows(tables, description),
             *_check_columns(tables),
-            *_check_references(store, tables),
+            *_check_references(tables),
             *_check_groups(tables),
             *_check_segments(store, tables, description),
         ]
@@ -134,13 +134,10 @@ def _check_clips(tables: Tables, description: Description) -> Iterator[str]:
             yield f"/clips/{name}: not that of the clip in dataset.json, in rows {_places(bad)}"
 
 
-def _check_references(store: Store, tables: Tables) -> Iterator[str]:
-    """Check that licences and songs that clips name exist."""
-    numbers = np.asarray(tables.columns.get("licence", ()), dtype=np.int64)
-    bad = (numbers < -1) | (numbers >= len(store.licences))
-    if bad.any():
-        yield f"/clips/licence: of licences that do not exist, in rows {_places(bad)}"
-    bad = ~tables.columns["song"].isin(["", *tables.songs["id"]]) if {"song"} <= tables.columns.keys() else bad[:0]
+def _check_references(tables: Tables) -> Iterator[str]:
+    """Check that songs that clips name exist; readers check numbers of clips, layers and licences."""
+    songs = ["", *tables.songs.get("id", ())]
+    bad = ~tables.columns["song"].isin(songs) if "song" in tables.columns else np.zeros(0, dtype=np.bool_)
     if bad.any():
         yield f"/clips/song: of songs that do not exist, in rows {_places(bad)}"
 
@@ -201,20 +198,13 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
     table = store._segment_table
     if table is None:
         return
-    columns, layers = table.columns, store.layers
+    columns = table.columns
     for name, column in columns.items():
         yield from _check_column(f"/segments/{name}", column)
-    n = len(columns["clip"])
-    clip, start, end, layer = (
-        np.asarray(columns[name], dtype=np.int64) for name in ("clip", "start", "end", "layer")
-    )
-    bad = (clip < 0) | (clip >= tables.n_clips) | (layer < 0) | (layer >= len(layers))
-    if bad.any():
-        yield f"/segments: of clips or layers that do not exist, in rows {_places(bad)}"
-        return
+    clip, start, end = (np.asarray(columns[name], dtype=np.int64) for name in ("clip", "start", "end"))
     if (clip != np.repeat(np.arange(tables.n_clips), np.diff(table.first))).any():
         yield "/segments/first: not the rows of the clips"
-    bad = (start < 0) | (start >= end) | (end > tables.n_frames[clip])
+    bad = (start >= end) | (end > tables.n_frames[clip])
     if bad.any():
         yield f"/segments: outside their clips, in rows {_places(bad)}"
     unusable = list(_check_texts(columns))
@@ -226,8 +216,6 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
             if segment.frames(description.grid, int(tables.n_frames[row])) != (start[k], end[k]):
                 yield f"/segments: frames are not those of the times, in row {k}"
                 return
-    if n and int(max(columns["other"])) >= tables.n_clips:
-        yield "/segments/other: clips that do not exist"
 
 
 def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
@@ -244,7 +232,7 @@ def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
-    """Check that motion spans follow one another and fill their shards; tables are read with their bounds checked."""
+    """Check that motion spans follow one another, fill their shards, and have as many rows as their clips frames."""
     for f in description.fields:
         if not f.per_clip:
             continue
@@ -257,6 +245,11 @@ def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
             if (start != ends - length).any() or int(ends[-1]) != n_rows:
                 problem = f"do not follow one another, or do not fill the {n_rows} rows"
                 yield f"/clips/{f.path}: clips of {shard.file} {problem}"
+        frames, rows_ = description.grid.common_period(f.grid)
+        apart = np.abs(spans.available * frames - tables.n_frames.astype(np.int64) * rows_)
+        bad = (apart >= max(frames, rows_)) & tables.having(f)
+        if bad.any():
+            yield f"/clips/{f.path}: rows and frames do not match, in rows {_places(bad)}"
 
 
 def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
@@ -290,8 +283,7 @@ def _check_values(reader: ShardReader, tables: Tables, number: int, f: Field) ->
     layout = reader.layout(f.name)
     step = max(1, _CHUNK_VALUES // layout.width)
     for begin in range(0, layout.n_rows, step):
-        rows = np.empty((min(step, layout.n_rows - begin), layout.width), dtype=layout.dtype)
-        reader.read_rows(f.name, begin, rows)
+        rows = reader.rows(f.name, begin, min(step, layout.n_rows - begin))
         good = np.isfinite(rows)
         if f.codebook is not None:
             good = ((rows >= 0) & (rows < np.array(f.codebook.sizes))) | (rows == f.codebook.pad)

@@ -242,7 +242,7 @@ def test_a_licence_that_does_not_exist(tmp_path: Path) -> None:
     path = written(tmp_path, terms=TERMS)
     document = json.loads((path / "dataset.json").read_text(encoding="utf-8"))
     (path / "dataset.json").write_text(json.dumps({**document, "licences": document["licences"][:1]}))
-    assert any("/clips/licence: of licences that do not exist, in rows" in str(p) for p in verify_store(path))
+    assert any("/clips/licence: a number is out of bounds" in str(p) for p in verify_store(path))
     document["licences"] = "CC0"
     (path / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
     with raises_message(StoreError, "incomplete", where="store/dataset.json"):

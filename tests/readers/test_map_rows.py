@@ -21,6 +21,7 @@ from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.window_list import WindowList
 from dancedata.testing.stores import random_fields, write_random_store
+from tests.messages import raises_message
 
 
 @pytest.fixture(scope="session")
@@ -39,8 +40,8 @@ def copy_of(store: Store, folder: Path) -> Store:
     return open_store(shutil.copytree(store.path, folder / "copy"))
 
 
-def repacked(store: Store, *names: str) -> Store:
-    """Compress fields of the first train shard, as h5repack does, and tell dataset.json."""
+def repacked(store: Store, *names: str, change: str = "chunks", first: int | None = None) -> Store:
+    """Compress fields of the first train shard, as h5repack does, and tell dataset.json, or state a first byte."""
     document = json.loads((store.path / "dataset.json").read_text(encoding="utf-8"))
     entry = next(s for s in document["shards"] if s["split"] == "train")
     path = store.path / entry["file"]
@@ -48,8 +49,12 @@ def repacked(store: Store, *names: str) -> Store:
         for name in names:
             rows = file[name][...]
             del file[name]
-            file.create_dataset(name, data=rows, chunks=(7, rows.shape[1]), compression="gzip", shuffle=True)
-            entry["fields"][name.rpartition("/")[2]][0] = None
+            if change == "virtual":
+                file.create_virtual_dataset(name, h5py.VirtualLayout(rows.shape, rows.dtype))
+            else:
+                options = {"chunks": (7, rows.shape[1]), "compression": "gzip", "shuffle": True}
+                file.create_dataset(name, data=rows, **(options if change == "chunks" else {}))
+            entry["fields"][name.rpartition("/")[2]][0] = first
     entry.update(size=path.stat().st_size, sha256=sha256_file(path))
     document["self_sha256"] = self_hash(document)
     (store.path / "dataset.json").write_text(json.dumps(document), encoding="utf-8")
@@ -155,6 +160,15 @@ def test_a_compressed_field_that_is_broken(tmp_path: Path, store: Store) -> None
         store.read(store.windows("train")[0], "pose")
     with pytest.raises(StoreError, match=r"train-00000.*(cannot be read|not those that the build wrote)"):
         next(iter(BatchLoader(WindowDataset(store, fields=("pose",), scale=None), 4)))
+
+
+@pytest.mark.parametrize("change", ["chunks", "elsewhere", "virtual"])
+def test_a_field_that_does_not_lie_where_the_description_says(tmp_path: Path, store: Store, change: str) -> None:
+    store = repacked(copy_of(store, tmp_path), "motion/pose", change=change, first=4096)
+    window, shard = store.windows("train")[0], next(store.path.glob("train-00000*.h5"))
+    for read in (lambda: store.read(window, "pose"), lambda: WindowDataset(store, fields=("pose",), scale=None)[0]):
+        with raises_message(StoreError, "states|another file", where=f"{shard.name}, /motion/pose"):
+            read()
 
 
 def test_a_file_system_that_maps_nothing(

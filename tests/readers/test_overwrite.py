@@ -1,6 +1,7 @@
 """Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
 
 import multiprocessing
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -190,6 +191,28 @@ def test_a_first_read_after_an_overwrite_stops(
     read = reader(out, **options)
     overwrite(out, 2)
     with pytest.raises(StoreError, match=BUILT_AGAIN):
+        read()
+
+
+@pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
+def test_a_dataset_that_is_written_over_in_place_stops_its_readers(
+    out: Path,
+    write: Overwrite,
+    tmp_path: Path,
+    reader: Callable[..., Callable[[], Rows]],
+    options: dict[str, Any],
+    goes_on: bool,
+) -> None:
+    write(tmp_path / "other", 2)
+    read = reader(out, **options)
+    read()
+    for path in out.glob("*.h5"):
+        os.utime(path)  # a file that was touched has the same bytes
+    read()
+    for path in out.glob("*.h5"):
+        path.write_bytes((tmp_path / "other" / path.name).read_bytes())
+        os.utime(path, ns=(0, path.stat().st_mtime_ns + 1))
+    with pytest.raises(StoreError, match=rf"not those that the build wrote|{BUILT_AGAIN}"):
         read()
 
 

@@ -168,10 +168,11 @@ def test_values_that_are_not_finite(make_store: Any, field: str, value: float) -
 
 
 TABLE_CASES: list[tuple[str, int, Any, str]] = [
-    ("windows/clip", 0, 99, "clips that do not exist"),
+    ("windows/clip", 0, 99, "/windows/clip: a number is out of bounds"),
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
     ("clips/n_frames", 0, 0, "not a whole number from 1"),
+    ("clips/n_frames", 0, 31, "rows and frames do not match, in rows 0"),
     ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
     ("clips/id", 0, b"\xff", "/clips/id: a text that is not valid UTF-8"),
     ("clips/music", 0, b"a\0b", "/clips/music of clip 'train_c00': a text with a NUL"),
@@ -194,6 +195,24 @@ def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: in
 def errors_after(folder: Path, dataset: str, index: Any, value: Any) -> str:
     edit(folder, dataset, index, value, TABLES)
     return " ".join(str(p) for p in verify_store(folder) if p.severity == "error")
+
+
+@pytest.mark.parametrize("field", ["pose", "layer"])
+@pytest.mark.parametrize(
+    ("name", "value"), [("max", 99.0), ("min", None), ("mean", 0.5), ("n", 3), ("scaler", {"data_min": [0.0] * 7})]
+)
+def test_numbers_of_stats_are_those_of_the_rows(make_store: Any, field: str, name: str, value: Any) -> None:
+    """Of rows that clips share only what does not depend on how often they count."""
+    made = make_store()
+    stats = json.loads((made.path / "stats.json").read_text())
+    numbers = stats["fields"][field]
+    numbers[name] = [value, *numbers[name][1:]] if isinstance(value, float) else value
+    (made.path / "stats.json").write_text(json.dumps(stats))
+    seal(made.path)
+    if field == "layer" and name in ("mean", "n"):
+        assert verify_store(made.path) == []
+    else:
+        assert f"{field}: not the {name} of the rows" in only_error(made.path)
 
 
 #: Of one clip of 90 frames with windows of 30 frames at 0, 20, 40 and 60: column, row, value and its error.
