@@ -65,7 +65,7 @@ def steps_of(augment: Augment | None) -> Iterator[Step]:
     ``"p"`` among the parameters is the probability that a sample is changed, as is a number instead of them; True:
     always, False: never.
     """
-    if isinstance(augment, str | Augmentation | Chance):
+    if isinstance(augment, str | Augmentation | Chance) or not isinstance(augment, Iterable | None):
         raise UsageError("augment is not a list", found=augment, allowed='such as ["yaw"] or {"mirror": 0.5}')
     items: Sequence[Any] = [augment] if isinstance(augment, Mapping) else augment or []
     for item in items:

@@ -1,12 +1,13 @@
 """BalancedSampler: as many samples of every genre, dancer or song."""
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Sequence, Sized
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.readers.sampler import EpochSampler, permutation
 from dancedata.readers.split_dataset import SplitDataset
@@ -90,8 +91,8 @@ def _labels(source: SplitDataset, by: str | Sequence[Hashable]) -> Sequence[Hash
                          fix="give a dataset; the sources of a Mix have weights")  # fmt: skip
     windows = source.windows
     if not isinstance(by, str):
-        if len(by) != len(windows):
-            raise UsageError("there is not one label for each sample", found=len(by), allowed=len(windows))
+        if not isinstance(by, Sized) or len(by) != len(windows):
+            raise UsageError("there is not one label for each sample", found=shown(by), allowed=len(windows))
         return by
     if by not in LABELS:
         raise UsageError(f"samples cannot be balanced by {by!r}", fix=did_you_mean(by, LABELS))

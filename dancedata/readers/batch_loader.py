@@ -15,6 +15,7 @@ from torch.utils.data import BatchSampler, SequentialSampler
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
+from dancedata.core.text import shown
 from dancedata.readers.batch_reader import Layout, MemoryPool, ReadBatch
 from dancedata.readers.clip_collate import collate_values
 from dancedata.readers.mix import Mix
@@ -95,6 +96,8 @@ class BatchLoader:
         UsageError
             For a number that is too small, or `shuffle` together with a sampler.
         """
+        if not isinstance(dataset, WindowDataset | Mix):
+            raise UsageError("a BatchLoader reads windows", found=shown(dataset), fix="read others with a DataLoader")
         self.dataset = dataset
         self.batch_size, self.threads = whole("batch_size", batch_size, 1), whole("threads", threads, 1)
         self.prefetch = whole("prefetch", prefetch, 1)

@@ -21,6 +21,7 @@ from dancedata.readers.music_beats import beat_labels, beat_starts, no_start
 from dancedata.readers.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.readers.selection import no_window_error
 from dancedata.readers.split_dataset import SplitDataset, crop_choices, mirrored_samples
+from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 
@@ -97,7 +98,7 @@ class ClipDataset(SplitDataset):
         if not isinstance(place, Windows):
             raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
         self.crop_frames, self.start_at = self._crop(place), place.start_at
-        self.crops = whole("crops", crops, 1)
+        self.crops = whole("crops", crops, 1, MAX_ROWS)
         if self.crop_frames is None and (self.crops > 1 or self.start_at is not None):
             raise clash(place, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
         self._starts: dict[str, npt.NDArray[np.int64]] = {}

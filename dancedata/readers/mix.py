@@ -96,8 +96,8 @@ class Mix(EpochDataset):
         if scale not in ("one", "each"):
             raise UsageError(f"unknown scale {scale!r}", fix=did_you_mean(scale, ("one", "each")))
         by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(datasets)
-        if not by_name:
-            raise UsageError("a mix of no datasets", fix="name at least one")
+        if not by_name or not all(isinstance(reader, SplitDataset) for reader in by_name.values()):
+            raise _no_readers(datasets)
         self.sources = tuple(by_name)
         _require_alike(by_name)
         self.seed, self.scale = whole("seed", seed), scale
@@ -286,7 +286,13 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
     return dataset
 
 
+def _no_readers(datasets: object) -> UsageError:
+    return UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name, or a list of them")
+
+
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
+    if not isinstance(datasets, Sequence) or not all(isinstance(reader, SplitDataset) for reader in datasets):
+        raise _no_readers(datasets)
     names = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
     if len(set(names)) < len(names):
         raise UsageError(
@@ -305,10 +311,13 @@ def _shares(
         if set(weights) != set(sources):
             raise UsageError("weights name other sources", found=listed(weights), allowed=listed(sources))
         weights = [weights[name] for name in sources]
-    numbers = [float(weight) for weight in weights]
+    try:
+        numbers = [float(weight) for weight in weights]
+    except (TypeError, ValueError):
+        numbers = []
     if len(numbers) != len(sources) or not all(0 < number < float("inf") for number in numbers):
         raise UsageError(
-            "weights are no shares", found=listed(weights), allowed=f"{len(sources)} numbers above 0, one a source"
+            "weights are no shares", found=shown(weights), allowed=f"{len(sources)} numbers above 0, one a source"
         )
     parts = [Fraction(number) for number in numbers]
     return [part / sum(parts) for part in parts]

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
-from dancedata.core.arguments import probability, whole
+from dancedata.core.arguments import names, probability, whole
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.keymotion.characteristic_primitives import Variant
 from dancedata.readers.music_beats import StartAt
+from dancedata.store.columns import MAX_ROWS
 from dancedata.store.like import Reader
 from dancedata.store.normalize import Scaler
 
 MirrorWords = Literal["error", "keep"]
 Choose = Literal["stored", "seed", "left_to_right"]
 ScaleKind = Literal["minmax", "zscore", "zscore_grouped"]
+Over = Literal["train", "all"]
+Share = float
 #: A filter as callers name it: a plug-in, or its name and parameters as in a recipe.
 FilterLike = WindowFilter | Mapping[str, Any] | None
 #: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
@@ -29,6 +33,14 @@ ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader
 @dataclass(frozen=True)
 class Value:
     """A frozen value that prints as it is typed, and that plain data of YAML, JSON and checkpoints hold."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters by their types; lists become tuples."""
+        for f in fields(self):
+            kind, value = str(f.type), getattr(self, f.name)
+            check = _CHECKS.get(kind.removesuffix(" | None"))
+            if check is not None and not (value is None and kind.endswith(" | None")):
+                object.__setattr__(self, f.name, check(f"{type(self).__name__}.{f.name}", value))
 
     def __repr__(self) -> str:
         stated = dict(self._stated())
@@ -61,35 +73,52 @@ class Value:
         except TypeError as error:
             raise UsageError(f"{cls.__name__} lacks a parameter", found=str(error)) from error
 
-    def _one_of(self, name: str, choices: Sequence[str]) -> None:
-        value = getattr(self, name)
-        if value not in choices:
-            raise UsageError(f"unknown {name} {value!r}", where=type(self).__name__,
-                             fix=did_you_mean(str(value), choices))  # fmt: skip
-
     def _not_both(self, first: str, second: str) -> None:
         values = {name: getattr(self, name) for name in (first, second)}
         if all(value and value not in ("minmax", "train") for value in values.values()):
             both = [f"{name}={value!r}" for name, value in values.items()]
             raise clash(both[0], both[1], f"{type(self).__name__} takes one of them")
 
-    def _tuples(self, *names: str) -> None:
-        """Make tuples of lists, as plain data hold them; UsageError for anything else but mappings and None."""
-        for name in names:
-            value = getattr(self, name)
-            if isinstance(value, str | list):
-                object.__setattr__(self, name, (value,) if isinstance(value, str) else tuple(value))
-            elif not isinstance(value, tuple | Mapping | None):
-                raise UsageError(f"{type(self).__name__}.{name} is not a list", found=shown(value))
 
-    def _truth(self, name: str) -> None:
-        if not isinstance(getattr(self, name), bool):
-            raise UsageError(f"{type(self).__name__}.{name} is not a truth value", found=shown(getattr(self, name)))
+def _text(what: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise UsageError(f"{what} is not a text", found=shown(value))
+    return value
 
-    def _whole(self, *names: str) -> None:
-        for name in names:
-            if getattr(self, name) is not None:
-                whole(name, getattr(self, name), 1)
+
+def _truth(what: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"{what} is not a truth value", found=shown(value), allowed="True, False")
+    return value
+
+
+def _one_of(choices: Any, what: str, value: Any) -> str:
+    if not isinstance(value, str) or value not in get_args(choices):
+        raise UsageError(f"{what} is unknown: {shown(value)}", fix=did_you_mean(str(value), get_args(choices)))
+    return value
+
+
+def _where(what: str, value: Any) -> Any:
+    """Return columns with tuples of values; `require_where` checks them against a dataset."""
+    if not isinstance(value, Mapping):
+        return value
+    return {name: tuple(v) if isinstance(v, list | set) else v for name, v in value.items()}
+
+
+def _augment(what: str, value: Any) -> Augment:
+    """Return augmentations, of which one may be a mapping, as a tuple; `steps_of` checks them."""
+    return value if isinstance(value, Mapping) or not isinstance(value, list) else tuple(value)
+
+
+#: What values of a type are checked by, and what they become.
+_CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    "bool": _truth, "str": _text, "tuple[str, ...]": names, "int": partial(whole, least=1, most=MAX_ROWS),
+    "Share": probability, "Augment": _augment, "Mapping[str, Any]": _where,
+    **{kind: partial(_one_of, choices) for kind, choices in {
+        "StartAt": StartAt, "ScaleKind": ScaleKind, "Over": Over, "Variant": Variant, "MirrorWords": MirrorWords,
+        "Choose": Choose,
+    }.items()},
+}  # fmt: skip
 
 
 def clash(first: object, second: object, why: str) -> UsageError:
@@ -125,12 +154,9 @@ class Windows(Value):
     trim: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._not_both("length_s", "length")
         self._not_both("stride_s", "stride")
-        self._whole("length", "stride", "fps")
-        self._truth("trim")
-        if self.start_at is not None:
-            self._one_of("start_at", get_args(StartAt))
 
     @property
     def grid(self) -> dict[str, Any]:
@@ -163,12 +189,6 @@ class Select(Value):
     protocol: str | None = None
     filter: FilterLike = None
 
-    def __post_init__(self) -> None:
-        self._tuples("ignore")
-        if isinstance(self.where, Mapping):
-            where = {name: tuple(v) if isinstance(v, list | set) else v for name, v in self.where.items()}
-            object.__setattr__(self, "where", where)
-
 
 @dataclass(frozen=True, repr=False)
 class Scale(Value):
@@ -198,14 +218,11 @@ class Scale(Value):
     fields: tuple[str, ...] | None = None
     clamp: bool = False
     covers: Augment = ()
-    over: Literal["train", "all"] = "train"
+    over: Over = "train"
     scaler: ScalerLike | None = None
 
     def __post_init__(self) -> None:
-        self._tuples("fields", "covers")
-        self._truth("clamp")
-        self._one_of("kind", get_args(ScaleKind))
-        self._one_of("over", ("train", "all"))
+        super().__post_init__()
         for name in ("clamp", "covers", "over", "scaler"):
             self._not_both("kind", name)
         self._not_both("scaler", "covers")
@@ -244,10 +261,6 @@ class Primitives(Value):
     n: int = 256
     variant: Variant = "paper"
 
-    def __post_init__(self) -> None:
-        self._whole("n")
-        self._one_of("variant", get_args(Variant))
-
 
 @dataclass(frozen=True, repr=False)
 class Text(Value):
@@ -267,14 +280,9 @@ class Text(Value):
     """
 
     layer: str
-    min_share: float = 0.5
-    empty: float = 0.0
+    min_share: Share = 0.5
+    empty: Share = 0.0
     mirror_words: MirrorWords = "error"
-
-    def __post_init__(self) -> None:
-        probability("min_share", self.min_share)
-        probability("empty", self.empty)
-        self._one_of("mirror_words", get_args(MirrorWords))
 
 
 @dataclass(frozen=True, repr=False)
@@ -285,9 +293,6 @@ class Segments(Value):
     """
 
     mirror_words: MirrorWords = "error"
-
-    def __post_init__(self) -> None:
-        self._one_of("mirror_words", get_args(MirrorWords))
 
 
 @dataclass(frozen=True, repr=False)
@@ -314,10 +319,8 @@ class Dancers(Value):
     singles: bool = False
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._not_both("persons", "exactly")
-        self._one_of("choose", get_args(Choose))
-        self._whole("persons", "exactly")
-        self._truth("singles")
 
 
 #: An entry of `fields`: the name of a field, or of a free column, "x/NAME"; or what is made of them.
@@ -342,7 +345,9 @@ def from_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
     values = dict(arguments)
     for name, cls in _ARGUMENTS.items():
         value = values.get(name)
-        if isinstance(value, Mapping) and (cls is not Scale or value.keys() & {f.name for f in fields(Scale)}):
+        if isinstance(value, Mapping) and (
+            cls is not Scale or not value or value.keys() & {f.name for f in fields(Scale)}
+        ):
             values[name] = cls.from_dict(value)
     if isinstance(values.get("fields"), list | tuple):
         values["fields"] = tuple(_item(entry) for entry in values["fields"])

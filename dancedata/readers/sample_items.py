@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from dancedata.core.errors import UsageError, did_you_mean
@@ -39,7 +39,7 @@ class SampleItems:
         """
         if items is None:
             items = _USUAL if set(_USUAL) <= set(store.fields) else tuple(store.fields)
-        items = (items,) if isinstance(items, str | Relative | Primitives | Text | Segments) else tuple(items)
+        items = tuple(items) if isinstance(items, Iterable) and not isinstance(items, str) else (items,)
         names, relative = list[str](), list[str]()
         primitives, words = list[Primitives](), list[Text | Segments]()
         for item in items:

@@ -104,9 +104,8 @@ class EpochSampler(Sampler[int]):
             For a negative seed or number of samples, or a rank outside [0, world_size).
         """
         self._source = data_source
-        self.n_samples = data_source if isinstance(data_source, int) else len(data_source)
-        if self.n_samples < 0:
-            raise UsageError("the number of samples is negative", found=self.n_samples, allowed="0 or more")
+        n_samples = len(data_source) if isinstance(data_source, Sized) else data_source
+        self.n_samples = whole("the number of samples", n_samples)
         self.seed = whole("seed", seed)
         self.rank, self.world_size = _rank_and_world_size(rank, world_size)
         self.shuffle = shuffle

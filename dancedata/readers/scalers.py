@@ -51,7 +51,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
             raise UsageError("the reader that names the scaler reads no motion field of this one",
                              found=listed(scaler.fields), allowed=listed(fields),
                              fix="name a reader of the same fields, or scale={FIELD: ...}")  # fmt: skip
-    for name in by_field:
+    for name in by_field or [""]:
         if name not in fields:
             raise UsageError("the scaler is not of a field that is read", found=shown(name),
                              allowed=", ".join(fields), fix="name the field: scale={FIELD: ...}")  # fmt: skip

@@ -32,8 +32,9 @@ class SegmentReader:
             known.
         """
         self._seed = seed
-        text = choice if isinstance(choice, Text) else Text("")
-        self.layer, self._min_share, self._empty = text.layer or None, text.min_share, text.empty
+        drawn = choice if isinstance(choice, Text) else None
+        self.layer, self._min_share = (drawn.layer, drawn.min_share) if drawn is not None else (None, 0.0)
+        self._empty = drawn.empty if drawn is not None else 0.0
         layers = store.layers
         if self.layer is not None and all(layer.name != self.layer for layer in layers):
             fix = did_you_mean(self.layer, sorted({layer.name for layer in layers}))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.arguments import whole
+from dancedata.core.arguments import names, whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_id import id_text
@@ -143,10 +143,10 @@ class SplitDataset(EpochDataset):
             return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
         if split == "all" and "all" not in self.store.splits:
             return self.store.splits
-        names = (split,) if isinstance(split, str) else tuple(split)
-        if not names or len(set(names)) < len(names):
-            raise UsageError("split names no split, or one of them twice", found=listed(names) or "nothing")
-        return names
+        splits = names("split", split)
+        if not splits or len(set(splits)) < len(splits):
+            raise UsageError("split names no split, or one of them twice", found=listed(splits) or "nothing")
+        return splits
 
     def _prepare(self, augment: Augment, seed: int, *, allow_crop: bool = True) -> None:
         """Prepare what changes samples, of the windows that were chosen."""

@@ -198,10 +198,10 @@ class Clips(Sequence[Clip]):
     def __getitem__(self, item: slice) -> Clips: ...
 
     def __getitem__(self, item: int | slice) -> Clip | Clips:
-        if isinstance(item, str):
-            raise UsageError("clips are counted from 0", found=item, fix="get a clip by its id with ds[ID]")
         if isinstance(item, slice):
             return Clips(self._store, self._rows[item])
+        if not hasattr(item, "__index__"):
+            raise UsageError("clips are counted from 0", found=shown(item), fix="get a clip by its id with ds[ID]")
         return Clip.of(self._store, self._tables.record(int(self._rows[item])))
 
     def __contains__(self, clip: object) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment, steps_of
+from dancedata.core.text import shown
 from dancedata.files.regular_file import sha256_file
 from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clip, Clips
@@ -63,11 +65,14 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     >>> ds.read(ds.windows("train")[3], "edge151").shape
     (150, 151)
     """
+    files = [segments] if isinstance(segments, str | Path) or not isinstance(segments, Iterable) else list(segments)
+    for place in (path, *files):
+        if not isinstance(place, str | os.PathLike):
+            raise UsageError("not a path", found=shown(place), allowed="a folder or an address; files of segments")
     folder = local_folder(path).absolute()
     description, listed = open_listed(folder)
     store = Store(folder, description, listed)
     store.mapped = mapped
-    files = [segments] if isinstance(segments, str | Path) else segments
     if files:
         store.overlay = SegmentOverlay.read(
             [Path(f).expanduser() for f in files], store.reference[1], store._seconds_of

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import names
 from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import WindowGrid
@@ -57,7 +58,7 @@ class RowQueries(StoreTables):
         tables = self.tables
         requested = self._window_grid(length_s=length_s, length=length, stride_s=stride_s, stride=stride)
         stored = WindowGrid(self._description.length, self._description.stride)
-        window_fields = [self.field(name) for name in fields or self._fields]
+        window_fields = [self.field(name) for name in names("fields", fields or tuple(self._fields))]
         if requested == stored and not trim and not whole:
             return stored_windows(tables, split, window_fields)
         if whole:

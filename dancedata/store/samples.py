@@ -102,11 +102,9 @@ class Samples:
 
         A name that is that of a clip as it stands is the clip.
         """
-        of = SampleId.parse(name)
+        stored = isinstance(name, str) and (name in self.store or name in self._groups)
+        of = SampleId(str(name)) if stored else SampleId.parse(name)
         clips = self._clips(of)
-        if not clips and isinstance(name, str):
-            of = SampleId(name)
-            clips = self._clips(of)
         if not clips:
             return None
         n_frames = min(clip.n_frames for clip in clips)

@@ -47,7 +47,7 @@ class SegmentQueries(RowQueries):
         self._require_layer(layer)
         if isinstance(of, Window):
             return [placed.loaded() for placed in self._segment_rows_in(of, layer)]
-        clip_id = of if isinstance(of, str) else of.id
+        clip_id = of.id if isinstance(of, ClipRecord) else of
         table, row = self._segment_table, self._row(clip_id)
         stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self.tables.ids)
         segments = self.overlay.over(clip_id, stored)

@@ -73,7 +73,7 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
         length, shards = header.grid.rows(header.length, of=f.grid), (_windows_and_rows(plan, f) for plan in train)
-        numbers = field_stats(f, length, shards, lambda k, f=f: _opened(out, train[k], f))
+        numbers = field_stats(f, length, shards, partial(_opened, out, train, f))
         result["fields"] |= {f.name: numbers} if numbers is not None else {}
     return result
 
@@ -117,11 +117,13 @@ def train_rows(store: RowQueries, f: Field) -> Iterator[ShardRows]:
 
 
 @contextmanager
-def _opened(out: Path, plan: ShardPlan, f: Field) -> Iterator[Callable[[int, int], npt.NDArray[Any]]]:
-    with open(out / plan.file, "rb") as file:
+def _opened(
+    out: Path, plans: Sequence[ShardPlan], f: Field, number: int
+) -> Iterator[Callable[[int, int], npt.NDArray[Any]]]:
+    with open(out / plans[number].file, "rb") as file:
 
         def read(first: int, n: int) -> npt.NDArray[Any]:
-            file.seek(plan.first_bytes[f.name] + first * f.row_bytes)
+            file.seek(plans[number].first_bytes[f.name] + first * f.row_bytes)
             return np.fromfile(file, f.disk_dtype, n * f.columns.width).reshape(n, -1)
 
         yield read

@@ -10,6 +10,7 @@ from typing import Any
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean, nearest
 from dancedata.core.licence import Licence
+from dancedata.core.text import shown
 from dancedata.store.dataset_json import Description, SplitRows
 from dancedata.store.listed_file import ListedFile, SideFiles
 from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, Kind, sort_splits
@@ -40,8 +41,9 @@ class StoreTables:
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
-        if name not in self._fields:
-            raise UsageError(f"no field named {name!r}", where=str(self.path), fix=did_you_mean(name, self._fields))
+        if not isinstance(name, str) or name not in self._fields:
+            fix = did_you_mean(str(name), self._fields)
+            raise UsageError(f"no field named {shown(name)!r}", where=str(self.path), fix=fix)
         return self._fields[name]
 
     @property
@@ -101,8 +103,8 @@ class StoreTables:
 
     def _row(self, clip_id: str) -> int:
         """Return the row of a clip; UsageError with the closest id if there is none."""
-        row = self.tables.find(clip_id)
+        row = self.tables.find(clip_id) if isinstance(clip_id, str) else None
         if row is None:
-            fix = nearest(clip_id, list(self.tables.ids), "clip", self.path)
-            raise UsageError(f"no clip named {clip_id!r}", where=str(self.path), fix=fix)
+            fix = nearest(str(clip_id), list(self.tables.ids), "clip", self.path)
+            raise UsageError(f"no clip named {shown(clip_id)!r}", where=str(self.path), fix=fix)
         return row

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
+from dancedata.core.text import shown
 from dancedata.store.clip_columns import FREE, ClipRecord
 from dancedata.store.segment_queries import SegmentQueries
 
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
 
 def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> DataFrame:
     """Return a table of `Store.to_pandas`; UsageError for an unknown one, or without pandas."""
-    if name not in _TABLES:
-        raise UsageError(f"no table named {name!r}", fix=did_you_mean(name, _TABLES))
+    if not isinstance(name, str) or name not in _TABLES:
+        raise UsageError(f"no table named {shown(name)!r}", fix=did_you_mean(str(name), _TABLES))
     pandas = load("pandas", "pandas", what="to_pandas")
     rows = list(_TABLES[name](store, clips))
     frame: DataFrame = pandas.DataFrame.from_records(rows, columns=None if rows else _EMPTY[name])

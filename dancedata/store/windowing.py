@@ -6,8 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import WindowGrid
+from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset_json import Description
 from dancedata.store.schema import Field
 from dancedata.store.tables import Tables
@@ -33,13 +35,11 @@ def requested_grid(
 def _frames(description: Description, what: str, seconds: Seconds | None, frames: int | None, stored: int) -> int:
     if seconds is not None and frames is not None:
         raise UsageError(f"both {what}_s and {what} are given", fix="give one of them")
+    if isinstance(seconds, bool):
+        raise UsageError(f"{what}_s is no number of seconds", found=seconds)
     if seconds is not None:
         frames = description.grid.frames(seconds, what=f"{what}_s")
-    if frames is None:
-        return stored
-    if frames < 1 or frames != int(frames):
-        raise UsageError(f"the {what} of a window is not a positive number of frames", found=frames)
-    return int(frames)
+    return stored if frames is None else whole(f"the {what} of a window", frames, 1, MAX_ROWS)
 
 
 def stored_windows(tables: Tables, split: str, fields: Sequence[Field]) -> WindowList:

@@ -16,9 +16,10 @@ from dancedata.core.sample_id import safe_name
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
 from dancedata.scene.comparisons import comparison_payload
 from dancedata.scene.selection import Shown, ViewRequest
-from dancedata.store import Store
+from dancedata.store import Store, write_store
 from dancedata.store.samples import Samples
 from dancedata.store.saved_samples import save_samples
+from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
 OPTIONS: Mapping[str, Any] = {"normalized": False, "intervals": False}
@@ -83,6 +84,14 @@ def test_samples_resolve(copies: Store) -> None:
     copy = next(c for c in copies.clips if c.source)
     assert Samples(copies).require(copy.id).recording == copy.source
     assert Samples(copies).find("nobody") is None
+
+
+def test_a_clip_whose_name_looks_like_an_id(tmp_path: Path) -> None:
+    [alone] = stored({})
+    write_store(tmp_path, HEADER, [alone, replace(alone, id="alone~mirror")])
+    with dancedata.open(tmp_path) as ds:
+        assert [Samples(ds).require(clip.id).clip.id for clip in ds.clips] == ["alone", "alone~mirror"]
+        assert Samples(ds).require("alone~mirror~draw0.0.1").id.mirrored
 
 
 def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:

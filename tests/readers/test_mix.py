@@ -240,7 +240,7 @@ def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) ->
 
 
 def test_datasets_of_one_name_and_none(stores: dict[str, Store]) -> None:
-    with raises_message(UsageError, "datasets"):
+    with raises_message(UsageError, "made of readers"):
         Mix([])
     with raises_message(UsageError, "datasets"):
         Mix([WindowDataset(stores["large"]), WindowDataset(stores["large"], "val")])

@@ -16,10 +16,13 @@ from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
 from dancedata.readers import (
     PRESETS,
+    BalancedSampler,
+    BatchLoader,
     ClipDataset,
     Dancers,
     EpochSampler,
     GroupDataset,
+    Mix,
     Primitives,
     Relative,
     Scale,
@@ -67,6 +70,7 @@ def test_arguments_are_data_of_yaml_and_of_checkpoints(arguments: dict[str, Any]
 def test_scalers_are_data_by_their_files(tmp_path: Path) -> None:
     given = {"scale": {"edge151": tmp_path / "a.json"}}
     assert from_plain(to_plain(given)) == {"scale": {"edge151": str(tmp_path / "a.json")}}
+    assert from_plain(to_plain({"scale": Scale()})) == {"scale": Scale()}
     with raises_message(UsageError, "plain data"):
         to_plain({"select": Select(filter=Movement(field="lodge139"))})
 
@@ -110,12 +114,14 @@ def test_values_that_do_not_go_together_are_both_named(make: Any, both: tuple[st
         (Windows, {"trim": 1}), (Windows, {"start_at": "bar"}), (Select, {"ignore": 5}), (Dancers, {"persons": "3"}),
         (Dancers, {"singles": "yes"}), (Primitives, {"n": 0}), (Primitives, {"variant": "codes"}),
         (Text, {"layer": "a", "empty": 2}), (Text, {"layer": "a", "min_share": -1}),
-        (Segments, {"mirror_words": "?"}),
+        (Segments, {"mirror_words": "?"}), (Windows, {"length": True}), (Select, {"ignore": (3,)}),
+        (Select, {"protocol": 3}), (Relative, {"field": 3}), (Text, {"layer": ""}), (Scale, {"kind": []}),
+        (Scale, {"fields": (3,)}), (Primitives, {"n": None}), (Dancers, {"exactly": 2**40}),
     ],
     ids=str,
 )  # fmt: skip
 def test_values_are_checked_when_they_are_made(cls: Any, wrong: dict[str, Any]) -> None:
-    with raises_message(UsageError, list(wrong)[-1] if cls is not Text else "probability"):
+    with raises_message(UsageError, list(wrong)[-1] if "layer" not in wrong else "probability|text"):
         cls(**wrong)
 
 
@@ -133,15 +139,34 @@ def test_readers_name_both_values(built: Path) -> None:
         with pytest.raises(UsageError, match="go together") as caught:
             WindowDataset(ds, **arguments)  # type: ignore[arg-type]
         assert all(name in str(caught.value) for name in both), both
-    for arguments in (
-        {"windows": 5},
-        {"scale": 5},
-        {"windows": own[:0]},
-        {"select": {"genre": "break"}},
-        {"scale": True},
-    ):
-        with raises_message(UsageError, "Windows|empty|Select|Scale|truth"):
-            WindowDataset(ds, **arguments)  # type: ignore[arg-type]
+
+
+#: Of a dataset: what nobody can read, and a word of the error.
+NOTHING: tuple[tuple[str, Any], ...] = (
+    ("windows", lambda ds: WindowDataset(ds, windows=5)), ("Scale", lambda ds: WindowDataset(ds, scale=5)),
+    ("empty", lambda ds: WindowDataset(ds, windows=ds.windows("train")[:0])),
+    ("Select", lambda ds: WindowDataset(ds, select={"genre": "break"})),
+    ("truth", lambda ds: WindowDataset(ds, scale=True)), ("not of a field", lambda ds: WindowDataset(ds, scale={})),
+    ("split", lambda ds: WindowDataset(ds, 3)), ("split", lambda ds: WindowDataset(ds, (3,))),
+    ("entry of fields", lambda ds: WindowDataset(ds, fields=3)), ("augment", lambda ds: WindowDataset(ds, augment=3)),
+    ("path", lambda ds: WindowDataset(3)), ("seed", lambda ds: WindowDataset(ds, seed=True)),
+    ("too large", lambda ds: ds.windows("train", length=2**80)),
+    ("whole number", lambda ds: ds.windows("train", length=True)),
+    ("seconds", lambda ds: ds.windows("train", stride_s=True)), ("names", lambda ds: ds.windows("train", fields=3)),
+    ("readers", lambda ds: Mix(None)), ("readers", lambda ds: Mix([3])), ("readers", lambda ds: Mix({"a": ds})),
+    ("reads windows", lambda ds: BatchLoader(ds)), ("samples", lambda ds: EpochSampler(2.5)),
+    ("shares", lambda ds: Mix({"a": WindowDataset(ds)}, weights=3)),
+    ("label", lambda ds: BalancedSampler(WindowDataset(ds), by=3)),
+    ("clip", lambda ds: ds[3]), ("clips", lambda ds: ds.clips[None]), ("field", lambda ds: ds.clips[0][[]]),
+    ("clip", lambda ds: ds.segments(3)), ("field", lambda ds: ds.scaler({})), ("table", lambda ds: ds.to_pandas([3])),
+    ("path", lambda ds: dancedata.open(ds.path, segments=3)),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("word", "ask"), NOTHING)
+def test_arguments_that_are_nothing_are_refused(built: Path, word: str, ask: Any) -> None:
+    with raises_message(UsageError, word):
+        ask(dancedata.open(built))
 
 
 def test_windows_of_ones_own_are_those_that_are_read(built: Path) -> None:
