@@ -32,9 +32,9 @@ class SegmentReader:
             known.
         """
         self._seed = seed
-        drawn = choice if isinstance(choice, Text) else None
-        self.layer, self._min_share = (drawn.layer, drawn.min_share) if drawn is not None else (None, 0.0)
-        self._empty = drawn.empty if drawn is not None else 0.0
+        text = choice if isinstance(choice, Text) else None
+        self.layer = None if text is None else text.layer
+        self._min_share, self._empty = (0.0, 0.0) if text is None else (text.min_share, text.empty)
         layers = store.layers
         if self.layer is not None and all(layer.name != self.layer for layer in layers):
             fix = did_you_mean(self.layer, sorted({layer.name for layer in layers}))
