@@ -1,6 +1,7 @@
 """Samples named by their ids have the same numbers everywhere: in a folder, an evaluator, and in numpy."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
