@@ -56,7 +56,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
-from dancedata.remote import pull
+from dancedata.remote.pull import pull
 from dancedata.testing.stores import random_fields, write_random_store
 
 BATCH, LENGTH, FRAMES, BLOCK = 64, 150, 150 * 67, 256

@@ -15,11 +15,11 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
 from dancedata.core.text import counted, listed, table
+from dancedata.execution.addresses import local_folder
 from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.formats.segment_files import write_segment_file
 from dancedata.recipes.parse import parse_recipe
-from dancedata.remote import local_folder
 from dancedata.store import Clip, Store, open_store
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
 from dancedata.store.segment_numbers import layer_numbers

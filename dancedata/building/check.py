@@ -34,10 +34,9 @@ from dancedata.music.silence import noted
 from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.remote import PUBLICATION_FILE
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.schema import DATASET_FILE, is_shard_name
+from dancedata.store.schema import DATASET_FILE, PUBLICATION_FILE, is_shard_name
 from dancedata.store.songs import alike_between, music_hash, songs_of, sound_field
 
 #: Clip, seconds of its motion, seconds of its music; and how many of them a note shows.

@@ -16,10 +16,10 @@ from dancedata.building.part import build_part as _build_part
 from dancedata.building.plan import Plan, make_plan
 from dancedata.building.rebuild import Published
 from dancedata.core.errors import UsageError
+from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe
-from dancedata.remote import local_folder
 from dancedata.store import Problem
 
 __all__ = ["build", "build_part", "check", "plan"]

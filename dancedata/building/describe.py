@@ -14,7 +14,7 @@ from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.remote import path_text
+from dancedata.execution.addresses import path_text
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.free_columns import free_columns

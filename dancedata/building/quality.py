@@ -22,12 +22,12 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, csv_cell, shown, table
 from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span
+from dancedata.execution.addresses import local_folder
 from dancedata.execution.cache import Cache, default_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
 from dancedata.store.schema import DATASET_FILE
 

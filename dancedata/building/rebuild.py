@@ -15,16 +15,16 @@ from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.registry import CONTACTS, FILTERS
 from dancedata.core.text import listed, quoted, shown
+from dancedata.execution.addresses import is_address, local_folder, origin_of, require_file
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.files.strict_json import parse_json
 from dancedata.recipes.parse import Overrides, load_recipe, recipe_names
 from dancedata.recipes.plugins import SLOTS
 from dancedata.recipes.recipe import Recipe
-from dancedata.remote import is_address, local_folder, origin_of, require_file
-from dancedata.remote.cached import check_names, description_of, remote_files
 from dancedata.store import open_store
 from dancedata.store.dataset_json import MAX_BYTES, MAX_LINES_BYTES, json_rejects
+from dancedata.store.listing import check_names, copied_files, description_of
 from dancedata.store.schema import REJECTS_FILE, STATS_FILE
 
 #: Files of the recipe's publication that a build does not read from the source.
@@ -161,7 +161,7 @@ class Published:
     def same(self, out: Path) -> bool:
         """Return whether a dataset has the same bytes: every shard, table and list."""
         with open_store(out) as store:
-            return set(remote_files(self.dataset)) == set(remote_files(store.info))
+            return set(copied_files(self.dataset)) == set(copied_files(store.info))
 
 
 def _sealed(document: Any) -> dict[str, Any]:

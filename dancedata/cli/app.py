@@ -170,7 +170,7 @@ def check(
     load_plugins(*(plugins or ()))
     from dancedata.building import commands
     from dancedata.building.describe import describe_problems
-    from dancedata.remote import path_text
+    from dancedata.execution.addresses import path_text
 
     problems = commands.check(
         *paths, dataset=dataset, recipe=recipe, overrides=overrides or (), jobs=jobs,

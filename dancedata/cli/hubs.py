@@ -24,7 +24,7 @@ def pull(
 
     dancedata pull hf://datasets/ORG/NAME@REVISION --split train
     """
-    from dancedata.remote import pull as run_pull
+    from dancedata.remote.pull import pull as run_pull
 
     pulled = run_pull(address, split or None, cache=cache, progress=not (quiet or as_json))
     print_result(as_json, pulled.to_json, lambda: str(pulled))

@@ -71,7 +71,7 @@ def view(
 
     dancedata view X [CLIP]; Ctrl-C ends it.
     """
-    from dancedata.remote import local_folder
+    from dancedata.execution.addresses import local_folder
     from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 

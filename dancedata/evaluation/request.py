@@ -20,8 +20,8 @@ from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.scores import DRAWS
+from dancedata.execution.addresses import local_folder
 from dancedata.recipes.plugins import make_named
-from dancedata.remote import local_folder
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, file_clip, folder_clips
 from dancedata.scene.inputs.naming import named_clips

@@ -17,11 +17,11 @@ from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.publish.card import drawn_pictures
 from dancedata.publish.card_text import card_text, plain_recipe
-from dancedata.remote.cached import check_names, remote_files
-from dancedata.remote.fetch import DATASET_FILE, MAX_DESCRIPTION, PUBLICATION_FILE
 from dancedata.store import Store
+from dancedata.store.dataset_json import MAX_BYTES
 from dancedata.store.hub_head import Publication
-from dancedata.store.schema import CARD_FILE, REJECTS_FILE, STATS_FILE
+from dancedata.store.listing import check_names, copied_files
+from dancedata.store.schema import CARD_FILE, DATASET_FILE, PUBLICATION_FILE, REJECTS_FILE, STATS_FILE
 from dancedata.store.writer import dump_json, dump_lines
 
 #: Folder of the card's pictures.
@@ -65,17 +65,17 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
         files = [*_recipe(store), *_beside(beside)]
         more = {"dataset": dict(store.info)}
     else:
-        files = [Upload(f.name, store.path / f.name, f.size, f.sha256) for f in remote_files(store.info)]
+        files = [Upload(f.file, store.path / f.file, f.size, f.sha256) for f in copied_files(store.info)]
         more = {}
     publication = Upload.of_bytes(PUBLICATION_FILE, dump_json(_described(store, place, files, more)).encode())
-    if publication.size > MAX_DESCRIPTION:
+    if publication.size > MAX_BYTES:
         raise UsageError("the dataset has too many files and clips for one publication", where=str(store.path),
-                         found=f"{PUBLICATION_FILE} of {publication.size:,} bytes", allowed=f"{MAX_DESCRIPTION:,}",
+                         found=f"{PUBLICATION_FILE} of {publication.size:,} bytes", allowed=f"{MAX_BYTES:,}",
                          fix="publish its parts as datasets of their own")  # fmt: skip
     files += _card(store, place, progress)
     if place.recipe_only:
         return [*files, publication]
-    description = read_regular(store.path / DATASET_FILE, MAX_DESCRIPTION)
+    description = read_regular(store.path / DATASET_FILE, MAX_BYTES)
     if parse_json(description.decode())["self_sha256"] != store.info["self_sha256"]:
         raise changed(DATASET_FILE)
     return [*files, publication, Upload.of_bytes(DATASET_FILE, description)]

@@ -22,11 +22,11 @@ from dancedata.publish.card import PICTURE_FILES
 from dancedata.publish.card_text import MARK
 from dancedata.publish.contents import PICTURES, Upload, changed
 from dancedata.remote.address import Address
-from dancedata.remote.cached import check_names
-from dancedata.remote.fetch import DATASET_FILE, PUBLICATION_FILE, fetch_description, read_small
+from dancedata.remote.fetch import fetch_description, read_small
 from dancedata.remote.hub import HubClient, endpoint_of
 from dancedata.remote.source import NotThereError, public_line, refused
-from dancedata.store.schema import CARD_FILE
+from dancedata.store.listing import check_names
+from dancedata.store.schema import CARD_FILE, DATASET_FILE, PUBLICATION_FILE
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi

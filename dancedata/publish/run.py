@@ -11,12 +11,12 @@ from typing import Any
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import require
 from dancedata.core.text import counted, size_text
+from dancedata.execution.addresses import is_address, require_whole
 from dancedata.execution.progress import Progress
 from dancedata.publish.contents import contents
 from dancedata.publish.hub import HubUpload
 from dancedata.publish.terms import require_permission, restrictions
-from dancedata.remote import require_whole
-from dancedata.remote.address import Address, is_address, parse_address
+from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
 from dancedata.store import open_store
 from dancedata.store.hub_head import Publication

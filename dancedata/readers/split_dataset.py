@@ -19,6 +19,7 @@ from dancedata.core.sample_id import id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
+from dancedata.execution.addresses import fetch_soon
 from dancedata.readers.augmenting import Augmenter, check_step
 from dancedata.readers.batch_reader import Request, blank_of
 from dancedata.readers.clip_values import require_columns, value_of
@@ -30,7 +31,6 @@ from dancedata.readers.sample_items import SampleItems
 from dancedata.readers.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.readers.segments import SegmentReader
 from dancedata.readers.selection import Choice, Selection, require_protocol, select, window_filter
-from dancedata.remote import fetch_soon
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler

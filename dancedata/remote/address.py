@@ -54,17 +54,6 @@ class Address:
         return replace(self, revision=commit)
 
 
-def is_address(path: object) -> bool:
-    """Return whether a path is an address instead of a local path."""
-    return isinstance(path, str | Path) and _SCHEME.match(str(path)) is not None
-
-
-def path_text(path: str | Path) -> str:
-    """Return a path as it was given: of an address a Path has one slash after the colon."""
-    match = _SCHEME.match(str(path))
-    return str(path) if match is None else f"{match['scheme']}://{str(path)[match.end() :]}"
-
-
 def parse_address(text: str | Path) -> Address:
     """Parse an address; UsageError if it is not valid.
 

@@ -1,7 +1,6 @@
-"""Datasets of addresses in the cache: CACHE/datasets/SELF_SHA256/, with the address in a file beside the folder.
+"""Datasets of addresses in the cache: the folder of an address, and files that are fetched into it.
 
-Such a folder is a dataset like any other, of which a file is fetched when it is first opened. It stays what it is
-when the address gets another dataset: that one has another self_sha256.
+Such a folder stays what it is when the address gets another dataset: that one has another self_sha256.
 """
 
 import os
@@ -9,9 +8,9 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,19 +18,15 @@ from typing import Any
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.system import python_command
-from dancedata.core.text import quoted
+from dancedata.execution.addresses import Origin, origin_of
 from dancedata.execution.cache import default_cache
 from dancedata.execution.cache_files import DATASETS, mark
 from dancedata.execution.progress import Progress
 from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.strict_json import read_json
-from dancedata.remote.address import Address, is_address, parse_address
+from dancedata.remote.address import Address, parse_address
 from dancedata.remote.client import crossed_a_fork
 from dancedata.remote.fetch import (
-    DATASET_FILE,
-    MAX_DESCRIPTION,
-    PUBLICATION_FILE,
-    RemoteFile,
     fetch_description,
     fetch_file,
     has_file,
@@ -40,8 +35,10 @@ from dancedata.remote.fetch import (
     written,
 )
 from dancedata.remote.source import NotThereError, not_cached, refused
+from dancedata.store.dataset_json import FileEntry
+from dancedata.store.listing import check_names, copied_files, description_of, read_description
+from dancedata.store.schema import DATASET_FILE, PUBLICATION_FILE
 
-CARD_FILE = "README.md"
 #: Folder of what addresses held last.
 ADDRESSES = "addresses"
 #: Files above this size are fetched with progress.
@@ -49,30 +46,13 @@ _SHOWN_BYTES = 10_000_000
 #: Shards that are fetched while one is read.
 _AHEAD = 2
 _HASH = re.compile(r"[0-9a-f]{64}")
-_NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,199}")
 _SHARD = re.compile(r"(?P<split>.+)-(?P<k>\d{5,})-of-(?P<n>\d{5,})\.h5")
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Origin of a dataset of the cache.
+def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
+    """Return the folder in the cache of the dataset of an address.
 
-    Attributes
-    ----------
-    address
-        Its address; that of a hub with the commit.
-    requested
-        The address as it was given, such as that of a branch.
-    """
-
-    address: str
-    requested: str
-
-
-def local_folder(path: str | Path, cache: Path | None = None) -> Path:
-    """Return the folder of a dataset: a local path as it is, with ~ expanded; for an address one in the cache.
-
-    Of an address, dataset.json is fetched and its self_sha256 compared; other files follow when they are opened. A
+    Its dataset.json is fetched and its self_sha256 compared; other files follow when they are opened. A
     branch or tag is resolved to a commit here, once: the folder stays that of the commit. With HF_HUB_OFFLINE=1 it is
     the folder of the last time.
 
@@ -83,8 +63,6 @@ def local_folder(path: str | Path, cache: Path | None = None) -> Path:
     StoreError
         If the server has no finished dataset there, or does not answer.
     """
-    if not is_address(path):
-        return Path(path).expanduser()
     address = parse_address(path)
     root = cache or default_cache()
     remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
@@ -125,20 +103,6 @@ def _description(address: Address) -> tuple[str, bytes, Mapping[str, Any]]:
         raise
 
 
-def description_of(folder: Path) -> Path:
-    """Return the file of a dataset that lists the others; publication.json where only a recipe is published."""
-    name = DATASET_FILE if (folder / DATASET_FILE).exists() else PUBLICATION_FILE
-    return folder / name if (folder / name).exists() else folder / DATASET_FILE
-
-
-def read_description(folder: Path) -> Mapping[str, Any]:
-    """Return the content of a dataset's `description_of`, whose names are checked."""
-    path = description_of(folder)
-    document = read_json(path, MAX_DESCRIPTION)
-    check_names(document, str(path))
-    return dict(document)
-
-
 def is_offline() -> bool:
     """Return whether HF_HUB_OFFLINE is set: then no server is asked."""
     return os.environ.get("HF_HUB_OFFLINE", "").upper() in ("1", "ON", "YES", "TRUE")
@@ -155,71 +119,30 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
     raise not_cached("the dataset is not in the cache", str(address), address)
 
 
-def origin_of(folder: Path) -> Origin | None:
-    """Return where a dataset comes from; None for a folder that is not of the cache."""
-    if not _HASH.fullmatch(folder.name) or folder.parent.name != DATASETS:
-        return None
-    try:
-        return Origin(**read_json(folder.with_name(f"{folder.name}.json"), 1 << 16))
-    except (OSError, ValueError, TypeError):
-        return None
-
-
-def remote_files(document: Mapping[str, Any], splits: tuple[str, ...] | None = None) -> Iterator[RemoteFile]:
-    """Yield the files that dataset.json lists, those of all splits first needed first: tables, then shards.
-
-    Not the card: it is for people, and a hub has one of its own, which its authors edit there.
-    """
-    for name, entry in document["files"].items():
-        if name == CARD_FILE:
-            continue
-        yield RemoteFile(name, entry["size"], entry["sha256"])
-    for entry in document["shards"]:
-        if splits is None or entry["split"] in splits:
-            yield RemoteFile(entry["file"], entry["size"], entry["sha256"])
-
-
-def check_names(document: Mapping[str, Any], where: str) -> None:
-    """Raise StoreError for names that lead out of the folder, and for invalid sizes and hashes."""
-    try:
-        for file in remote_files(document):
-            size = isinstance(file.size, int) and not isinstance(file.size, bool) and file.size >= 0
-            valid = size and _HASH.fullmatch(file.sha256) and _NAME.fullmatch(file.name)
-            # One that is listed would replace the file that was compared with self_sha256.
-            if not valid or file.name.casefold() in (DATASET_FILE, PUBLICATION_FILE):
-                raise ValueError(f"file {quoted(file.name, 60)}, size {quoted(file.size, 30)}")
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        raise refused(
-            "a file is listed that no dataset has; nothing was fetched", where, quoted(str(error), 160)
-        ) from error
-
-
 @lru_cache(maxsize=4)
-def _listed(folder: Path) -> Mapping[str, RemoteFile]:
-    return {file.name: file for file in remote_files(read_description(folder))}
+def _listed(folder: Path) -> Mapping[str, FileEntry]:
+    return {file.file: file for file in copied_files(read_description(folder))}
 
 
-def require_file(path: Path) -> None:
-    """Fetch a file of a dataset of the cache if it is not there; nothing for other folders.
+def fetch(path: Path) -> None:
+    """Fetch a file of a dataset of the cache.
 
     The first shard of a split, or one whose predecessor is there, brings the next two along, in the background.
     """
-    if path.exists() or origin_of(path.parent) is None:
-        return
     files = _listed(path.parent)
     if path.name in files:
         fetch_files(path.parent, [files[path.name]])
         _fetch_ahead(path.parent, path.name, files)
 
 
-def fetch_files(folder: Path, files: list[RemoteFile], progress: Progress | None = None, jobs: int = 1) -> int:
+def fetch_files(folder: Path, files: list[FileEntry], progress: Progress | None = None, jobs: int = 1) -> int:
     """Fetch files of a dataset of the cache, `jobs` at once; returns how many bytes were missing."""
     from concurrent.futures import ThreadPoolExecutor
 
     origin = origin_of(folder)
     assert origin is not None  # noqa: S101 (the callers asked)
     if is_offline():
-        names = files[0].name if len(files) == 1 else f"{len(files)} files"
+        names = files[0].file if len(files) == 1 else f"{len(files)} files"
         found = f"HF_HUB_OFFLINE is set; {names} missing"
         raise not_cached("a file of the dataset is not in the cache", origin.address, origin.requested, found)
     address = parse_address(origin.address)
@@ -243,35 +166,33 @@ def fetch_listed() -> None:
     """Fetch the files whose paths are on stdin; exit with the error."""
     try:
         for path in sys.stdin.read().split("\n"):
-            require_file(Path(path))
+            fetch(Path(path))
     except DanceDataError as error:
         sys.exit(str(error))
 
 
-def _fetch_in_new_process(folder: Path, files: list[RemoteFile]) -> None:
+def _fetch_in_new_process(folder: Path, files: list[FileEntry]) -> None:
     """Fetch files from a forked child, such as a worker of a loader: obstore would hang in it."""
-    paths = "\n".join(str(folder / file.name) for file in files)
+    paths = "\n".join(str(folder / file.file) for file in files)
     command = python_command(f"from {__name__} import fetch_listed; fetch_listed()")
     done = subprocess.run(command, input=paths, capture_output=True, text=True)  # noqa: S603
     if done.returncode:
         raise refused("a file of the dataset cannot be fetched", folder, done.stderr.strip()[-2000:])
 
 
-def _fetch_ahead(folder: Path, name: str, files: Mapping[str, RemoteFile]) -> None:
+def _fetch_ahead(folder: Path, name: str, files: Mapping[str, FileEntry]) -> None:
     match = _SHARD.fullmatch(name)
     if match is None:
         return
     names = [f"{match['split']}-{int(match['k']) + i:05d}-of-{match['n']}.h5" for i in range(-1, _AHEAD + 1)]
     if names[0] in files and not (folder / names[0]).exists():
         return
-    fetch_soon([folder / n for n in names[2:]])
+    if missing := [path for n in names[2:] if not (path := folder / n).exists()]:
+        fetch_soon(missing)
 
 
-def fetch_soon(paths: Sequence[Path]) -> None:
-    """Fetch files of one dataset of the cache in the background, in this order; nothing for other folders."""
-    missing = [path for path in paths if not path.exists()]
-    if not missing or origin_of(missing[0].parent) is None:
-        return
+def fetch_soon(missing: Sequence[Path]) -> None:
+    """Fetch files of one dataset of the cache in the background, in this order."""
     files = _listed(missing[0].parent)
     ahead = [files[path.name] for path in missing if path.name in files]
     # The first one alone: it is needed first. A daemon: what it has when the process ends is kept, and the next one
@@ -280,7 +201,7 @@ def fetch_soon(paths: Sequence[Path]) -> None:
     threading.Thread(target=_quietly, args=arguments, daemon=True, name="dancedata-ahead").start()
 
 
-def _quietly(folder: Path, *parts: list[RemoteFile]) -> None:
+def _quietly(folder: Path, *parts: list[FileEntry]) -> None:
     with suppress(StoreError):  # the reader gets the error when it needs the file
         for files in filter(None, parts):
             fetch_files(folder, files, Progress(quiet=True), jobs=_AHEAD)

@@ -6,7 +6,6 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -23,28 +22,16 @@ from dancedata.remote.address import Address
 from dancedata.remote.client import Client
 from dancedata.remote.hub import HubClient
 from dancedata.remote.source import Interrupted, OutOfRange, read_within, refused, steady, wrong_bytes
+from dancedata.store.dataset_json import MAX_BYTES, FileEntry
+from dancedata.store.schema import DATASET_FILE
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
 ATTEMPTS, NEW_BYTES, WAIT_S = 6, 1000, 0.5
 #: Seconds of a wait that is shown.
 _SHOWN_S = 5.0
-#: Largest dataset.json, bytes.
-MAX_DESCRIPTION = 1 << 26
-DATASET_FILE = "dataset.json"
-#: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.
-PUBLICATION_FILE = "publication.json"
 Report = Callable[[int], None]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True)
-class RemoteFile:
-    """Name, bytes and hash of a file that dataset.json lists."""
-
-    name: str
-    size: int
-    sha256: str
 
 
 def source_of(address: Address) -> Client:
@@ -78,13 +65,13 @@ def fetch_description(source: Client, address: Address, name: str = DATASET_FILE
 
 
 def read_small(source: Client, name: str, where: str) -> bytes:
-    """Return the bytes of a file; StoreError if there are more than MAX_DESCRIPTION."""
-    too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_DESCRIPTION:,} bytes")
+    """Return the bytes of a file; StoreError if there are more than MAX_BYTES."""
+    too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_BYTES:,} bytes")
     # It is small: no ranges.
-    return persist(lambda: read_within(source.open(name, 0).chunks, MAX_DESCRIPTION, lambda _: too_large), where)
+    return persist(lambda: read_within(source.open(name, 0).chunks, MAX_BYTES, lambda _: too_large), where)
 
 
-def fetch_file(source: Client, address: Address, file: RemoteFile, folder: Path, report: Report) -> None:
+def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, report: Report) -> None:
     """Bring a file into `folder`, unless it is there; processes that ask for the same file wait for the first.
 
     What arrives goes to ``FOLDER.parts/NAME.part`` and is kept if the process is killed, so that the next one asks
@@ -92,13 +79,13 @@ def fetch_file(source: Client, address: Address, file: RemoteFile, folder: Path,
 
     Raises StoreError: if the server fails, has another file, or the disk is full.
     """
-    target, parts = folder / file.name, folder.with_name(f"{folder.name}.parts")
+    target, parts = folder / file.file, folder.with_name(f"{folder.name}.parts")
     with written(target, file.size):
         parts.mkdir(parents=True, exist_ok=True)
-        name = f"{DATASETS}-{sha256_bytes(f'{folder.name}/{file.name}'.encode())}"
+        name = f"{DATASETS}-{sha256_bytes(f'{folder.name}/{file.file}'.encode())}"
         with locked_file(folder.parent.parent / LOCKS, name):
             if not has_file(target, file.size):
-                _fetch(source, f"{address}/{file.name}", file, parts / f"{file.name}.part", target, report)
+                _fetch(source, f"{address}/{file.file}", file, parts / f"{file.file}.part", target, report)
 
 
 @contextmanager
@@ -159,7 +146,7 @@ class _Part:
         return self._digest.hexdigest()
 
 
-def _fetch(source: Client, where: str, file: RemoteFile, path: Path, target: Path, report: Report) -> None:
+def _fetch(source: Client, where: str, file: FileEntry, path: Path, target: Path, report: Report) -> None:
     part = _Part(path, file.size)
     if file.size - part.have > _free(path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -180,12 +167,12 @@ def _fetch(source: Client, where: str, file: RemoteFile, path: Path, target: Pat
     raise wrong_bytes(where, f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...")
 
 
-def _append(source: Client, where: str, file: RemoteFile, part: _Part, report: Report) -> None:
+def _append(source: Client, where: str, file: FileEntry, part: _Part, report: Report) -> None:
     """Append to the part what the server sends, up to the size of the file."""
     if part.have == file.size:
         return
     try:
-        answer = source.open(file.name, part.have)
+        answer = source.open(file.file, part.have)
     except OutOfRange:
         if part.have == 0:
             raise Interrupted("HTTP 416 for a whole file") from None

@@ -7,10 +7,12 @@ from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, size_text
+from dancedata.execution.addresses import is_address, origin_of
 from dancedata.execution.progress import Progress
-from dancedata.remote.address import ALLOWED, is_address
-from dancedata.remote.cached import fetch_files, local_folder, origin_of, read_description, remote_files
+from dancedata.remote.address import ALLOWED
+from dancedata.remote.cached import fetch_files, folder_of_address
 from dancedata.remote.fetch import has_file
+from dancedata.store.listing import copied_files, read_description
 
 #: Files that are fetched at once.
 JOBS = 6
@@ -61,29 +63,28 @@ def pull(
     UsageError
         For anything except an address, and for an unknown split.
     StoreError
-        As `local_folder`; and if a file is missing there or has other bytes.
+        As `folder_of_address`; and if a file is missing there or has other bytes.
     """
     if not is_address(address):
         raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)
-    folder = local_folder(address, None if cache is None else Path(cache).expanduser().absolute())
+    folder = folder_of_address(address, None if cache is None else Path(cache).expanduser().absolute())
     document = read_description(folder)
     splits = None if split is None else (split,) if isinstance(split, str) else tuple(split)
     known = list(dict.fromkeys(entry["split"] for entry in document["shards"]))
     for name in splits or ():
         if name not in known:
             raise UsageError(f"no split named {name!r}", where=str(address), fix=did_you_mean(name, known))
-    files = list(remote_files(document, splits))
-    missing = [file for file in files if not has_file(folder / file.name, file.size)]
+    files = list(copied_files(document, splits))
+    missing = [file for file in files if not has_file(folder / file.file, file.size)]
     fetched = fetch_files(folder, missing, Progress(quiet=not progress), JOBS) if missing else 0
     origin = origin_of(folder)
     shown = str(address) if origin is None else origin.address
     return Pulled(folder, shown, len(files), sum(file.size for file in files), len(missing), fetched)
 
 
-def require_whole(folder: Path) -> None:
-    """Fetch the missing files of a dataset of the cache; do nothing for other folders."""
-    if origin_of(folder) is not None:
-        files = remote_files(read_description(folder))
-        missing = [file for file in files if not has_file(folder / file.name, file.size)]
-        if missing:
-            fetch_files(folder, missing, jobs=JOBS)
+def fetch_all(folder: Path) -> None:
+    """Fetch the missing files of a dataset of the cache."""
+    files = copied_files(read_description(folder))
+    missing = [file for file in files if not has_file(folder / file.file, file.size)]
+    if missing:
+        fetch_files(folder, missing, jobs=JOBS)

@@ -13,12 +13,12 @@ from dancedata.comparison import Difference, diff, folded
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import shown
 from dancedata.core.version import __version__
+from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.place import foreign_files, read_about, remove_export, replaced_export, write_about
 from dancedata.files import atomic, publish
 from dancedata.files.atomic import require_free
-from dancedata.remote import local_folder
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
 from dancedata.report.heat import Timeline, heat_map, joint_map

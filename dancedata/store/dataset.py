@@ -13,8 +13,8 @@ import numpy as np
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.core.text import shown
+from dancedata.execution.addresses import Origin, local_folder, origin_of
 from dancedata.files.regular_file import sha256_file
-from dancedata.remote import Origin, local_folder, origin_of
 from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error

@@ -16,13 +16,14 @@ from dancedata.core.hashing import canonical_json, recipe_hash, self_hash
 from dancedata.core.segments import Layer
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
+from dancedata.execution.addresses import origin_of
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.remote import PUBLICATION_FILE, origin_of
 from dancedata.store.schema import (
     DATASET_FILE,
     FORMAT,
+    PUBLICATION_FILE,
     TABLES_FILE,
     Field,
     is_shard_name,

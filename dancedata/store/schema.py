@@ -32,6 +32,8 @@ REJECTS_FILE = "rejects.jsonl"
 TABLES_FILE = "tables.h5"
 SEGMENTS_FILE = "segments.h5"
 CARD_FILE = "README.md"
+#: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.
+PUBLICATION_FILE = "publication.json"
 SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")

@@ -10,9 +10,9 @@ import numpy as np
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import counted, listed, shown
+from dancedata.execution.addresses import local_folder, origin_of, require_whole
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
-from dancedata.remote import local_folder, origin_of, require_whole
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed

@@ -29,7 +29,7 @@ def push(environment: Mapping[str, str], store: Path, to: str) -> None:
 
 
 def pull(environment: Mapping[str, str], address: str) -> None:
-    from dancedata.remote import pull as run
+    from dancedata.remote.pull import pull as run
 
     start(environment)
     run(address, progress=False)

@@ -13,7 +13,7 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.execution.cache_admin import prune
 from dancedata.readers import GroupDataset
-from dancedata.remote import pull
+from dancedata.remote.pull import pull
 from tests.groups_store import write_groups
 from tests.remote.servers import Hub, Server, cut
 

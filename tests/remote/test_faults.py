@@ -19,8 +19,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
-from dancedata.remote import client, fetch, pull, require_whole, source
-from dancedata.remote.cached import local_folder
+from dancedata.execution.addresses import local_folder, require_whole
+from dancedata.remote import client, fetch, source
+from dancedata.remote.pull import pull
 from tests.messages import raises_message
 from tests.remote.servers import Hub, Server, cut, other, status
 
@@ -128,7 +129,7 @@ def test_more_bytes_than_the_file_has(server: Server, address: str, published: P
 
 
 def test_an_answer_that_never_ends(server: Server, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fetch, "MAX_DESCRIPTION", 1 << 20)
+    monkeypatch.setattr(fetch, "MAX_BYTES", 1 << 20)
 
     def endless(handler: Any, data: bytes) -> bool:
         handler.send_response(200)
@@ -261,7 +262,7 @@ def test_a_full_disk(server: Server, address: str, published: Path, monkeypatch:
     assert _whole(pull(address, progress=False).path, published)
 
 
-_PULL = "import sys; from dancedata.remote import pull; print(pull(sys.argv[1], progress=False).path)"
+_PULL = "import sys; from dancedata.remote.pull import pull; print(pull(sys.argv[1], progress=False).path)"
 
 
 def _start(address: str) -> "subprocess.Popen[str]":

@@ -12,8 +12,9 @@ import torch
 
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.execution.addresses import is_address
 from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
-from dancedata.remote import is_address, pull
+from dancedata.remote.pull import pull
 from tests.messages import raises_message
 from tests.remote.servers import Handler, Hub, Server
 

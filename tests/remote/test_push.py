@@ -19,7 +19,7 @@ from dancedata.core.packages import MissingPackageError
 from dancedata.core.registry import DATASETS
 from dancedata.publish import contents, hub, run
 from dancedata.publish.terms import restrictions
-from dancedata.remote import pull
+from dancedata.remote.pull import pull
 from dancedata.store import open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns

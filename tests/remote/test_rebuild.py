@@ -18,7 +18,7 @@ from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import DATASETS, REGISTRIES
-from dancedata.remote import pull
+from dancedata.remote.pull import pull
 from tests.commands import run
 from tests.messages import raises_message
 from tests.remote.upload_hub import UploadHub

@@ -10,13 +10,13 @@ from dancedata.building.source_music import is_source
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
+from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.place import README, new_export, read_about, write_about
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
-from dancedata.remote import local_folder
 from dancedata.store import Store, open_store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.licence import clips_by_terms, terms_text
