@@ -136,26 +136,30 @@ class Difference:
 _ABOVE = re.compile(r"([^\s:]+)\.([^\s:.]+): ")
 
 
-def folded(differences: Iterable[Difference]) -> list[str]:
-    """Return the lines of differences; those of keys below one key, and those of several fields, are one line."""
-    groups: dict[tuple[str, str], list[Difference]] = {}
-    for difference in differences:
-        above = _ABOVE.match(difference.message)
-        groups.setdefault((difference.kind, above[1] if above else difference.message), []).append(difference)
-    lines = []
-    for (kind, key), group in groups.items():
-        if len(group) == 1:
-            lines.append(str(group[0]))
-        elif key == group[0].message:
-            lines.append(str(Difference(kind, key, tuple(name for d in group for name in d.names))))
-        else:
-            examples = "; ".join(d.message.removeprefix(f"{key}.") for d in group[:_EXAMPLES])
-            more = ", ..." if len(group) > _EXAMPLES else ""
-            lines.append(f"{kind}: {counted(len(group), 'key')} of {key} differ: {shown(examples, _MESSAGE)}{more}")
-    return lines
+class Differences(list[Difference]):
+    """The differences of two datasets."""
+
+    def lines(self) -> list[str]:
+        """Return a line for each; those of keys below one key, and those of several fields, are one line."""
+        groups: dict[tuple[str, str], list[Difference]] = {}
+        for difference in self:
+            above = _ABOVE.match(difference.message)
+            groups.setdefault((difference.kind, above[1] if above else difference.message), []).append(difference)
+        lines = []
+        for (kind, key), group in groups.items():
+            if len(group) == 1:
+                lines.append(str(group[0]))
+            elif key == group[0].message:
+                lines.append(str(Difference(kind, key, tuple(name for d in group for name in d.names))))
+            else:
+                examples = "; ".join(d.message.removeprefix(f"{key}.") for d in group[:_EXAMPLES])
+                more = ", ..." if len(group) > _EXAMPLES else ""
+                shortened = f"{shown(examples, _MESSAGE)}{more}"
+                lines.append(f"{kind}: {counted(len(group), 'key')} of {key} differ: {shortened}")
+        return lines
 
 
-def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Difference]:
+def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differences:
     """Compare two built datasets.
 
     Parameters
@@ -170,8 +174,8 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
 
     Returns
     -------
-    list of Difference
-        Empty if they are equal; only notes if names or versions differ and the data do not.
+    Differences
+        A list of `Difference`. Empty if they are equal; only notes if names or versions differ and the data do not.
 
     Raises
     ------
@@ -192,7 +196,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
         if one.info["self_sha256"] == two.info["self_sha256"]:
             one.require_intact()
             two.require_intact()
-            return []
+            return Differences()
         differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips}
         common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
@@ -200,7 +204,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> list[Dif
         differences += _rows("rejects", one.rejects, two.rejects, atol)
         differences += _rows("quality", one.quality, two.quality, atol)
         differences += _segments(one, two, common)
-        return differences + list(_notes(one, two))
+        return Differences([*differences, *_notes(one, two)])
 
 
 def _recipes(one: Store, two: Store) -> Iterator[Difference]:

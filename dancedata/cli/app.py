@@ -353,7 +353,6 @@ def diff(
     Exit code 1 if there are some.
     """
     from dancedata.comparison import diff as run_diff
-    from dancedata.comparison import folded
 
     compared = run_diff(a, b, atol=atol)
     differences = [d for d in compared if d.kind != "note"]
@@ -362,7 +361,7 @@ def diff(
     print_result(
         as_json,
         lambda: {"a": str(a), "b": str(b), "atol": atol, "same": not differences, "differences": listed},
-        lambda: "\n".join([*folded(compared), counted(len(differences), "difference") if differences else same]),
+        lambda: "\n".join([*compared.lines(), counted(len(differences), "difference") if differences else same]),
     )
     if differences:
         raise typer.Exit(1)

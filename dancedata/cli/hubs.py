@@ -50,10 +50,11 @@ def push(
 
     dancedata push STORE hf://datasets/ORG/NAME --private
     """
+    from dancedata.plot.card import card_pictures
     from dancedata.publish import push as run_push
 
     pushed = run_push(
         store, to, private=private, gated=gated, recipe_only=recipe_only, rights=rights, tag=tag, beside=beside or (),
-        overwrite=overwrite, progress=not (quiet or as_json),
+        pictures=card_pictures, overwrite=overwrite, progress=not (quiet or as_json),
     )  # fmt: skip
     print_result(as_json, pushed.to_json, lambda: str(pushed))

@@ -150,17 +150,19 @@ def report(
     dancedata report OUT --to FILE.html
     """
     load_plugins(*(plugins or ()))
+    from dancedata.comparison import diff
     from dancedata.report.findings import findings
     from dancedata.report.write import default_path, write_report
     from dancedata.store.saved_samples import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
     if card:
+        from dancedata.plot.card import card_pictures
         from dancedata.publish.card import write_card
 
         if as_json or against is not None or audio != "none":
             raise UsageError("--card goes with --to, --overwrite and --quiet alone", fix="call it for each")
-        path = write_card(store, to or "README.md", overwrite=overwrite, progress=not quiet)
+        path = write_card(store, to or "README.md", pictures=card_pictures, overwrite=overwrite, progress=not quiet)
         say(f"{path}, and its pictures in {path.stem}_files")
         return
     of_samples = {
@@ -172,15 +174,19 @@ def report(
     if against is not None and store.exists() and not (store / DATASET_FILE).exists():
         if audio != "none" or not clips.isdecimal():
             raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")
+        from dancedata.evaluation.run import evaluate
         from dancedata.report.samples import write_samples_report
         from dancedata.report.samples_page import describe
 
         page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
-        samples = write_samples_report(
-            store, against, page, protocol=protocol, split=split, clips=int(clips), field=field,
-            normalized=normalized, scaler=scaler, clamp=clip_to_range, fps=fps, music=music, max_mb=max_mb,
-            overwrite=overwrite, progress=not (quiet or as_json),
+        show = not (quiet or as_json)
+        scores = evaluate(
+            store, protocol=protocol, like=against, role="generated", split=split, field=field, normalized=normalized,
+            scaler=scaler, clamp=clip_to_range, fps=fps, music=music, progress=show,
         )  # fmt: skip
+        samples = write_samples_report(
+            scores, against, page, clips=int(clips), max_mb=max_mb, overwrite=overwrite, progress=show
+        )
         if as_json:
             typer.echo(json_text(samples.to_json()))
             return
@@ -194,8 +200,8 @@ def report(
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
     how: Any = audio
     written = write_report(
-        store, target, clips=chosen, audio=how, source=music, may_share=may_share, against=against, max_mb=max_mb,
-        overwrite=overwrite, progress=not (quiet or as_json),
+        store, target, clips=chosen, audio=how, source=music, may_share=may_share, against=against, differences=diff,
+        max_mb=max_mb, overwrite=overwrite, progress=not (quiet or as_json),
     )  # fmt: skip
     if as_json:
         typer.echo(json_text(written.to_json()))

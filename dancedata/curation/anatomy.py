@@ -11,10 +11,9 @@ from dancedata.core.sides import has_sides
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.tracks import lengths, runs
 from dancedata.curation.spans import Span, bridged, worst_spans
+from dancedata.metrics.body import lowest_of_stretches
 from dancedata.metrics.groups import LIMB_RADIUS_M, segment_distances
 
-#: Seconds of a stretch whose lowest foot joint is the floor.
-_STRETCH_S = 2.0
 #: Heights of an ankle and a toe of a flat foot above their own lowest tenth, metres: half of Lodge's limits, which
 #: also take in feet that swing. How long a foot stays there, seconds.
 _ANKLE_M, _TOE_M, _LEAST_CONTACT_S = 0.04, 0.025, 0.1
@@ -36,21 +35,6 @@ _ARMS, _TRUNK = ("elbow", "wrist"), ("spine2", "spine3", "neck", "head")
 _CORE = 0.6
 
 
-def floor_drift(joints: Float64Array, rate: float, skeleton: Skeleton) -> float:
-    """Return the largest difference of the lowest foot joints of two stretches of 2 s, metres; 0 below 2 s."""
-    lowest = _lowest(joints, rate, skeleton)[1]
-    return float(np.ptp(lowest)) if len(lowest) else 0.0
-
-
-def _lowest(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[Float64Array, Float64Array]:
-    """Return the frame and the height of the lowest foot joint of each whole stretch of 2 s."""
-    stretch = max(1, round(_STRETCH_S * rate))
-    feet = joints[:, list(skeleton.feet), 1].min(axis=1)
-    starts = range(0, len(feet) - stretch + 1, stretch)
-    frames = np.array([k + int(np.argmin(feet[k : k + stretch])) for k in starts], dtype=np.int64)
-    return frames.astype(np.float64), feet[frames]
-
-
 def floor_trend(motion: Motion) -> tuple[float, float] | None:
     """Return the slope of the floor, metres per frame, and how far it moves over the motion, metres.
 
@@ -58,7 +42,7 @@ def floor_trend(motion: Motion) -> tuple[float, float] | None:
     and floor work move some of them. The second is 0 where the middle half of the stretches is scattered about the
     line by more than half of what it rises. None for less than three stretches.
     """
-    frames, heights = _lowest(motion.joints(), float(motion.grid.rate), motion.skeleton)
+    frames, heights = lowest_of_stretches(motion.joints(), float(motion.grid.rate), motion.skeleton)
     if len(frames) < 3:
         return None
     first, second = np.triu_indices(len(frames), 1)
@@ -71,7 +55,7 @@ def floor_trend(motion: Motion) -> tuple[float, float] | None:
 
 def floor_of(joints: Float64Array, rate: float, skeleton: Skeleton) -> float:
     """Return the height of the floor: the median of the lowest foot joints of stretches of 2 s, metres."""
-    heights = _lowest(joints, rate, skeleton)[1]
+    heights = lowest_of_stretches(joints, rate, skeleton)[1]
     return float(np.median(heights)) if len(heights) else float(joints[:, list(skeleton.feet), 1].min())
 
 
@@ -104,15 +88,6 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
             if path >= least:
                 spans.append(Span(start, stop + 1, path, skeleton.joints[skeleton.feet[toe]]))
     return tuple(sorted(spans))
-
-
-def bone_spread(joints: Float64Array, skeleton: Skeleton) -> float:
-    """Return the largest range of the length of a bone of joints (T, J, 3), from its 1 % to its 99 % quantile."""
-    child = [j for j, parent in enumerate(skeleton.parents) if parent >= 0]
-    parents = [skeleton.parents[j] for j in child]
-    lengths = np.linalg.norm(joints[:, child] - joints[:, parents], axis=2)
-    spread = np.ptp(np.quantile(lengths, (0.01, 0.99), axis=0), axis=0).max() if len(joints) and child else 0.0
-    return float(spread)
 
 
 def joint_limits(motion: Motion, least: float) -> tuple[Span, ...]:

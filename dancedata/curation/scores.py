@@ -14,6 +14,7 @@ from dancedata.core.sides import MIN_ELBOWS, sides_of, wrong_up
 from dancedata.core.text import shown
 from dancedata.curation import anatomy, glitches
 from dancedata.curation.spans import Span, worst_spans
+from dancedata.metrics.body import bone_spread
 
 #: Raised by hand when a score gives other numbers for the same motion.
 VERSION = 2
@@ -163,7 +164,7 @@ def _floor_drift(motion: Motion, least: float) -> Score:
 
 
 def _bone_spread(motion: Motion, least: float) -> Score:
-    return Score(max(motion.stretch_m, anatomy.bone_spread(motion.joints(), motion.skeleton)))
+    return Score(max(motion.stretch_m, bone_spread(motion.joints(), motion.skeleton)))
 
 
 def _of_body(score: Callable[[Motion, float], Score]) -> Callable[[Motion, float], Score]:

@@ -25,12 +25,13 @@ from dancedata.formats.arrays import Array, ArrayFile
 from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
+from dancedata.formats.stated import PERSON_MASK
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 
 _log = logging.getLogger(__name__)
 
 #: Entries of a group's file: which of its dancers there are, and where they are.
-PERSON_MASK, ROOT_PLACE = "person_mask", "root_place"
+ROOT_PLACE = "root_place"
 #: Names of the formats; obj needs a body model, and has a file for each frame.
 FORMATS = (*MOTION_FILES, "obj")
 _SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")

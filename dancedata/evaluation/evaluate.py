@@ -1,6 +1,7 @@
 """From the inputs of an evaluation to its report."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
@@ -49,13 +50,14 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
         raise clip_set.nothing_matched
     if inputs.music is not None and not any(clip.fps for clip in measured):
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
-    return report_of(
+    report = report_of(
         protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
         warnings=[*clip_set.warnings, *problems, *_short_music(measured, music)], matched=clip_set.matched,
         truth=_truth(resources, inputs), truth_source="" if inputs.truth is None else inputs.truth.source,
         in_pool=_in_pool(inputs),
     )  # fmt: skip
+    return replace(report, inputs=clip_set.clips, music=music)
 
 
 def _truth(resources: Resources, inputs: Inputs) -> list[MeasuredClip]:

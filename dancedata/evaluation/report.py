@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
-from dancedata.scene.inputs.clip import MemoryClip
+from dancedata.scene.inputs.clip import ClipInput, MemoryClip
 from dancedata.store.motion_fields import Pose
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ class Report:
         Independent clips: windows, copies and parts of one file count once.
     truth_source
         What the real dances beside the scores are; "" without any.
+    inputs, music
+        For pages: the clips, not loaded, and the beats of those that have music, by their ids.
     """
 
     protocol: Protocol
@@ -97,6 +99,8 @@ class Report:
     matched: str = ""
     recordings: int = 0
     truth_source: str = ""
+    inputs: tuple[ClipInput, ...] = ()
+    music: Mapping[str, ClipMusic] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Score:
         """Return a score; UsageError if the protocol has no such score.
@@ -116,6 +120,24 @@ class Report:
 
     def __str__(self) -> str:
         return describe(self)
+
+    def cells(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
+        """Return the heads of the columns of the table that have something, and a row for each score."""
+        rows = [_cells(score) for score in self.scores]
+        kept = [k for k in range(len(_HEAD)) if any(row[k] != "" for row in rows)]
+        return tuple(_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in rows]
+
+    def table(self) -> list[str]:
+        """Return the lines of the table of scores, each with the reason of its verdict."""
+        head, rows = self.cells()
+        n = len(head) - (head[-1] == "")
+        lines = table(head[:n], [row[:n] for row in rows])
+        reasons = (score.reason for score in self.scores)
+        return [lines[0], *(f"{line}  {why}".rstrip() for line, why in zip(lines[1:], reasons, strict=True))]
+
+    def label(self, name: str) -> str:
+        """Return the name of a score, or of a number of `per_clip`, as in papers."""
+        return LABELS.get(name, name)
 
     @property
     def verdict(self) -> str:
@@ -209,7 +231,7 @@ def describe(report: Report) -> str:
         f"{report.protocol.label}: {shown(report.source)} as {report.role}",
         f"  {clips_text(report)}, {counted(report.pieces, 'piece')}, {report.fps} frames per second, {lengths}",
         f"  pool: {_pool_text(report)}" + (f"; truth: {shown(report.truth_source)}" if report.truth_source else ""),
-        *score_table(report),
+        *report.table(),
         report.verdict,
     ]
     lines += [f"  not computable: {name}: {why}" for name, why in report.protocol.not_computable.items()]
@@ -223,24 +245,6 @@ def describe(report: Report) -> str:
 
 
 _HEAD = ("score", "better", "value", "95 %", "truth", "at this n", "chance", "published", "clips", "")
-
-
-def score_cells(report: Report) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
-    """Return the heads of the columns that have something, and a row for each score."""
-    rows = [_cells(score) for score in report.scores]
-    kept = [k for k in range(len(_HEAD)) if any(row[k] != "" for row in rows)]
-    return tuple(_HEAD[k] for k in kept), [tuple(row[k] for k in kept) for row in rows]
-
-
-def score_table(report: Report) -> list[str]:
-    """Return the lines of the table of scores, each with the reason of its verdict."""
-    head, rows = score_cells(report)
-    n = len(head) - (head[-1] == "")
-    lines = table(head[:n], [row[:n] for row in rows])
-    return [
-        lines[0],
-        *(f"{line}  {score.reason}".rstrip() for line, score in zip(lines[1:], report.scores, strict=True)),
-    ]
 
 
 def _shown(score: Score) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from dancedata.core.clip import Window
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip, Field
 
     Sample = tuple[Clip, Window | None]
@@ -214,7 +214,7 @@ class SampleExport(Export):
     def _table(self, job: ExportJob) -> SampleTable:
         return SampleTable(job, self.fields or tuple(job.store.fields), self.samples == "clips")
 
-    def write_index(self, job: ExportJob, folder: ExportFolder, rows: Mapping[str, int]) -> None:
+    def write_index(self, job: ExportJob, folder: AtomicFolder, rows: Mapping[str, int]) -> None:
         """Write index.json: rows of every file, and columns, rates, axes, statistics and scalers of the fields."""
         store, axes = job.store, {name: job.store.field(name).axes for name in job.store.fields}
         statistics = store.stats.get("fields", {})

@@ -24,7 +24,7 @@ from dancedata.music.signal import pcm16
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.core.motion import Motion
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 
@@ -78,7 +78,7 @@ class SliceWriter:
     """
 
     job: ExportJob
-    folder: ExportFolder
+    folder: AtomicFolder
     feature: str
     sound: Sound
     repeat: int
@@ -201,7 +201,7 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     return [Slice(c.id if c.slice_of else slice_name(c.id, w.start // STRIDE), c, w) for c, w in pairs]
 
 
-def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) -> None:
+def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
     windows = job.store.info["windows"]
     if not job.store.has_slices and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
@@ -218,7 +218,7 @@ def note_rejects(job: ExportJob, splits: Sequence[str], folder: ExportFolder) ->
         folder.note(f"{counted(len(names), 'window')} that the dataset has left out: {listed(names)}")
 
 
-def with_whole_sound(job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
+def with_whole_sound(job: ExportJob, slices: list[Slice], folder: AtomicFolder) -> list[Slice]:
     """Return the slices whose five seconds of sound exist in full, as EDGE counts them; the others are noted."""
     short = _short(job, slices)
     if short:

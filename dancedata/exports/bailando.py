@@ -30,7 +30,7 @@ from dancedata.exports.base.needs import (
 
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 
@@ -50,7 +50,7 @@ def is_ignored(clip: Clip) -> bool:
     return clip.id in manifest("aistpp")["ignored"] or "ignored" in clip.lists
 
 
-def note_ignored(folder: ExportFolder, clips: list[Clip]) -> None:
+def note_ignored(folder: AtomicFolder, clips: list[Clip]) -> None:
     """Note the clips of the ignore list that are left out."""
     ignored = [clip.id for clip in clips if is_ignored(clip)]
     if ignored:
@@ -180,7 +180,7 @@ class Bailando(Export):
         return missing + needs_music_from_start(clips, exactly=True) + find_songs(job, clips)[1]
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         if not self.keep_ignored:
             note_ignored(folder, job.clips())
         for part in PARTS:
@@ -236,7 +236,7 @@ class Bailando(Export):
         fix = "dataset: {aist++: {ignore: none}}"
         return [Missing(f"clips of the ignore list are not in the dataset: {listed(absent)}", fix)] if absent else []
 
-    def _write_sequence(self, job: ExportJob, folder: ExportFolder, part: str, clip: Clip) -> None:
+    def _write_sequence(self, job: ExportJob, folder: AtomicFolder, part: str, clip: Clip) -> None:
         music = clip.read_song(self.feature) if part == "test" else clip.read(self.feature)
         for field, ending in ((_MOTION, ""), (_ROTATIONS, "_rotmat")):
             if field in job.store.fields:

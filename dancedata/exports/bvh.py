@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.formats.bvh.write import motion_bvh
 
 
@@ -31,7 +31,7 @@ class BvhFiles(MotionExport):
     field: str = ""
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         for clip, motion in decoded(job, self.field):
             folder.write_text(f"bvh_{self.unit}/{clip.id}.bvh", motion_bvh(motion, self.unit))
 

@@ -12,9 +12,9 @@ from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name, needs_motion
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start, needs_names, needs_splits
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.formats.motion_files import smplx_arrays
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ class Duolando(MotionExport):
         return missing + needs_music_from_start(dancers) + needs_names(dancers, lambda id: "pos3d" not in id, form)
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         for name in self.listed_folders:
             folder.make_folder(name)
         duets = _duets(job)

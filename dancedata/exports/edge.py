@@ -6,8 +6,8 @@ from typing import ClassVar
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
+from dancedata.files.atomic_folder import AtomicFolder
 
 _BATCH = 64
 _GUIDE = """## Train
@@ -55,7 +55,7 @@ class Edge(SliceExport):
         return needs_slices(job, self.feature, splits, sound=self.sound == "cut")
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")

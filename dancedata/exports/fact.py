@@ -21,7 +21,7 @@ from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_music_from_start, needs_splits
 
 if TYPE_CHECKING:
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 
@@ -192,7 +192,7 @@ class Fact(Export):
         return missing
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         note_ignored(folder, job.clips())
         for part, name in (("train", "train"), ("test", "testval")):
             clips = _clips(job, part)
@@ -228,7 +228,7 @@ class Fact(Export):
         return min(len(clip.read(_MOTION)), len(clip.read_song(self.feature)))
 
     def _write_part(
-        self, job: ExportJob, folder: ExportFolder, name: str, pairs: Sequence[tuple[Clip, Clip]]
+        self, job: ExportJob, folder: AtomicFolder, name: str, pairs: Sequence[tuple[Clip, Clip]]
     ) -> None:
         shards = np.random.RandomState(_SEED).randint(0, _SHARDS, size=len(pairs))
         with ExitStack() as stack:

@@ -10,7 +10,6 @@ import numpy as np
 from dancedata.core.resources import manifest
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import (
     needs_field,
@@ -18,6 +17,7 @@ from dancedata.exports.base.needs import (
     needs_music_from_start,
     needs_names,
 )
+from dancedata.files.atomic_folder import AtomicFolder
 
 _MOTION, _FPS = "finedance319", 30
 _GUIDE = """## Train
@@ -50,7 +50,7 @@ def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
     return missing + needs_names(job.clips(), lambda name: name in IDS, form)
 
 
-def note_missing(job: ExportJob, folder: ExportFolder, loader: str, *ignore_lists: str) -> None:
+def note_missing(job: ExportJob, folder: AtomicFolder, loader: str, *ignore_lists: str) -> None:
     """Note the ids that a loader opens but that are missing: it would end with FileNotFoundError."""
     lists = manifest("finedance")["ignore_lists"]
     ignored = {name for of in ignore_lists for name in lists[of]["ids"]}
@@ -90,7 +90,7 @@ class FineDance(Export):
         return needs_tracks(job, _MOTION, self.feature)
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         for clip in job.each("tracks", job.clips()):
             folder.write_npy(f"finedance/motion_fea319/{clip.id}.npy", clip.read(_MOTION))
             folder.write_npy(f"finedance/music_npy/{clip.id}.npy", clip.read(self.feature).astype(np.float32))

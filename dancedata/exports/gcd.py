@@ -13,9 +13,9 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, needs_motion
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
+from dancedata.files.atomic_folder import AtomicFolder
 
 if TYPE_CHECKING:
     from dancedata.store import Clip
@@ -70,7 +70,7 @@ class Gcd(MotionExport):
         return missing
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         groups: dict[str, list[tuple[Clip, Motion]]] = {}
         singles, short = 0, list[str]()
         for clip, motion in decoded(job, self.field):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dancedata.exports._samples import Sample
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
 
 #: MiB of fields of a record batch.
 _BATCH_MB = 16
@@ -41,7 +41,7 @@ class HfDatasets(SampleExport):
         return missing
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         table, rows = self.table(job), {}
         for split in job.store.splits:
             shards = table.shards(split, self.shard_mb)
@@ -86,7 +86,7 @@ def _info(job: ExportJob) -> dict[str, Any]:
     return {"description": str(meta.get("name", "")), **{key: str(text or "") for key, text in texts.items()}}
 
 
-def _write_file(table: SampleTable, folder: ExportFolder, name: str, samples: Sequence[Sample]) -> None:
+def _write_file(table: SampleTable, folder: AtomicFolder, name: str, samples: Sequence[Sample]) -> None:
     with folder.open_file(name) as file, import_module("pyarrow").ipc.new_stream(file, table.schema) as writer:
         for batch in table.batches(samples, _BATCH_MB):
             writer.write_batch(batch)

@@ -19,7 +19,7 @@ from dancedata.exports.base.needs import needs_field, needs_train
 from dancedata.formats.humanml_texts import Caption, plain_tokens, texts_file
 
 if TYPE_CHECKING:
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 Floats = npt.NDArray[np.float32]
@@ -64,7 +64,7 @@ class HumanML3D(Export):
         return missing or _short(job)
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         representation: Any = REPRESENTATIONS.get(FIELD)()
         for clip in job.each("clips", job.clips()):
             rows = vectors(clip)
@@ -103,7 +103,7 @@ class HumanML3D(Export):
         problem = f"captions without tokens (word/POS), which the loaders read: {listed(untagged)}"
         return [Missing(problem, "--set tokens=plain, which writes word/OTHER")]
 
-    def _write_texts(self, job: ExportJob, folder: ExportFolder) -> None:
+    def _write_texts(self, job: ExportJob, folder: AtomicFolder) -> None:
         silent = []
         for clip in job.clips():
             captions = self._captions(job, clip)

@@ -24,7 +24,7 @@ from dancedata.exports.base.needs import needs_train
 from dancedata.exports.finedance import needs_tracks, note_missing
 
 if TYPE_CHECKING:
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 
@@ -169,7 +169,7 @@ class Lodge(Export):
         return missing
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         for clip in job.each("tracks", job.clips()):
             folder.write_npy(f"finedance/mofea319/{clip.id}.npy", self._rows(clip, self.motion))
             folder.write_npy(f"finedance/music_npynew/{clip.id}.npy", self._rows(clip, self.feature))
@@ -194,7 +194,7 @@ class Lodge(Export):
         return np.asarray(clip.read(field)[clip.trim_start :], np.float32)
 
 
-def _assets(folder: ExportFolder) -> str:
+def _assets(folder: AtomicFolder) -> str:
     """Return Lodge's configuration of paths; the paths of this export, which are absolute, quoted."""
     keys = {
         "ROOT": "finedance",

@@ -14,7 +14,7 @@ from dancedata.core.typing import override
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 
 if TYPE_CHECKING:
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
 
 #: Rate of labels, frames of a chunk, and frames between two chunks.
 FPS, LENGTH, STRIDE = 30, 150, 30
@@ -58,7 +58,7 @@ class MotoricaPP(Export):
         return []
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         short, cut = [], 0
         for clip in job.each("clips", [clip for clip in job.clips() if not clip.source]):
             length = int(job.store.grid.seconds(clip.n_frames) * FPS)

@@ -12,7 +12,7 @@ from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing, fiel
 from dancedata.exports.base.needs import needs_fields, needs_music, needs_music_from_start
 
 if TYPE_CHECKING:
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 #: Layout of index.json.
@@ -47,7 +47,7 @@ class Npz(Export):
         return self.fields or tuple(job.store.fields)
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         clips = {clip.id: self._write_clip(job, clip, folder) for clip in job.each("clips", job.clips())}
         if job.source is not None:
             for clip, name in _copy_music(job, folder).items():
@@ -65,7 +65,7 @@ class Npz(Export):
             "of each split as [clip, first frame, frames], and the extremes of each column over train windows.\n"
         )
 
-    def _write_clip(self, job: ExportJob, clip: Clip, folder: ExportFolder) -> dict[str, Any]:
+    def _write_clip(self, job: ExportJob, clip: Clip, folder: AtomicFolder) -> dict[str, Any]:
         file = f"clips/{clip.id}.npz"
         folder.write_npz(file, {name: clip.read(name) for name in self.reads(job)})
         return {**record_json(clip), "file": file}
@@ -82,7 +82,7 @@ class Npz(Export):
         return {**entry, "fields": fields, "clips": clips, "windows": windows}
 
 
-def _copy_music(job: ExportJob, folder: ExportFolder) -> dict[str, str]:
+def _copy_music(job: ExportJob, folder: AtomicFolder) -> dict[str, str]:
     """Copy each audio file once; return its name by clip. DataError if one is not the dataset's music."""
     names: dict[Path, str] = {}
     copied: set[tuple[Path, str | None]] = set()

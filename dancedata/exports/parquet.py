@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from dancedata.exports._samples import Sample
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
 
 
 @EXPORTS.register("parquet")
@@ -39,7 +39,7 @@ class Parquet(SampleExport):
         require_size(self, "row_group_mb")
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         from dancedata.store.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
 
         table, rows = self.table(job), {}
@@ -80,7 +80,7 @@ class Parquet(SampleExport):
             "    print(batch.num_rows)\n```\n"
         )
 
-    def _write_file(self, table: SampleTable, folder: ExportFolder, name: str, samples: Sequence[Sample]) -> None:
+    def _write_file(self, table: SampleTable, folder: AtomicFolder, name: str, samples: Sequence[Sample]) -> None:
         parquet = import_module("pyarrow.parquet")
         with folder.open_file(name) as file:
             writer: Any = parquet.ParquetWriter(

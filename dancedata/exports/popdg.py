@@ -9,8 +9,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.typing import override
 from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
+from dancedata.files.atomic_folder import AtomicFolder
 
 _BATCH = 128
 #: What the loader adds to positions, in our axes.
@@ -52,7 +52,7 @@ class Popdg(SliceExport):
         return needs_slices(job, self.feature, ("train", "test"), sound=self.sound == "cut")
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH, place=to_camera)
         for part in ("train", "test"):
             writer.write(part, (part,))

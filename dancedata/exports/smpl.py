@@ -6,8 +6,8 @@ from typing import Any, ClassVar, Literal
 
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 
 _GUIDE = """Decoded from `{name}`, {rate} frames per second. Both folders have every clip:
@@ -47,7 +47,7 @@ class SmplFiles(MotionExport):
     field: str = ""
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         for clip, motion in decoded(job, self.field):
             folder.write_npz(f"amass/{clip.id}.npz", amass_arrays(motion, self.gender))
             folder.write_npz(f"smplx/{clip.id}.npz", smplx_arrays(motion, self.gender))

@@ -18,9 +18,9 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, needs_motion
 from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, quantised_wav, with_whole_sound
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.music.signal import pcm16
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ class Tcdiff(MotionExport):
         return missing + needs_music(job, [clip for clip in job.clips(*_PARTS.values()) if clip.group])
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         sizes: dict[int, list[str]] = {n: [] for n in range(2, 8)}
         for part, split in _PARTS.items():
             for name in _FOLDERS:
@@ -110,7 +110,7 @@ class Tcdiff(MotionExport):
         if singles:
             folder.note(f"{counted(singles, 'single dancer')} are not in the export: TCDiff reads groups")
 
-    def _with_rows(self, job: ExportJob, slices: list[Slice], folder: ExportFolder) -> list[Slice]:
+    def _with_rows(self, job: ExportJob, slices: list[Slice], folder: AtomicFolder) -> list[Slice]:
         ends = {clip: job.store._starts(clip, LENGTH, fields=(self.feature,)) for clip in {s.clip.id for s in slices}}
         whole = [s for s in slices if s.window.start in ends[s.clip.id]]
         if len(whole) < len(slices):
@@ -118,7 +118,7 @@ class Tcdiff(MotionExport):
             folder.note(f"{lacking} left out, which {self.feature} does not cover")
         return whole
 
-    def _write_sounds(self, job: ExportJob, folder: ExportFolder, part: str, slices: list[Slice]) -> None:
+    def _write_sounds(self, job: ExportJob, folder: AtomicFolder, part: str, slices: list[Slice]) -> None:
         feature = FEATURES.make(_FEATURE, {"onset_fmax": "nyquist"})  # as in today's librosa, which TCDiff calls
         for item, sound in cut_sounds(job, slices):
             folder.write_bytes(f"{part}/wavs_sliced/{item.name}.wav", quantised_wav(sound))
@@ -150,7 +150,7 @@ def _slices(job: ExportJob, split: str) -> list[Slice]:
     ]
 
 
-def _write_motion(folder: ExportFolder, part: str, slices: list[Slice], dancers: "list[tuple[Clip, Motion]]") -> None:
+def _write_motion(folder: AtomicFolder, part: str, slices: list[Slice], dancers: "list[tuple[Clip, Motion]]") -> None:
     # Of SMPL's joints the translation keeps its numbers, as in the files that they came from.
     motions = [
         motion if motion.skeleton.joints == SMPL24.joints else on_body(motion, SMPL24) for _, motion in dancers

@@ -19,7 +19,7 @@ from dancedata.exports.base.needs import needs_names
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip
 
 Member = tuple[str, bytes]
@@ -50,7 +50,7 @@ class WebDataset(SampleExport):
         )
 
     @override
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         index: dict[str, int] = {}
         for split in job.store.splits:
             clips: list[tuple[Clip, Window | None]] = [(clip, None) for clip in job.clips(split)]
@@ -79,7 +79,7 @@ class WebDataset(SampleExport):
         return [(clips[window.clip], window) for window in job.store.windows(split, fields=self.reads(job))]
 
     def _shards(
-        self, job: ExportJob, folder: ExportFolder, split: str, samples: list[tuple[Clip, Window | None]]
+        self, job: ExportJob, folder: AtomicFolder, split: str, samples: list[tuple[Clip, Window | None]]
     ) -> dict[str, int]:
         """Write the shards of a split; return the number of samples in each."""
         if self.seed >= 0:

@@ -15,6 +15,8 @@ from dancedata.formats.arrays import ArrayFile
 #: Names of arrays with the frame rate, and with the names of joints.
 RATE_KEYS = ("mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate")
 JOINT_NAMES = ("joint_names", "joints_names", "joints", "names")
+#: The array that says which dancers of a file of groups are there.
+PERSON_MASK = "person_mask"
 #: Metres per unit. "cmu": the files of the CMU database are in inches / 0.45.
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "cmu": 0.0254 / 0.45}
 #: Rotation from a file's axes to +Y up, by the file's up axis; -y are a camera's axes, +Z away from it.

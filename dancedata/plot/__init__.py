@@ -6,10 +6,21 @@ from typing import TYPE_CHECKING
 
 from dancedata.core.lazy import lazy_names
 
-__all__ = ["beats", "compare", "features", "motion", "paths", "pose_map", "write_page", "write_video"]
+__all__ = [
+    "beats",
+    "card_pictures",
+    "compare",
+    "features",
+    "motion",
+    "paths",
+    "pose_map",
+    "write_page",
+    "write_video",
+]
 
 if TYPE_CHECKING:
     from dancedata.plot.beat_axes import beats
+    from dancedata.plot.card import card_pictures
     from dancedata.plot.compare_axes import compare
     from dancedata.plot.feature_axes import features
     from dancedata.plot.map_axes import pose_map
@@ -22,6 +33,7 @@ else:
         __name__,
         {
             "beats": "dancedata.plot.beat_axes",
+            "card_pictures": "dancedata.plot.card",
             "compare": "dancedata.plot.compare_axes",
             "features": "dancedata.plot.feature_axes",
             "motion": "dancedata.plot.motion_axes",

@@ -15,7 +15,7 @@ from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.publish.card import drawn_pictures
+from dancedata.publish.card import Pictures
 from dancedata.publish.card_text import card_text, plain_recipe
 from dancedata.store import Store
 from dancedata.store.dataset_json import MAX_BYTES
@@ -54,9 +54,12 @@ def changed(name: str) -> StoreError:
                       fix="run the same command again once nothing writes to it")  # fmt: skip
 
 
-def contents(store: Store, place: Publication, beside: Sequence[Path], progress: Progress) -> list[Upload]:
+def contents(
+    store: Store, place: Publication, beside: Sequence[Path], pictures: Pictures | None, progress: Progress
+) -> list[Upload]:
     """Return the files of a publication; the last one makes it complete.
 
+    `pictures`: Draws those of the card; None: it has none.
     `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
     Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
@@ -72,7 +75,7 @@ def contents(store: Store, place: Publication, beside: Sequence[Path], progress:
         raise UsageError("the dataset has too many files and clips for one publication", where=str(store.path),
                          found=f"{PUBLICATION_FILE} of {publication.size:,} bytes", allowed=f"{MAX_BYTES:,}",
                          fix="publish its parts as datasets of their own")  # fmt: skip
-    files += _card(store, place, progress)
+    files += _card(store, place, pictures, progress)
     if place.recipe_only:
         return [*files, publication]
     description = read_regular(store.path / DATASET_FILE, MAX_BYTES)
@@ -134,15 +137,15 @@ def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
             raise UsageError("the file cannot be read", where=path, found=str(error)) from error
 
 
-def _card(store: Store, place: Publication, progress: Progress) -> list[Upload]:
-    pictures: dict[str, tuple[str, bytes]] = {}
-    if not place.recipe_only:
+def _card(store: Store, place: Publication, pictures: Pictures | None, progress: Progress) -> list[Upload]:
+    drawn: Mapping[str, tuple[str, bytes]] = {}
+    if not place.recipe_only and pictures is not None:
         try:
-            pictures = drawn_pictures(store, progress)
+            drawn = pictures(store, progress)
         except UsageError as error:  # no matplotlib
             progress.write(f"the card has no pictures: {error}")
-    words = {f"{PICTURES}/{name}": what for name, (what, _) in pictures.items()}
+    words = {f"{PICTURES}/{name}": what for name, (what, _) in drawn.items()}
     return [
         Upload.of_bytes(CARD_FILE, card_text(store, words, place).encode()),
-        *(Upload.of_bytes(f"{PICTURES}/{name}", data) for name, (_, data) in pictures.items()),
+        *(Upload.of_bytes(f"{PICTURES}/{name}", data) for name, (_, data) in drawn.items()),
     ]

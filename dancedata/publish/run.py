@@ -13,6 +13,7 @@ from dancedata.core.packages import require
 from dancedata.core.text import counted, size_text
 from dancedata.execution.addresses import is_address, require_whole
 from dancedata.execution.progress import Progress
+from dancedata.publish.card import Pictures
 from dancedata.publish.contents import contents
 from dancedata.publish.hub import HubUpload
 from dancedata.publish.terms import require_permission, restrictions
@@ -74,6 +75,7 @@ def push(
     rights: str | None = None,
     tag: str | None = None,
     beside: Sequence[str | Path] = (),
+    pictures: Pictures | None = None,
     overwrite: bool = False,
     progress: bool = True,
 ) -> Pushed:
@@ -101,6 +103,8 @@ def push(
     beside
         With `recipe_only`: files that a build needs in addition to the source's, such as manifest.csv or a local
         plug-in.
+    pictures
+        Draws the pictures of the card: `dancedata.plot.card_pictures`. Default: there are none.
     overwrite
         Replace files of the same names that were not published by this function.
     progress
@@ -143,7 +147,7 @@ def push(
         read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
-        files = contents(opened, place, [Path(path).expanduser() for path in beside], reporter)
+        files = contents(opened, place, [Path(path).expanduser() for path in beside], pictures, reporter)
         reporter.announce(f"publishing {opened.path} at {address}")
         message = f"Publish {opened.info.get('name', 'dataset')} {digits} with dancedata"
         at, uploaded = HubUpload(address, name, private, gated, overwrite).run(files, message, reporter)

@@ -13,9 +13,9 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
-from dancedata.curation.anatomy import bone_spread, floor_drift
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
+from dancedata.metrics.body import bone_spread, floor_drift
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.stage import Stage
 from dancedata.report.tally import Tally

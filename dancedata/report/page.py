@@ -218,7 +218,7 @@ class PageParts:
     `columns`: Columns of each field.
     `heat_maps`: The heat map of each field that has one.
     `stills`: A pose of each of some clips: the clip and an SVG image.
-    `differences`: Kind and text of each difference from the other dataset.
+    `differences`: Kind and text of each difference from the other dataset; None: not looked for.
     `player`: The clips of the page.
     """
 
@@ -226,7 +226,7 @@ class PageParts:
     columns: Mapping[str, Columns]
     heat_maps: Mapping[str, Figure]
     stills: Sequence[tuple[str, str]] = ()
-    differences: Sequence[tuple[str, str]] = ()
+    differences: Sequence[tuple[str, str]] | None = None
     player: Player = NO_PLAYER
 
 
@@ -313,14 +313,17 @@ def _findings(document: Document) -> str:
     return f'<ul class="findings" aria-label="What stands out">{"".join(entries)}</ul>' if entries else ""
 
 
-def _differences(other: Document, differences: Sequence[tuple[str, str]]) -> str:
+def _differences(other: Document, differences: Sequence[tuple[str, str]] | None) -> str:
+    name = escaped(other.about.name)
+    head = f"<p>This dataset first, {name} second. Outlines in the figures are those of {name}.</p>"
+    if differences is None:
+        return head
     entries = [f"<li><b>{escaped(kind)}</b>: {escaped(text, 600)}</li>" for kind, text in differences[:_DIFFERENCES]]
     more = len(differences) - len(entries)
     if more > 0:
         entries.append(f"<li>{number(more)} more (dancedata diff)</li>")
-    name = escaped(other.about.name)
     what = f'<ul class="terms">{"".join(entries)}</ul>' if entries else "<p>None: the same data.</p>"
-    return f"<p>This dataset first, {name} second. Outlines in the figures are those of {name}.</p>{what}"
+    return head + what
 
 
 def _terms(document: Document) -> str:

@@ -2,101 +2,71 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from dancedata.core.clip import Window
-from dancedata.core.grid import Number
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.music import ClipMusic, Resources, clip_music
-from dancedata.evaluation.protocol import Protocol, protocol_named
-from dancedata.evaluation.report import Report as Evaluation
-from dancedata.evaluation.request import Inputs, Request
-from dancedata.execution.cache import Cache, default_cache
-from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
+from dancedata.files.page_files import PageFiles
 from dancedata.report.measure import Measured, clip_numbers, measure
 from dancedata.report.numbers import document
 from dancedata.report.outliers import outliers
 from dancedata.report.player import scene_player
-from dancedata.report.samples_document import SAMPLES, NearestPose, SampleRow, SamplesReport, of_sample, sample_of
+from dancedata.report.samples_document import (
+    SAMPLES,
+    NearestPose,
+    SampleRow,
+    SamplesReport,
+    Scores,
+    of_sample,
+    sample_of,
+)
 from dancedata.report.samples_page import samples_page
 from dancedata.report.scales import Scales
-from dancedata.report.write import Target
 from dancedata.scene.figure import Figure
-from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.motions import MotionScenes
 from dancedata.scene.pieces import Piece, figure_key_motion
 from dancedata.scene.pose_space import Space, poses_of
 from dancedata.scene.scene_list import Item
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.saved_samples import saved_samples
 
 #: Poses at a time whose distances are computed.
 _BLOCK = 1000
 
 
 def write_samples_report(
-    samples: str | Path,
-    like: str | Path,
+    scores: Scores,
+    against: str | Path,
     to: str | Path | None = None,
     *,
-    protocol: str | Protocol = "dancedata",
-    split: str | None = None,
     clips: int = 12,
-    field: str | None = None,
-    normalized: bool | None = None,
-    scaler: str | Path | None = None,
-    clamp: bool = False,
-    fps: Number | None = None,
-    music: MusicLike = None,
-    intervals: bool = True,
     max_mb: float = 20,
     overwrite: bool = False,
-    cache: str | Path | None = None,
     progress: bool = False,
 ) -> SamplesReport:
     """Compare samples of a model with the dataset that it was trained on, as ``dancedata report S --against D`` does.
 
-    `samples`: A folder of motion files, or one file, as `dancedata.evaluate` reads them.
-    `like`: The built dataset: its rate, columns, scaler, music and ground truth.
+    `scores`: What `dancedata.evaluate` says of the samples, with the dataset as `like`.
+    `against`: The built dataset.
     `to`: HTML file to write; None: numbers alone.
-    `protocol`: Name of the protocol of the scores.
-    `split`: Splits of the ground truth beside them. Default: the dances that samples are of, or "test".
     `clips`: Number of samples that the page plays, the most suspicious first.
-    `field`, `normalized`, `scaler`, `clamp`, `fps`: What columns of arrays are, as in `dancedata.evaluate`.
-    `music`, `intervals`: As in `dancedata.evaluate`.
     `max_mb`, `overwrite`, `progress`: As in `write_report`.
-    Raises UsageError: if the samples cannot be read as stated, or the page cannot be written.
-    Raises DataError: if no sample can be measured.
+    Raises UsageError: if the page cannot be written.
     """
-    path, reporter = Path(samples).expanduser(), Progress(quiet=not progress)
     target = None
     if to is not None:
-        target = Target.of(Path(to), [Path(like)], max_mb=max_mb, overwrite=overwrite)
-    root = (Path(cache).expanduser() if cache is not None else default_cache()).absolute()
-    with open_store(like) as store:
+        target = PageFiles.of(Path(to), [Path(against)], max_mb=max_mb, overwrite=overwrite)
+    with open_store(against) as store:
         store.require_intact()
-        named = protocol_named(protocol)
-        if (saved := saved_samples(path)) is not None:
-            saved.like(store)
-            field, scaler = field or saved.field, scaler or saved.scaler
-        request = Request(
-            what=path, protocol=named, like=store, role="generated", split=split, field=field, normalized=normalized,
-            scaler=scaler, clamp=clamp, fps=fps, music=MusicSources.of(music), intervals=intervals,
-        )  # fmt: skip
-        inputs = request.inputs()
-        scores = evaluate_inputs(inputs, cache=root, progress=reporter)
-        music, _ = clip_music(Resources(Cache(root), Executor(1), reporter), named, inputs.clip_set, inputs.music)
-        beats = {clip: of_clip.beats.seconds for clip, of_clip in music.items()}
-        scenes = MotionScenes(inputs.clip_set.clips, path.name, None, store.skeleton, beats)
-        report, dancers = _compared(scenes, measure(store, reporter), inputs, music, scores)
+        beats = {clip: of_clip.beats.seconds for clip, of_clip in scores.music.items()}
+        scenes = MotionScenes(scores.inputs, Path(scores.source).name, None, store.skeleton, beats)
+        report, dancers = _compared(scenes, measure(store, Progress(quiet=not progress)), scores)
     if target is None:
         return report
     suspects = {outlier.clip: number for number, outlier in enumerate(report.outliers)}
@@ -107,22 +77,16 @@ def write_samples_report(
     return replace(report, path=target.path)
 
 
-def _compared(
-    scenes: MotionScenes,
-    measured: Measured,
-    inputs: Inputs,
-    music: Mapping[str, ClipMusic],
-    scores: Evaluation,
-) -> tuple[SamplesReport, dict[str, Item]]:
+def _compared(scenes: MotionScenes, measured: Measured, scores: Scores) -> tuple[SamplesReport, dict[str, Item]]:
     """Measure the samples as the dataset was, and return the report and the item of each sample."""
-    store = measured.store
+    store, music = measured.store, scores.music
     numbers = document(measured, Scales.of([measured]))
     space = measured.space or Space.of(store, {})
     # Copies of windows of train are looked for, not those that the splits share.
     kept = [k for k, (_, split, _) in enumerate(space.window_of) if split == "train"]
     space.windows, space.window_of = [space.windows[k] for k in kept], [space.window_of[k] for k in kept]
     first = len(space.pose_of)
-    named = {c.id: c.music for c in inputs.clip_set.clips if c.id in music}
+    named = {c.id: c.music for c in scores.inputs if c.id in music}
     dancers, rows = {}, {}
     for item in scenes.items:
         for dancer in item.members or (item,):
@@ -142,7 +106,7 @@ def _compared(
     return SamplesReport(shown(scenes.place), scores, sample_rows, unlike, nearest, numbers, clips), dancers
 
 
-def _piece(figure: Figure, music: ClipMusic | None) -> Piece:
+def _piece(figure: Figure, music: Any) -> Piece:
     beats, end_s = (None, None) if music is None else (music.beats, music.end_s)
     return Piece(figure, figure_key_motion(figure), beats, end_s)
 

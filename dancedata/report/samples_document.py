@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
-from dancedata.evaluation.report import Report as Evaluation
 from dancedata.report.document import Document
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.outliers import Outlier
 
 SCHEMA = 1
+#: What `dancedata.evaluate` returns; satellites do not know each other's classes.
+Scores: TypeAlias = Any
 #: Split of the samples among the poses.
 SAMPLES = "samples"
 
@@ -73,7 +74,7 @@ class SamplesReport:
     """
 
     name: str
-    scores: Evaluation
+    scores: Scores
     rows: tuple[SampleRow, ...]
     outliers: tuple[Outlier, ...]
     nearest: tuple[NearestPose, ...]

@@ -9,7 +9,6 @@ import numpy as np
 
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.text import counted, listed
-from dancedata.evaluation.report import LABELS, score_cells, score_table
 from dancedata.report.figures import Drawing
 from dancedata.report.markup import Figure, Markup, escaped, percent, rounded, table
 from dancedata.report.measure import ClipNumbers
@@ -40,7 +39,7 @@ def describe(report: SamplesReport) -> list[str]:
     poses, other = report.dataset.poses, report.dataset.about.name
     lines = [report.scores.matched] if report.scores.matched else []
     lines += [] if report.path is None else [f"{report.path}: {report.path.stat().st_size / 1e6:.1f} MB"]
-    lines += [report.scores.verdict, *score_table(report.scores)]
+    lines += [report.scores.verdict, *report.scores.table()]
     if near := poses.to_train.get(SAMPLES):
         usual = "" if poses.chance is None else f" (two halves of train: {rounded(100 * poses.chance.p50)} cm)"
         lines.append(f"  poses: {rounded(100 * near.p50)} cm from the nearest of train{usual}")
@@ -89,7 +88,7 @@ def samples_page(report: SamplesReport, player: Player) -> str:
 
 
 def _scores(report: SamplesReport) -> str:
-    head, rows = score_cells(report.scores)
+    head, rows = report.scores.cells()
     cells = [
         tuple(Markup(f'<span class="{score.verdict}" title="{escaped(score.reason)}">{escaped(str(cell))}</span>')
               for cell in row)
@@ -188,7 +187,7 @@ def _songs(report: SamplesReport) -> list[Figure]:
          _mean(row.numbers.speed for row in of), _mean(row.to_train_m for row in of))
         for song, of in sorted(songs.items())
     ]  # fmt: skip
-    head = ("song", "samples", *(LABELS.get(name, name) for name in metrics), "speed m/s", "to train m")
+    head = ("song", "samples", *(report.scores.label(name) for name in metrics), "speed m/s", "to train m")
     note = "means over the samples of a song; to train: median distance of their poses to the nearest pose of train"
     body = f'<div class="scroll">{table(head, rows, "list sortable")}</div>'
     return [Figure("songs", "Songs", note, body, kind="wide")]
@@ -202,7 +201,7 @@ def _clips(d: Drawing, report: SamplesReport) -> Figure:
          row.numbers.floor_drift_m, row.numbers.jerk, row.to_train_m)
         for row in sorted(report.rows, key=lambda row: row.clip)
     ]  # fmt: skip
-    head = ("sample", "song", "seconds", *(LABELS.get(name, name) for name in metrics), "still", "speed m/s",
+    head = ("sample", "song", "seconds", *(report.scores.label(name) for name in metrics), "still", "speed m/s",
             "floor drift m", "jerk m/s³", "to train m")  # fmt: skip
     body = f'<div class="scroll">{table(head, cells, "list sortable")}</div>'
     return Figure("samples", "Numbers of each sample", "the head of a column sorts", body, kind="wide")

@@ -1,24 +1,19 @@
 """write_report: a dataset as a page and as numbers, and the files of the page."""
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 
-from dancedata.comparison import Difference, diff, folded
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
-from dancedata.core.version import __version__
 from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
-from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.place import foreign_files, read_about, remove_export, replaced_export, write_about
-from dancedata.files import atomic, publish
-from dancedata.files.atomic import require_free
+from dancedata.files.page_files import PageFiles
+from dancedata.remote import local_folder
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
 from dancedata.report.heat import Timeline, heat_map, joint_map
@@ -50,14 +45,14 @@ class Report:
     other_numbers
         Those of the dataset it is compared with.
     differences
-        Between both datasets.
+        Between both datasets, as `dancedata.diff` returns them; None: not looked for.
     path
         The page; None if none was written.
     """
 
     numbers: Document
     other_numbers: Document | None = None
-    differences: tuple[Difference, ...] = ()
+    differences: Any = None
     path: Path | None = None
 
     @property
@@ -82,13 +77,13 @@ class Report:
             "path": None if self.path is None else str(self.path),
             "report": self.document,
             "against": self.other,
-            "differences": [d.to_json() for d in self.differences],
+            "differences": [d.to_json() for d in self.differences or ()],
         }
 
 
 @dataclass(frozen=True)
 class _PageOptions:
-    target: "Target"
+    target: PageFiles
     clips: Clips
     embed_audio: bool
     source: Path | None
@@ -104,6 +99,7 @@ def write_report(
     source: str | Path | None = None,
     may_share: bool = False,
     against: str | Path | None = None,
+    differences: Callable[[Path, Path], Any] | None = None,
     max_mb: float = 20,
     overwrite: bool = False,
     progress: bool = False,
@@ -127,6 +123,8 @@ def write_report(
         The caller states the right to redistribute the music where the dataset's licence does not allow it.
     against
         Another dataset to compare with.
+    differences
+        What finds the differences of both, such as `dancedata.diff`. Default: they are not listed.
     max_mb
         Largest page, megabytes.
     overwrite
@@ -150,7 +148,7 @@ def write_report(
     options = None
     if to is not None:
         stores = [local_folder(path) for path in (store, against) if path is not None]
-        target = Target.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
+        target = PageFiles.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
         options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)
     reporter = Progress(quiet=not progress)
@@ -158,14 +156,14 @@ def write_report(
         opened_store.require_intact()
         measured = measure(opened_store, reporter)
         if against is None:
-            return _report(measured.reader, document(measured, Scales.of([measured])), None, (), options)
+            return _report(measured.reader, document(measured, Scales.of([measured])), None, None, options)
         with open_store(against) as other:
             other.require_intact()
             beside = measure(other, reporter)
             scales = Scales.of([measured, beside])
-            differences = tuple(diff(opened_store.path, other.path))
+            compared = None if differences is None else differences(opened_store.path, other.path)
             numbers, other_numbers = document(measured, scales), document(beside, scales)
-            return _report(measured.reader, numbers, other_numbers, differences, options)
+            return _report(measured.reader, numbers, other_numbers, compared, options)
 
 
 def _checked(clips: Clips) -> Clips:
@@ -184,14 +182,16 @@ def _report(
     reader: ClipReader,
     numbers: Document,
     other: Document | None,
-    differences: tuple[Difference, ...],
+    differences: Any,
     options: _PageOptions | None,
 ) -> Report:
     if options is None:
         return Report(numbers, other, differences)
     store = reader.store
     player = _player(store, numbers, options)
-    texts = [(kind, text) for kind, _, text in (line.partition(": ") for line in folded(differences))]
+    texts = None
+    if differences is not None:
+        texts = [(kind, text) for kind, _, text in (line.partition(": ") for line in differences.lines())]
     chosen = _spread(numbers, _PATHS)
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
     parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
@@ -278,92 +278,3 @@ def default_path(store: str | Path) -> Path:
             c if c.isascii() and (c.isalnum() or c in "._+-") else "_" for c in opened_store.info.get("name", "")
         )
     return Path(f"{name.lstrip('.') or 'dataset'}-report.html")
-
-
-#: Bytes of a megabyte, as file managers count.
-_MB = 1_000_000
-
-
-@dataclass(frozen=True)
-class Target:
-    """Destination of a report.
-
-    `path`: The page.
-    `max_mb`: Largest page, megabytes.
-    """
-
-    path: Path
-    max_mb: float
-
-    @classmethod
-    def of(cls, to: Path, stores: Sequence[Path], what: str = "report", *, max_mb: float, overwrite: bool) -> Self:
-        """Check the destination of a report or card.
-
-        Raises UsageError: if the file exists and is not to be replaced, or is inside one of the datasets; if the
-            folder holds files that no report of this name wrote, or that were changed since.
-        """
-        target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
-        if not overwrite and os.path.lexists(target.folder):
-            fix = "choose another --to, or add --overwrite"
-            raise UsageError("the file is already there", where=target.folder, fix=fix)
-        target._require_own_folder()
-        return target
-
-    @property
-    def folder(self) -> Path:
-        """Folder with further clips: "report.html" has "report_files". Its export.json lists its files."""
-        return self.path.with_name(f"{self.path.stem}_files")
-
-    def write(self, html: bytes, side: Mapping[str, Callable[[], bytes]]) -> None:
-        """Write the page last, so that it never names missing files.
-
-        `side`: Files of the folder, made one at a time.
-        Raises UsageError: if the page is too large; then nothing is written.
-        Raises StoreError: if a file cannot be written.
-        """
-        self._require_size(len(html))
-        try:
-            with atomic.atomic_file(self.path) as page:
-                page.write_bytes(html)
-                if side:
-                    self._write_folder(side)
-            if not side and self._listing() is not None:
-                remove_export(self.folder)  # of an earlier page
-        except OSError as error:
-            raise StoreError("the report cannot be written", where=self.path, found=str(error)) from error
-
-    def _require_size(self, n_bytes: int) -> None:
-        if n_bytes > self.max_mb * _MB:
-            raise UsageError(
-                "the page is too large",
-                where=self.path,
-                found=f"{n_bytes / _MB:.1f} MB",
-                allowed=f"{self.max_mb:g} MB (--max-mb)",
-                fix="show fewer clips: --clips 4, or --clips none; music takes most of it: --audio none",
-            )
-
-    def _write_folder(self, side: Mapping[str, Callable[[], bytes]]) -> None:
-        with replaced_export(self.folder, overwrite=True) as new:
-            folder = ExportFolder(new, self.folder)
-            for name, make in side.items():
-                folder.write_bytes(name, make())
-            write_about(folder, {"dancedata": __version__, "report": self.path.name})
-
-    def _listing(self) -> dict[str, Any] | None:
-        """Return the files of the folder as a report of this name lists them; None if none wrote it."""
-        record = None if self.folder.is_symlink() else read_about(self.folder)
-        return record["files"] if record is not None and record.get("report") == self.path.name else None
-
-    def _require_own_folder(self) -> None:
-        if not os.path.lexists(self.folder):
-            return
-        foreign = ["a file or a link"]
-        if self.folder.is_dir() and not self.folder.is_symlink():
-            files = self._listing()
-            names = sorted(p.name for p in self.folder.iterdir())
-            foreign = names if files is None else foreign_files(self.folder, files)
-        if foreign:
-            raise publish.foreign_files(self.folder, foreign,
-                                        problem="the folder for further clips has other files in it",
-                                        allowed="the files of a report of this name, as they were written",
-                                        choose="another --to", error=UsageError)  # fmt: skip

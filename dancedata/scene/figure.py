@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.contacts.velocity import Velocity
 from dancedata.core.bodies import SKELETONS, SMPLX55
 from dancedata.core.dance import checked_joints
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.registry import CONTACTS
 from dancedata.core.rotations import Float64Array, slerp
 from dancedata.core.skeleton import Skeleton
 from dancedata.formats.body_mesh import BodyMesh, Float32
@@ -100,7 +100,7 @@ class Figure:
     def of_joints(cls, joints: Float64Array, skeleton: Skeleton, grid: FrameGrid) -> Figure:
         """Make the figure of joint positions (T, J, 3), metres, +Y up; contacts are computed (EDGE's rule)."""
         places = np.asarray(joints, dtype=np.float64)
-        contacts = Velocity()(places, grid, skeleton) > 0.5
+        contacts = CONTACTS.make("velocity", {})(places, grid, skeleton) > 0.5
         return cls(places, skeleton, grid, contacts, skeleton.feet)
 
     @classmethod

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from dancedata.core.errors import StoreError
 from dancedata.exports.base.job import Export
-from dancedata.exports.base.place import ABOUT, read_about
 from dancedata.exports.base.run import export_dataset
+from dancedata.files.atomic_folder import ABOUT, read_about
 from dancedata.testing.plugin_checks import check_plugin, raises, require
 from dancedata.testing.stores import random_fields, write_random_store
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,6 @@ import numpy.typing as npt
 
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.text import counted
-from dancedata.evaluation.evaluator import Evaluator, Gather
-from dancedata.evaluation.report import Report
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.store.saved_samples import as_numpy
@@ -38,7 +36,7 @@ class Validation:
     step
         Step of the training.
     report
-        Of all samples; None where none could be measured.
+        That of `dancedata.Evaluator` of all samples; None where none could be measured.
     numbers
         Scores by name with the prefix, without those that mean nothing; the number of independent clips, and that of
         samples that were left out.
@@ -47,7 +45,7 @@ class Validation:
     """
 
     step: int
-    report: Report | None
+    report: Any
     numbers: Mapping[str, float] = field(default_factory=dict)
     page: Path | None = None
 
@@ -61,7 +59,7 @@ class SampleLog:
     Parameters
     ----------
     evaluator
-        Of the dataset.
+        A `dancedata.Evaluator` of the dataset.
     folder
         Where the pages are written, step-00000400.html and so on; made if it is not there. None: no pages.
     wall
@@ -83,7 +81,7 @@ class SampleLog:
     """
 
     def __init__(
-        self, evaluator: Evaluator, folder: str | Path | None = None, *, wall: int = 6, prefix: str = "samples/"
+        self, evaluator: Any, folder: str | Path | None = None, *, wall: int = 6, prefix: str = "samples/"
     ) -> None:
         if not 1 <= wall <= _MOST:
             raise UsageError("invalid number of samples of a page", found=wall, allowed=f"1 to {_MOST}")
@@ -129,7 +127,7 @@ class SampleLog:
         self,
         step: int,
         *,
-        gather: Gather | None = None,
+        gather: Callable[[list[Any]], list[Any]] | None = None,
         main: bool = True,
         accelerator: Accelerator | None = None,
     ) -> Validation:
@@ -157,7 +155,7 @@ class SampleLog:
         self.reset()
         return done
 
-    def _scores(self) -> tuple[Report | None, dict[str, float]]:
+    def _scores(self) -> tuple[Any, dict[str, float]]:
         if not len(self.evaluator):
             raise UsageError("there are no samples", fix="give the batches of the validation to update")
         try:

@@ -282,7 +282,7 @@ def samples(camera: Camera, data: Data, theme: str, size: tuple[int, int] = (128
                 if number == 1:
                     columns[:, 6] += np.linspace(0, 1, len(columns))
                 np.save(folder / f"{clip.id}.npy", columns)
-        write_samples_report(folder, data.demo, page, normalized=False)
+        write_samples_report(dancedata.evaluate(folder, like=data.demo, normalized=False), data.demo, page)
     return opened(camera, page, theme, size)
 
 

@@ -11,6 +11,7 @@ import yaml
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
+from dancedata.plot import card_pictures
 from dancedata.publish.card import write_card
 from dancedata.publish.card_text import without_paths
 from dancedata.recipes.parse import parse_recipe
@@ -32,7 +33,7 @@ def head_of(text: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def card(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:  # noqa: F811
-    return write_card(demo, tmp_path_factory.mktemp("card") / "README.md")
+    return write_card(demo, tmp_path_factory.mktemp("card") / "README.md", pictures=card_pictures)
 
 
 def test_the_head_is_what_hubs_read(card: Path) -> None:

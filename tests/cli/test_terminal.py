@@ -14,7 +14,7 @@ import pytest
 
 from dancedata.cli.app import app
 from dancedata.cli.terminal import say
-from dancedata.comparison import Difference, folded
+from dancedata.comparison import Difference, Differences
 from dancedata.core.text import age_text
 from tests.commands import run
 
@@ -124,11 +124,11 @@ def test_differences_of_one_kind_are_one_line():
         Difference("recipe", "windows.stride_frames: 15, 30"),
         Difference("clips", "1 clip only in A", ("a",)),
     ]
-    assert folded(differences) == [
+    assert Differences(differences).lines() == [
         "store: fps: 30, 60",
         "store: 3 keys of genre_ids differ: gBR: 0, null; gHO: 1, null, ...",
         "fields: dtype float32, float16: edge151, librosa35",
         "recipe: windows.stride_frames: 15, 30",
         "clips: 1 clip only in A: a",
     ]
-    assert folded([]) == []
+    assert Differences().lines() == []

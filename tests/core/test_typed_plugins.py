@@ -20,7 +20,7 @@ import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
-from dancedata.exports.base.folder import ExportFolder
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.exports.base.job import Export, ExportJob
 from dancedata.recipes.recipe import Recipe
 
@@ -33,7 +33,7 @@ def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job
     target.lackz(job)
     recipe.dataset.scan(Path("source"))
     recipe.audio[0].feature.extract(signal, recipe.grid)
-    target.write(job, ExportFolder(job.out, job.out))
+    target.write(job, AtomicFolder(job.out, job.out))
 """
 
 # A feature of another package: the template unchanged, and with a signature and a class variable that do not fit.

@@ -18,6 +18,7 @@ from dancedata.curation.scores import MEASURES, OF_BODIES, Score, score_motion
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
+from dancedata.metrics.body import bone_spread
 from dancedata.synthetic import synthesise_motion
 
 NAME = "gBR_sBM_cAll_d04_mBR0_ch01"
@@ -255,7 +256,7 @@ def test_bones_of_a_motion_are_as_its_reader_measured() -> None:
     lengths = np.linalg.norm(joints[:, 7] - joints[:, 4], axis=1)
     plain = np.quantile(lengths, 0.99) - np.quantile(lengths, 0.01)
     # The bone from the ankle to the toe changes as well, by more.
-    assert anatomy.bone_spread(joints, SMPL24) >= plain > 0.05
+    assert bone_spread(joints, SMPL24) >= plain > 0.05
 
 
 def test_a_rig_of_other_joints_has_no_scores_of_a_body() -> None:

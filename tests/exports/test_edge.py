@@ -14,8 +14,8 @@ from dancedata.core.errors import DataError, StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.run import ExportResult
+from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.music.signal import load_audio
 from tests.messages import raises_message
 
@@ -134,7 +134,7 @@ def test_splits_whose_windows_have_no_sound_are_refused(built, tmp_path: Path) -
 
 
 def test_pickles_of_empty_arrays(tmp_path: Path) -> None:
-    folder = ExportFolder(tmp_path, tmp_path)
+    folder = AtomicFolder(tmp_path, tmp_path)
     folder.write_pickle("a", {"none": np.empty((0, 150, 3), np.float32), "one": np.float32(2) * np.ones(())})
     held = loaded(tmp_path / "a")
     assert (held["none"].shape, held["one"].shape, float(held["one"])) == ((0, 150, 3), (), 2.0)

@@ -16,11 +16,9 @@ import dancedata
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import self_hash
-from dancedata.exports.base import place
-from dancedata.exports.base.folder import ExportFolder
-from dancedata.exports.base.place import new_export, read_about
 from dancedata.exports.npz import Npz
 from dancedata.files import publish
+from dancedata.files.atomic_folder import AtomicFolder, atomic_folder, read_about, remove_listed
 from dancedata.files.publish import claim, mark
 from tests.messages import raises_message
 
@@ -127,7 +125,7 @@ def test_a_full_disk_leaves_nothing(npz, tmp_path: Path, file: int, monkeypatch:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
 def test_an_interrupted_export_leaves_nothing(npz, tmp_path: Path, error: type, monkeypatch) -> None:
-    def interrupted(self: Npz, job: Any, folder: ExportFolder) -> None:
+    def interrupted(self: Npz, job: Any, folder: AtomicFolder) -> None:
         folder.write_text("clips/a", "half")
         raise error
 
@@ -174,7 +172,7 @@ def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, 
     if which == "new":
         (rest / "export.json").unlink()
         mark(rest)
-    place.remove_export(rest)
+    remove_listed(rest)
     assert not rest.exists()
     names = [*tree(npz().path), "dancedata-unfinished.json"]
     for killed_at in range(len(names)):
@@ -193,7 +191,7 @@ def test_a_removal_that_was_killed_is_finished(npz, tmp_path: Path, which: str, 
 
         monkeypatch.setattr(os, "unlink", killed)
         with suppress(KeyboardInterrupt):
-            place.remove_export(rest)
+            remove_listed(rest)
         monkeypatch.setattr(os, "unlink", unlink)
         npz()
         assert [p.name for p in tmp_path.iterdir()] == ["out"], killed_at
@@ -206,24 +204,24 @@ def test_an_interrupt_while_a_folder_is_claimed(tmp_path: Path, monkeypatch: pyt
         raise KeyboardInterrupt
 
     monkeypatch.setattr(publish, "mark", interrupted)
-    with pytest.raises(KeyboardInterrupt), new_export(tmp_path / "out", overwrite=False):
+    with pytest.raises(KeyboardInterrupt), atomic_folder(tmp_path / "out", overwrite=False):
         pass
     assert not list(tmp_path.iterdir())
 
 
 def test_two_exports_at_once(tmp_path: Path) -> None:
     def second() -> None:
-        with new_export(tmp_path / "out", overwrite=False):
+        with atomic_folder(tmp_path / "out", overwrite=False):
             pass
 
-    with new_export(tmp_path / "out", overwrite=False), raises_message(StoreError, "writing", where="out"):
+    with atomic_folder(tmp_path / "out", overwrite=False), raises_message(StoreError, "writing", where="out"):
         second()
 
 
 def test_a_file_that_appears_during_the_export_is_not_replaced(tmp_path: Path) -> None:
     def fill() -> None:
-        with new_export(tmp_path / "out", overwrite=False) as folder:
-            (folder / "a").write_text("a")
+        with atomic_folder(tmp_path / "out", overwrite=False) as folder:
+            folder.write_text("a", "a")
             (tmp_path / "out").mkdir()
             (tmp_path / "out" / "mine").write_text("mine")
 
@@ -236,12 +234,12 @@ def test_a_file_that_appears_during_the_export_is_not_replaced(tmp_path: Path) -
 @pytest.mark.parametrize("name", ["", "/abs", "../up", "a/../../up", "nul\0"])
 def test_paths_of_files_stay_below(tmp_path: Path, name: str) -> None:
     with raises_message(UsageError, "below"):
-        ExportFolder(tmp_path, tmp_path).write_text(name, "x")
+        AtomicFolder(tmp_path, tmp_path).write_text(name, "x")
     assert not list(tmp_path.iterdir())
 
 
 def test_links_are_of_equal_bytes_only(tmp_path: Path) -> None:
-    folder = ExportFolder(tmp_path, tmp_path, link=True)
+    folder = AtomicFolder(tmp_path, tmp_path, link=True)
     for name, text in (("a", "x"), ("b", "x"), ("c", "y")):
         folder.write_text(name, text)
     assert os.stat(tmp_path / "a").st_ino == os.stat(tmp_path / "b").st_ino != os.stat(tmp_path / "c").st_ino
@@ -250,7 +248,7 @@ def test_links_are_of_equal_bytes_only(tmp_path: Path) -> None:
 
 def test_a_name_given_twice_also_in_another_case_loses_no_file(tmp_path: Path) -> None:
     """As on macOS, where the second name finds the first file."""
-    folder = ExportFolder(tmp_path, tmp_path)
+    folder = AtomicFolder(tmp_path, tmp_path)
     folder.write_text("Clip.txt", "first")
     with raises_message(UsageError, "export"):
         folder.write_text("Clip.txt", "again")

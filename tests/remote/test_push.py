@@ -84,7 +84,7 @@ def test_the_card_states_terms_sizes_columns_and_hashes(uploads: UploadHub, publ
 
 def test_pictures(uploads: UploadHub, built: Path) -> None:
     pytest.importorskip("matplotlib")
-    push(built, rights="they are of a program")
+    push(built, rights="they are of a program", pictures=dancedata.plot.card_pictures)
     files = uploads.files()
     pictures = {name for name in files if name.startswith("README_files/")}
     assert len(pictures) == 3

@@ -10,11 +10,12 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+import dancedata
 from dancedata.core.errors import UsageError
+from dancedata.files.page_files import PageFiles
 from dancedata.report import write_report
 from dancedata.report.markup import Figure, number
 from dancedata.report.page import grid, packed
-from dancedata.report.write import Target
 from dancedata.scene.page import source_hash
 from dancedata.store import open_store
 from tests.messages import raises_message
@@ -165,7 +166,7 @@ def test_untrusted_names_of_groups_stay_text(relabelled, tmp_path: Path) -> None
 
 def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "both.html"
-    report = write_report(hostile, path, clips="none", against=demo)
+    report = write_report(hostile, path, clips="none", against=demo, differences=dancedata.diff)
     page = Page(path)
     check_safe(page)
     assert len([a for t, a in page.elements if t == "script"]) == 1, "no player"
@@ -209,8 +210,8 @@ def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp
 
 
 def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
-    report = write_report(demo, tmp_path / "same.html", clips="none", against=demo)
-    assert report.differences == ()
+    report = write_report(demo, tmp_path / "same.html", clips="none", against=demo, differences=dancedata.diff)
+    assert report.differences == []
     assert report.document == report.other
     assert "the same data" in (tmp_path / "same.html").read_text()
 
@@ -263,7 +264,7 @@ def test_other_arguments(demo: Path, tmp_path: Path) -> None:
 
 
 def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) -> None:
-    target = Target.of(tmp_path / "r.html", [], max_mb=1, overwrite=True)
+    target = PageFiles.of(tmp_path / "r.html", [], max_mb=1, overwrite=True)
     target.folder.mkdir()
     for name in ("mine.txt", "clip-00007.js"):
         (target.folder / name).write_text("")
@@ -274,7 +275,7 @@ def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) ->
 def _with_a_folder(page: Path, number: int = 12) -> Path:
     """Write a report with one clip next to its page; returns the folder."""
     side = {f"clip-{number:05d}.js": lambda: f"dancedataClip({number}, {{}});\n".encode()}
-    target = Target.of(page, [], max_mb=1, overwrite=True)
+    target = PageFiles.of(page, [], max_mb=1, overwrite=True)
     target.write(b"page", side)
     return target.folder
 
@@ -308,7 +309,7 @@ def test_foreign_files_next_to_the_page_stay(tmp_path: Path, change: Callable[[P
     before = theirs.read_bytes()
     with raises_message(UsageError, "further", where="r_files"):
         _with_a_folder(page, 14)
-    target = Target(page, 1)
+    target = PageFiles(page, 1)
     target.write(b"page", {})  # of a report that started before they were created
     assert theirs.read_bytes() == before
 

@@ -38,7 +38,7 @@ def samples(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def report(demo: Path, samples: Path) -> SamplesReport:
-    return write_samples_report(samples, demo, normalized=False, intervals=False)
+    return write_samples_report(dancedata.evaluate(samples, like=demo, normalized=False, intervals=False), demo)
 
 
 def test_scores_are_those_of_evaluate(demo: Path, samples: Path, report: SamplesReport) -> None:
@@ -92,7 +92,8 @@ def test_songs_are_those_of_the_clips_of_that_name(demo: Path, report: SamplesRe
 
 def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    written = write_samples_report(samples, demo, page, normalized=False, intervals=False, clips=2)
+    scores = dancedata.evaluate(samples, like=demo, normalized=False, intervals=False)
+    written = write_samples_report(scores, demo, page, clips=2)
     text = page.read_text()
     assert written.path == page
     for title in ("Scores", "How they move", "Map of the poses", "The strangest poses", "Numbers of each sample"):
@@ -101,10 +102,10 @@ def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Pat
     assert text.count("dancedataClip") or '"clips":{"0"' in text
     assert "a&amp;b=c#d%20%3Cscript%3E" in text.replace("<wbr>", "")
     again = tmp_path / "again.html"
-    write_samples_report(samples, demo, again, normalized=False, intervals=False, clips=2)
+    write_samples_report(scores, demo, again, clips=2)
     assert again.read_bytes() == page.read_bytes()
     with pytest.raises(UsageError, match="already there"):
-        write_samples_report(samples, demo, page, normalized=False)
+        write_samples_report(scores, demo, page)
 
 
 def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_dataset(

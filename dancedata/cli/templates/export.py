@@ -8,9 +8,9 @@ from typing import Any, ClassVar
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import csv_cell
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field
+from dancedata.files.atomic_folder import AtomicFolder
 
 _FIELD = "joints"
 
@@ -41,7 +41,7 @@ class TemplateName(Export):
         """Return the missing requirements of the dataset, with the line of a recipe that gives it."""
         return needs_field(job, _FIELD, kind="motion")
 
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         """Write clips/<id>.csv."""
         header = ",".join(str(csv_cell(label)) for label in job.store.fields[_FIELD].labels)
         for clip in job.each("clips", job.clips()):

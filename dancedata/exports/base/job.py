@@ -16,7 +16,7 @@ from dancedata.execution.progress import Progress
 
 if TYPE_CHECKING:
     from dancedata.building.source_music import SourceMusic
-    from dancedata.exports.base.folder import ExportFolder
+    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.store import Clip, Store
 
 T = TypeVar("T")
@@ -163,7 +163,7 @@ class Export(Plugin):
         return tuple(name for name in self.recipe.get("motion", ()) if name in job.store.fields)
 
     @abstractmethod
-    def write(self, job: ExportJob, folder: ExportFolder) -> None:
+    def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         """Write the files. Called once `missing` has returned nothing.
 
         Parameters

@@ -12,9 +12,8 @@ from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
 from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
-from dancedata.exports.base.folder import ExportFolder
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.place import README, new_export, read_about, write_about
+from dancedata.files.atomic_folder import README, AtomicFolder, atomic_folder, read_about
 from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
@@ -190,8 +189,7 @@ def export_dataset(
         job = replace(job, fields=tuple(name for name in target.reads(job) if name in store.optional_fields))
         require_complete(target, job, needs_file_names(job) + target.missing(job))
         store.require_intact()
-        with new_export(job.out, overwrite=overwrite) as new:
-            folder = ExportFolder(new, job.out, link)
+        with atomic_folder(job.out, overwrite=overwrite, link=link) as folder:
             target.write(job, folder)
             _finish(target, job, folder)
     record = read_about(job.out)
@@ -233,7 +231,7 @@ def _check_place(job: ExportJob) -> None:
                              fix="choose another --out")  # fmt: skip
 
 
-def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
+def _finish(target: Export, job: ExportJob, folder: AtomicFolder) -> None:
     """Add README, licence and export.json, which is the last file."""
     if job.without:
         lacking = listed(sorted({name for names in job.without.values() for name in names}))
@@ -264,4 +262,4 @@ def _finish(target: Export, job: ExportJob, folder: ExportFolder) -> None:
         **({"licences": job.store.info["licences"]} if job.store.licences else {}),
         "notes": list(folder.notes),
     }
-    write_about(folder, record)
+    folder.finish(record)

@@ -18,11 +18,11 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.decoding.files import PERSON_MASK
 from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.stated import (
     JOINT_NAMES,
+    PERSON_MASK,
     RATE_KEYS,
     UNITS,
     UPRIGHT,
