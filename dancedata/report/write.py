@@ -13,7 +13,6 @@ from dancedata.core.text import shown
 from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.files.page_files import PageFiles
-from dancedata.remote import local_folder
 from dancedata.report.document import SCHEMA, Document
 from dancedata.report.figures import Drawing
 from dancedata.report.heat import Timeline, heat_map, joint_map
