@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 #: Rooms of the kernel, from the lowest; rooms of one entry may import each other.
-KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store", "recipes"), ("building", "readers", "cache"))
+KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "readers", "cache"))
 #: Rooms of the kernel that know nothing of datasets: shelves stand on them.
 GROUND = {"core", "files"}
 SHELVES = {"formats", "metrics", "scene", "synthetic"}

@@ -113,7 +113,6 @@ def worker_cases(folder: Path) -> list[Case]:
     """Return what workers do: load a unit, and run it."""
     from dancedata.building.clips import sources_of
     from dancedata.building.compute import make, units_of
-    from dancedata.building.recipe import parts_of
     from dancedata.building.source import takes_of
     from dancedata.execution.cache import Cache
     from dancedata.execution.progress import Progress
@@ -123,7 +122,7 @@ def worker_cases(folder: Path) -> list[Case]:
     quiet, scan = Progress(quiet=True), recipe.dataset.scan(folder / "source")
     sources = sources_of(cache, recipe, replace(scan, clips=scan.clips[:1]), jobs=1, progress=quiet)
     (take,), _ = takes_of(cache, recipe.dataset, sources, jobs=1, progress=quiet)
-    motion, music = (f for f in parts_of(recipe).fields if f.kind in ("motion", "audio"))
+    motion, music = (f for f in recipe.parts.fields if f.kind in ("motion", "audio"))
     found = []
     for name, maker in (("motion", motion), ("librosa35", music)):
         (unit,) = units_of([maker], [((maker.place, ""), maker.asks(take))])

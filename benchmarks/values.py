@@ -127,9 +127,11 @@ def inside(what: str, case: str, folder: str, side: str = "", words: str = "") -
 
 def write_values(store: Any, file: h5py.File) -> None:
     """Write everything that the reader gives; of slices, which may be windows or clips of their own, the rows."""
-    stride = store._window_grid().stride
+    is_base = hasattr(store, "windows_of")  # which has other names for some
+    stride = (store.window_grid if is_base else store._window_grid)().stride
     for clip in store.clips:
-        windows, parent = store[clip.id].windows(), clip.source or clip.id
+        windows = store.windows_of(clip.id) if is_base else store[clip.id].windows()
+        parent = clip.source or clip.id
         if getattr(store, "scope", "track") == "window":
             for window in windows:
                 name = f"{parent}_slice{window.start // stride}{clip.id.removeprefix(parent)}"
@@ -168,8 +170,9 @@ def write_clip(store: Any, clip: Any, windows: Any, group: h5py.Group) -> None:
     group["starts"] = np.array([w.start for w in windows])
     group["segments"] = "\n".join(sorted(repr(s) for s in store.segments(clip.id)))
     for name in store.fields:
-        group[f"has/{name}"] = int(name in store[clip.id])
-        if name not in store[clip.id]:
+        has_field = store.has_field(clip.id, name) if hasattr(store, "has_field") else name in store[clip.id]
+        group[f"has/{name}"] = int(has_field)
+        if not has_field:
             continue
         for what, read in (("clip", clip.read), ("song", clip.read_song)):
             with suppress(StoreError, UsageError):  # the field is not of a song, or the song begins late

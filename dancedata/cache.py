@@ -10,6 +10,7 @@ Examples
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +18,19 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.compute import Unit, in_cache, make, units_of
-from dancedata.building.fields.music import MusicRows
+from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Ask
 from dancedata.building.signals import SignalId, identify_audio
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.grid import FrameGrid, Number, WindowSpec
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import as_in_builds
-from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 
 __all__ = ["FeatureCache"]
@@ -92,9 +92,9 @@ class FeatureCache:
         UsageError
             For an unknown feature or parameter, or a file that does not exist.
         """
-        job = FeatureJob(feature, FrameGrid.of(fps), self._feature(feature, parameters))
+        field = MusicField(feature, FrameGrid.of(fps), self._feature(feature, parameters))
         music = Music(self._identify(song), bpm=start_bpm)
-        fields = [MusicRows(job, known) for known in _arithmetics()]
+        fields = [replace(field, arithmetic=known) for known in _arithmetics()]
         (rows,) = self._rows(fields, lambda field: [field.ask(music)], self._mapped)
         return rows
 
@@ -127,18 +127,18 @@ class FeatureCache:
             raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
         grid = FrameGrid.of(fps)
         windows = WindowSpec(length_frames, stride_frames, grid)
-        job = FeatureJob(feature, grid, self._feature(feature, parameters), windows)
+        field = MusicField(feature, grid, self._feature(feature, parameters), windows)
         music = Music(self._identify(song), bpm=start_bpm)
-        fields = [MusicRows(job, known) for known in _arithmetics()]
+        fields = [replace(field, arithmetic=known) for known in _arithmetics()]
         rows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)
         if not rows:
-            return np.empty((0, length_frames, job.columns.width), job.dtype)
+            return np.empty((0, length_frames, field.columns.width), field.dtype)
         return np.stack(rows)
 
     def _rows(
         self,
-        fields: Sequence[MusicRows],
-        asks: Callable[[MusicRows], Sequence[Ask]],
+        fields: Sequence[MusicField],
+        asks: Callable[[MusicField], Sequence[Ask]],
         read: Callable[[CachedArray], npt.NDArray[Any]],
     ) -> list[npt.NDArray[Any]]:
         """Return what is asked of a song, of the first field that has it; damaged entries are made again."""

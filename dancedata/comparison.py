@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.documents import document_differences, shaping
 from dancedata.building.source_record import SourceRecord, source_differences
 from dancedata.core.errors import UsageError
 from dancedata.core.segments import Segment
 from dancedata.core.text import counted, listed, shown
-from dancedata.recipes.documents import document_differences, shaping
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import Clip

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.audio.networks.feature import NetworkFeature
+from dancedata.building.fields.music import MusicField
 from dancedata.building.left_out import implausible_problems
-from dancedata.building.signals import window_samples
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
@@ -32,7 +32,6 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 from dancedata.music.signal import load_audio
 from dancedata.music.silence import noted
-from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
@@ -44,23 +43,24 @@ from dancedata.store.songs import music_hashes
 _MAX_ABOUT_BYTES = 1 << 26
 
 
-def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
+def find_jobs(feature: str | None, like: str | None) -> list[MusicField]:
     """Return the features to compute: those of a built dataset or recipe, or defaults at 30 rows per second.
 
     Without `feature`, all audio features of `like`, or librosa35.
     """
     if like is None:
         plugin = make_named(FEATURES, "audio", feature or "librosa35", {})
-        return [FeatureJob(plugin.name, FrameGrid.of(30), plugin)]
+        return [MusicField(plugin.name, FrameGrid.of(30), plugin)]
     recipe = _recipe_like(like)
     names = [job.name for job in recipe.audio]
     if not names:
         raise UsageError(f"{like} has no audio features", fix="use another --like, or omit it")
     if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
-    jobs = [job for job in recipe.audio if feature in (None, job.name)]
-    if of_files := [job.name for job in jobs if job.feature.from_files]:
-        computed = [job.name for job in recipe.audio if not job.feature.from_files]
+    fields = [field for field in recipe.audio if feature in (None, field.name)]
+    jobs = [field for field in fields if isinstance(field, MusicField)]
+    if of_files := [field.name for field in fields if field.from_files]:
+        computed = [field.name for field in recipe.audio if not field.from_files]
         raise UsageError(f"{listed(of_files)} of {like} comes from files and is not computed",
                          fix=f"choose others with --feature: {listed(computed) or 'there are none'}")  # fmt: skip
     return jobs
@@ -69,7 +69,7 @@ def find_jobs(feature: str | None, like: str | None) -> list[FeatureJob]:
 def write_features(
     songs: Sequence[Path],
     out: Path,
-    jobs: Sequence[FeatureJob],
+    jobs: Sequence[MusicField],
     bpm: float | None,
     weights: Path | Sequence[str | Path] = (),
     *,
@@ -131,7 +131,7 @@ def _check_songs(songs: Sequence[Path]) -> None:
         raise UsageError("two songs would be written to one file", found=", ".join(twice), fix="rename one of them")
 
 
-def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -> None:
+def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[MusicField]) -> None:
     """Raise UsageError if a file would be replaced that this command did not write."""
     paths = [_rows_file(out, song, job) for song in songs for job in jobs]
     foreign = [path for path in paths if not _is_free(path)]
@@ -142,7 +142,7 @@ def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[FeatureJob]) -
                          fix="choose another --out, or move them away")  # fmt: skip
 
 
-def _rows_file(out: Path, song: Path, job: FeatureJob) -> Path:
+def _rows_file(out: Path, song: Path, job: MusicField) -> Path:
     return out / f"{song.stem}.{job.name}.npy"
 
 
@@ -160,7 +160,7 @@ def _is_free(path: Path) -> bool:
         return False
 
 
-def _check_signals(songs: Sequence[Path], jobs: Sequence[FeatureJob]) -> None:
+def _check_signals(songs: Sequence[Path], jobs: Sequence[MusicField]) -> None:
     """Raise the error of the first song that cannot be used, before the others are computed."""
     if len(songs) > 1:  # for a single song, computing it raises the same error
         for song in songs:
@@ -183,7 +183,7 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
             raise
 
 
-def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> dict[str, Path]:
+def _weights_of(options: Sequence[str | Path], jobs: Sequence[MusicField]) -> dict[str, Path]:
     """Return the folder of weights by feature; UsageError for weights that no feature takes."""
     networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
     takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
@@ -207,7 +207,7 @@ def _weights_of(options: Sequence[str | Path], jobs: Sequence[FeatureJob]) -> di
     return folders
 
 
-def _ready(job: FeatureJob, weights: Path | None, dataset: Store | None) -> AudioFeature:
+def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> AudioFeature:
     """Return a feature with its weights; a dataset records their hash, not their place."""
     feature = job.feature
     if weights is not None and isinstance(feature, NetworkFeature):
@@ -250,23 +250,23 @@ class _Computed:
     estimated_bpm: float | list[float] | None = None
 
 
-def _compute(job: FeatureJob, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
+def _compute(job: MusicField, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
     feature = job.feature
     if job.windows is None:
         estimated = feature.estimated_bpm(signal, job.grid) if bpm is None else None
         start_bpm = bpm if estimated is None else estimated
         return _Computed(feature.extract(signal, job.grid, start_bpm=start_bpm), estimated_bpm=estimated)
     starts, length = _windows(job, signal, song)
-    rows = feature.extract_windows(signal, starts, length, job.grid, job.window_rows, start_bpm=bpm)
+    rows = feature.extract_windows(signal, starts, length, job.grid, job.slice_rows, start_bpm=bpm)
     tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
     frames = job.windows.grid
     first_rows = [frames.rows(start, of=job.grid) for start in job.windows.starts(len(starts))]
     return _Computed(rows, first_rows, tempos)
 
 
-def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
+def _windows(job: MusicField, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
     """Return first samples and length of a song's windows; UsageError if it has none."""
-    starts, length = window_samples(job, signal.n_samples, signal.sample_rate)
+    starts, length = job.slices(signal.n_samples, signal.sample_rate)
     if not len(starts):
         raise UsageError("the song is shorter than one window", where=song,
                          found=f"{signal.n_samples / signal.sample_rate:.2f} s",
@@ -275,7 +275,7 @@ def _windows(job: FeatureJob, signal: AudioSignal, song: Path) -> tuple[npt.NDAr
 
 
 def _about(
-    job: FeatureJob,
+    job: MusicField,
     song: Path,
     signal: AudioSignal,
     computed: _Computed,

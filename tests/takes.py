@@ -6,7 +6,6 @@ from typing import Any
 from dancedata.building.compute import Unit, make, units_of
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Maker
-from dancedata.building.recipe import parts_of
 from dancedata.building.signals import SignalId
 from dancedata.building.spine import expand
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
@@ -25,12 +24,12 @@ def take_of(
     recording = Recording(Reader(recipe.dataset, content or {}), tuple(clips))
     dancers = tuple(Dancer(ref.id, ref, sha, Music(signal, bpm=ref.tempo_bpm)) for ref, sha in clips)
     take = Take(recording, dancers, Time(600, recipe.grid.rate), group=clips[0][0].group)
-    return expand([take], parts_of(recipe).transforms)[0]
+    return expand([take], recipe.parts.transforms)[0]
 
 
 def makers_of(recipe: Recipe) -> dict[str, Maker]:
     """Return fields and annotators by name."""
-    parts = parts_of(recipe)
+    parts = recipe.parts
     return {maker.name: maker for maker in (*parts.fields, *parts.annotators)}  # type: ignore[attr-defined]
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
+from dancedata.building.documents import document_differences, shaping
 from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.rebuild import Published
@@ -29,7 +30,6 @@ from dancedata.execution.cache_files import running, sweep
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend, start_workers
-from dancedata.recipes.documents import document_differences, shaping
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
@@ -125,7 +125,7 @@ def workers_for(
 ) -> Iterator[Executor]:
     """Start workers for a recipe, see `start_workers`; first sweep leftovers of killed processes out of the cache."""
     sweep(cache.root)
-    packages = {name for job in recipe.audio for name in job.feature.packages}
+    packages = {name for field in recipe.fields for name in field.packages}
     started = start_workers(jobs, cache, source, packages, backend=backend, scheduler=scheduler)
     with running(cache.root), started as workers:
         yield workers
@@ -177,7 +177,6 @@ class _Build:
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return the header of the store."""
-    axes = {f.name: f.representation.axes for f in recipe.motion}
     return StoreHeader(
         fps=recipe.fps,
         length=recipe.windows.length,
@@ -185,13 +184,13 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         fields=tuple(
             Field(
                 f.name,
-                f.stored_kind,
+                f.kind,
                 f.columns,
                 f.grid.rate,
                 f.dtype,
                 f.codebook,
                 optional=f.optional,
-                axes=axes.get(f.name, ""),
+                axes=f.axes,
             )
             for f in recipe.fields
         ),
@@ -220,7 +219,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     decoders = {clip.signal.ffmpeg for clip in sources.clips if clip.signal and clip.signal.ffmpeg}
     versions = {"libsndfile": libsndfile_version(), **({"ffmpeg": max(decoders)} if decoders else {})}
-    packages.update(name for job in recipe.audio for name in job.feature.packages)
+    packages.update(name for field in recipe.fields for name in field.packages)
     return {
         "name": recipe.name,
         "recipe": recipe.document,
@@ -257,7 +256,7 @@ def _local_plugins(recipe: Recipe) -> dict[str, Any]:
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return the statements of audio fields on their networks, by field."""
-    return {job.name: dict(about) for job in recipe.audio if (about := job.feature.about)}
+    return {field.name: dict(field.about) for field in recipe.fields if field.about}
 
 
 def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:

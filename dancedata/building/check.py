@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.fields.motion import RepresentationField
 from dancedata.building.left_out import NOTED, implausible_problems, relative_to
-from dancedata.building.recipe import parts_of
 from dancedata.building.rejects import attempt
 from dancedata.building.signals import SignalId
 from dancedata.building.stored import Clips
@@ -31,7 +31,6 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
 from dancedata.music.silence import noted
-from dancedata.recipes.fields import MotionField
 from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
@@ -114,7 +113,7 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     usable = {clip.id for clip in clips}
     originals = [clip for clip in clips if not clip.source and clip.signal is not None]
     lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
-    networks = [field.name for field in parts_of(recipe).fields if field.lane]
+    networks = [field.name for field in recipe.fields if field.lane]
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
     problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
     by_reason: dict[tuple[str, str, str], list[Reject]] = {}
@@ -238,7 +237,7 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
         yield from ({"clip": clip.id, "kind": kind, "value": value} for kind, value in sides)
 
 
-def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, float]]:
+def _sides(field: RepresentationField, columns: npt.NDArray[Any]) -> list[tuple[str, float]]:
     representation = field.representation
     if representation.decodes:
         motion = representation.decode(columns, field.grid)
@@ -247,7 +246,7 @@ def _sides(field: MotionField, columns: npt.NDArray[Any]) -> list[tuple[str, flo
     return implausible_sides(places.astype(np.float64))
 
 
-def _field_with_body(store: Store) -> MotionField | None:
+def _field_with_body(store: Store) -> RepresentationField | None:
     """Return the most informative field of SMPL's joints: rotations, else positions; None without one."""
     try:
         recipe = parse_recipe(store.info.get("recipe", {}), where=f"{store.path}/dataset.json")

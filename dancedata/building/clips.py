@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.groups import Groups, groups_of
-from dancedata.building.recipe import parts_of
 from dancedata.building.rhythm import with_found_starts
 from dancedata.building.source import takes_of
 from dancedata.building.sources import Sources, identify, scan_source
@@ -22,13 +21,13 @@ from dancedata.recipes.recipe import Recipe
 
 def scan_of(recipe: Recipe, source: Path) -> Scan:
     """List the clips of a source, see `scan_source`."""
-    return scan_source(recipe.dataset, parts_of(recipe).fields, source)
+    return scan_source(recipe.dataset, recipe.parts.fields, source)
 
 
 def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress, **inputs: Any) -> Sources:
     """Identify the files of a source, see `identify`; find the offsets of music that it leaves to the build."""
     scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
-    fields = parts_of(recipe).fields
+    fields = recipe.parts.fields
     return identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
 
 
@@ -36,7 +35,7 @@ def compute_clips(
     cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress, networks: bool = True
 ) -> Clips:
     """Compute all fields and segments, or all but those of networks; the rejects include those of the sources."""
-    parts = parts_of(recipe)
+    parts = recipe.parts
     groups = source_groups(recipe, parts, sources.scan)
     takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
     computed = [field for field in parts.fields if networks or not field.lane]

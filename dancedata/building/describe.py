@@ -162,7 +162,7 @@ def dataset_card(
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
         _splits_table(recipe, computed, splits, songs),
         _fields_list(recipe, networks),
-        _FIRST_LOOK.format(split=splits[0], field=recipe.motion[0].name),
+        _FIRST_LOOK.format(split=splits[0], field=recipe.fields[0].name),
         f"## Source\n\nDataset `{recipe.dataset.name}`, layout {scan.layout}.\n\n{notes}\n\n"
         f"Licence: {recipe.dataset.licence}\n\nCite: {recipe.dataset.citation}\n{_terms_list(computed)}",
         "\n".join(["## Left out (rejects.jsonl)", "", *reasons, "", flags, ""]),
@@ -192,15 +192,10 @@ def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs:
 
 def _fields_list(recipe: Recipe, networks: Mapping[str, Any]) -> str:
     lines = ["## Fields", ""]
-    for field in recipe.motion:
-        rule = f", contacts by {field.contacts.name}" if field.contacts is not None else ""
-        lines.append(f"- `{field.name}`: {field.columns.width} columns, {field.representation.axes}{rule}")
-    for finder in recipe.keymotion:
-        lines.append(f"- `{finder.name}`: key motions, {', '.join(finder.columns.labels)}")
-    for job in recipe.audio:
-        about = networks.get(job.name, {})
+    for field in recipe.fields:
+        about = networks.get(field.name, {})
         origin = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
-        lines.append(f"- `{job.name}`: {job.columns.width} columns{origin}")
+        lines.append(f"- `{field.name}`: {field.description}{origin}")
     return "\n".join([*lines, ""])
 
 

@@ -10,8 +10,8 @@ from dancedata.building.result import Result
 from dancedata.building.segments import all_segments
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError
+from dancedata.core.grid import WindowSpec
 from dancedata.core.text import listed
-from dancedata.recipes.fields import WindowSpec
 
 
 def judged(

@@ -17,7 +17,6 @@ from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
 from dancedata.building.left_out import describe_implausible, left_out_lines, nothing_left, relative_to
 from dancedata.building.plugins import Field
-from dancedata.building.recipe import parts_of
 from dancedata.building.rejects import attempt
 from dancedata.building.result import Result
 from dancedata.building.signals import SignalId, known_signal
@@ -30,7 +29,6 @@ from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -145,17 +143,17 @@ class Plan:
 
     def _notes(self) -> list[str]:
         notes = [line.strip() for line in describe_implausible(self.implausible)]
-        rules = parts_of(self.recipe).rules
+        rules = self.recipe.parts.rules
         if rules:
             what = listed([rule.name for rule in rules])
             notes.append(f"clips and windows are counted before {what}: rules read what a build computes")
         # A note: where a cluster builds, the weights need not be on the node that plans.
-        return notes + [f"a build here ends with: {why}" for why in map(_not_ready, self.recipe.audio) if why]
+        return notes + [f"a build here ends with: {why}" for why in map(_not_ready, self.recipe.fields) if why]
 
     def _bytes(self) -> int:
         """Estimate the size of the shards, tables aside; equal songs of several files are counted each."""
         total = 0
-        for field, in_store in zip(parts_of(self.recipe).fields, header_of(self.recipe, {}).fields, strict=True):
+        for field, in_store in zip(self.recipe.parts.fields, header_of(self.recipe, {}).fields, strict=True):
             rows: dict[tuple[str, str], int] = {}
             for result in self.results:
                 for k in result.stay:
@@ -175,8 +173,8 @@ def make_plan(
     scan = scan_of(recipe, source)
 
     def run(cache: Cache) -> Plan:
-        ready = replace(recipe, audio=tuple(_resolved(cache, job) for job in recipe.audio))
-        parts = parts_of(ready)
+        ready = replace(recipe, fields=tuple(_resolved(cache, field) for field in recipe.fields))
+        parts = ready.parts
         groups = source_groups(ready, parts, scan)
         sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
         takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
@@ -229,15 +227,15 @@ def _known_hash(cache: Cache, path: Path) -> str:
     return cache.known_sha256(path) or str(path)
 
 
-def _resolved(cache: Cache, job: FeatureJob) -> FeatureJob:
+def _resolved(cache: Cache, field: Field) -> Field:
     """Return a field as a build computes it; as it is, if that depends on weights that were not read before."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
-        return replace(job, feature=job.feature.resolved(_known(cache)))
-    return job
+        return field.resolved(_known(cache))
+    return field
 
 
-def _not_ready(job: FeatureJob) -> str:
+def _not_ready(field: Field) -> str:
     """Return the error of a build with this field on this machine, such as missing weights; "" without one."""
 
     def unread(path: Path) -> str:
@@ -245,7 +243,7 @@ def _not_ready(job: FeatureJob) -> str:
         raise _UnknownError  # there are weights: a build reads them, a plan does not
 
     try:
-        job.feature.resolved(unread)
+        field.resolved(unread)
     except (UsageError, SourceError, OSError) as error:
         return str(error)
     except (_UnknownError, ImportError):

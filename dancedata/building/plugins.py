@@ -7,18 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.documents import document_of
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
 from dancedata.building.take import RecipePart, Scene, Take, Transform
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
@@ -26,8 +28,6 @@ from dancedata.core.segments import Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.fields import FieldSpec
 
 
 class Loadable(Protocol):
@@ -150,49 +150,69 @@ class Maker(ABC):
 _SIDES = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
 
 
-class Field(Maker):
-    """A field: rows on a grid.
+class Field(RecipePart, Maker):
+    """A field: rows on a grid; plug-ins of motion derive from `building.fields.motion.SceneField`.
 
-    `spec`: What the recipe says of it: its name, which is unique, and what a dataset has.
+    Attributes
+    ----------
+    slot
+        Key of a recipe under which it is named.
+    name
+        Name in the recipe and in the dataset, which is unique: that of the plug-in, or PLUGIN.NAME where a recipe has
+        several of one plug-in.
+    grid
+        Grid of the rows.
+    kind
+        Kind in the dataset: "motion" and "keymotion" are of each clip, "audio" is shared by the clips of a song.
+    dtype
+        Type on disk.
+    codebook
+        Of codes; None for real values.
+    optional
+        Whether clips that it cannot take are kept without rows.
+    without
+        Names of transforms that it is made without, such as repairs.
+    holds_places
+        Whether its columns are the places of dancers, for fields without them.
+    from_files
+        Whether rows are read from files, and may begin before frame 0.
+    needs_music
+        Whether it is made of decoded music, which every clip then has.
+    unit
+        What a result is of: "clips", "songs", "files".
+    axes
+        Axes of the columns, as text for dataset.json.
+    packages
+        Distributions that shape the numbers, beside numpy and scipy.
+    about
+        Metadata of its network for dataset.json: source, licence and the like; not part of any key.
     """
 
     suffix = "npy"
-    spec: FieldSpec
+    slot: ClassVar[str] = "fields"
+    name: str  # type: ignore[misc]
+    grid: FrameGrid
+    kind: Literal["motion", "keymotion", "audio"] = "motion"
+    dtype: DType = "float32"
+    codebook: Codebook | None = None
+    optional: bool = False
+    without: tuple[str, ...] = ()
+    holds_places: bool = False
+    from_files: bool = False
+    needs_music: bool = False
+    unit: str = "clips"
+    axes: str = ""
+    packages: Sequence[str] = ()
+    about: Mapping[str, Any] = MappingProxyType({})
+
+    def on(self, grid: FrameGrid) -> Field:
+        """Return the field for a recipe of this rate."""
+        return self
 
     @property
-    def name(self) -> str:
-        """Name in the recipe and in the dataset."""
-        return self.spec.name
-
-    @property
-    def kind(self) -> Literal["motion", "keymotion", "audio"]:
-        """Kind in the dataset."""
-        return self.spec.stored_kind
-
-    @property
-    def grid(self) -> FrameGrid:
-        """Grid of the rows."""
-        return self.spec.grid
-
-    @property
+    @abstractmethod
     def columns(self) -> Columns:
         """The D columns."""
-        return self.spec.columns
-
-    @property
-    def dtype(self) -> DType:
-        """Type on disk."""
-        return self.spec.dtype
-
-    @property
-    def codebook(self) -> Codebook | None:
-        """The codebook of codes; None for real values."""
-        return self.spec.codebook
-
-    @property
-    def optional(self) -> bool:
-        """Whether clips that it cannot take are kept without rows."""
-        return self.spec.optional
 
     @property
     def place(self) -> str:
@@ -204,19 +224,32 @@ class Field(Maker):
         """Where a clip has it in the dataset, key motions beside motion: an attribute of `StoredClip`."""
         return _SIDES[self.kind]
 
+    @property
+    def plugins(self) -> Mapping[str, Plugin]:
+        """The plug-ins that a recipe names for it, by kind and name."""
+        return {f"field {self.name}": self}
+
+    @property
+    def description(self) -> str:
+        """What the card of a dataset says of it."""
+        return f"{self.columns.width} columns"
+
+    def document(self) -> dict[str, Any]:
+        """Return all parameters, defaults included, as in a recipe."""
+        return document_of(self)
+
+    def resolved(self, hash_file: Callable[[Path], str]) -> Field:
+        """Return the field with everything fixed that depends on this machine, see `AudioFeature.resolved`."""
+        return self
+
+    def require_whole(self, windows: WindowSpec) -> None:
+        """Raise UsageError unless windows begin and end at rows of the field."""
+        for what, frames in (("length", windows.length), ("stride", windows.stride)):
+            windows.grid.rows(frames, of=self.grid, what=f"windows: the {what} for field {self.name}")
+
     @abstractmethod
     def block(self, rows: Any, take: Take, dancer: int, grid: FrameGrid) -> Any:
         """Return what is stored of a dancer's `Rows`, or `Nothing`; `grid` is that of the recipe."""
-
-    @property
-    def from_files(self) -> bool:
-        """Whether rows are read from files, and may begin before frame 0."""
-        return False
-
-    @property
-    def needs_music(self) -> bool:
-        """Whether it is made of decoded music, which every clip then has."""
-        return False
 
     def with_path(self, ref: ClipRef, source: Path) -> ClipRef:
         """Return a clip with its file of this field, if the field has any."""
@@ -231,11 +264,6 @@ class Field(Maker):
     def not_for_groups(self, fields: Sequence[Field]) -> str:
         """Return why takes of several dancers cannot have it, beside these fields; "" if they can."""
         return ""
-
-    @property
-    def unit(self) -> str:
-        """What a result is of: "clips", "songs", "files"."""
-        return "clips"
 
     @abstractmethod
     def n_rows(self, take: Take, dancer: int) -> int:
@@ -360,11 +388,12 @@ class WindowRule(RecipePart):
         """Return rejects of windows of a dancer, or of the dancer, which name no window."""
 
 
+FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", Field)
 TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
 ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
 RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
 #: By their names in `dancedata list`.
-REGISTRIES = {"transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
+REGISTRIES = {"fields": FIELDS, "transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
 
 
 def maker_hash(*shaping: Any) -> str:

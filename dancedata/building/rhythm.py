@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.documents import document_of
 from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.rejects import changed, reject_of
 from dancedata.building.signals import SignalId, decode_again, identify_audio, known_signal
@@ -24,7 +25,6 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
 from dancedata.files.regular_file import sha256_file
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
-from dancedata.recipes.documents import document_of
 
 #: Raised by hand when onsets, curves or offsets of the same input change.
 VERSION = 1

@@ -12,23 +12,18 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-import numpy.typing as npt
-
 from dancedata.building.rejects import changed, reject_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.grid import FrameGrid, WindowGrid
+from dancedata.core.grid import FrameGrid
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
 from dancedata.music.ffmpeg import ffmpeg_version
 from dancedata.music.silence import Level, levels
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.fields import FeatureJob
 
-#: Raised by hand when a stage gives other numbers for the same input.
-SIGNAL_STAGE, FEATURE_STAGE = 5, 3
+#: Raised by hand when the stage gives other numbers for the same input.
+SIGNAL_STAGE = 5
 #: The thread that decodes ahead, once there is one, and the file that it decodes.
 _threads: list[ThreadPoolExecutor] = []
 _ahead: dict[Path, Future[AudioSignal]] = {}
@@ -150,23 +145,6 @@ def row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int
     return offset, math.floor(fraction * sample_rate + Fraction(1, 2))
 
 
-def window_samples(job: FeatureJob, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
-    """Return the first samples (W,) of a signal's whole windows, and their length in samples.
-
-    A window starts at its exact time, rounded down, so that music does not drift away from motion. EDGE
-    adds up a truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any
-    even rate).
-    """
-    samples = FrameGrid.of(sample_rate)
-    length = job.window_length(samples)
-    if n_samples < length or length < 1:
-        return np.empty(0, dtype=np.int64), length
-    # A window fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
-    n_frames = samples.rows_up(n_samples - length + 1, of=job.window_spec.grid)
-    count = WindowGrid(1, job.window_spec.stride).count(n_frames)
-    return np.array([job.window_start(k, samples) for k in range(count)], dtype=np.int64), length
-
-
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     """Decode a file and hash its samples; the result is cached until the file changes."""
     from dancedata.music.signal import load_audio
@@ -222,53 +200,6 @@ def libsndfile_version() -> str:
     import soundfile
 
     return str(soundfile.__libsndfile_version__)
-
-
-class FeatureKeys:
-    """The cache keys of a feature's rows. Their common part is hashed once for each tempo.
-
-    `arithmetic` are the instructions that computed them; None: those of this machine's builds, see `expected`.
-    """
-
-    def __init__(self, job: FeatureJob, arithmetic: str | None = None) -> None:
-        self._job, self._arithmetic = job, arithmetic
-        self._common: dict[float | None, str] = {}
-
-    def track(self, bpm: float | None, signal: str) -> str:
-        """Return the key of a song's rows; `signal` is the hash of its samples."""
-        return Cache.key("track", common=self._of(bpm), signal=signal)
-
-    def window(self, bpm: float | None, signal: SignalId, number: int) -> str:
-        """Return the key of a window's rows: its song and its place in it.
-
-        The samples of the window alone are not enough. A feature may compute once what neighbouring windows share,
-        so that equal windows of two songs differ by rounding.
-        """
-        start = self._job.window_start(number, signal.grid)
-        rows = self._job.window_rows
-        return Cache.key("window", common=self._of(bpm), signal=signal.sha256, start=start, rows=rows)
-
-    def windows(self, bpm: float | None, signal: SignalId) -> dict[int, str]:
-        """Return the keys of all windows of a song, by number."""
-        starts, _ = window_samples(self._job, signal.n_samples, signal.sample_rate)
-        return {number: self.window(bpm, signal, number) for number in range(len(starts))}
-
-    def _of(self, bpm: float | None) -> str:
-        job, feature = self._job, self._job.feature
-        # Dropped from the key where the feature ignores it: equal music is then computed once.
-        bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
-        if bpm not in self._common:
-            self._common[bpm] = Cache.key(
-                "feature",
-                version=[FEATURE_STAGE, feature.version],
-                feature={job.name: document_of(feature)},
-                fps=str(job.grid),
-                excerpts=job.windows is not None,
-                start_bpm=bpm,
-                packages={name: package_version(name) for name in feature.packages},
-                arithmetic=(self._arithmetic or expected()) if feature.exact else None,
-            )
-        return self._common[bpm]
 
 
 def decode_again(signal: SignalId) -> AudioSignal:

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.documents import document_of
 from dancedata.building.identity import content_hashes
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Field
@@ -19,7 +20,6 @@ from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, exactly, run_units
-from dancedata.recipes.documents import document_of
 
 
 @dataclass(frozen=True)

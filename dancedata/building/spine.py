@@ -14,10 +14,10 @@ from dancedata.building.stored import Clips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.grid import WindowSpec
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
-from dancedata.recipes.fields import WindowSpec
 
 
 class Parts(NamedTuple):

@@ -7,26 +7,25 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from dancedata.building.documents import document_of
 from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.inputs import Music, RowsFile
 from dancedata.building.rejects import changed, require_same
 from dancedata.core.clip import ClipRef
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.quality import Flag
 from dancedata.core.segments import Segment
 from dancedata.execution.cache import Cache
-from dancedata.recipes.documents import document_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     from dancedata.core.columns import Columns
-    from dancedata.recipes.fields import FieldSpec, WindowSpec
 
 #: Up to this many values, motions remember matrices and joints: 200 MB.
 _REMEMBERED = 2**23
@@ -224,10 +223,30 @@ class Take:
         return rows
 
 
+class RecipeField(Protocol):
+    """A field of a recipe, as other plug-ins see it."""
+
+    @property
+    def name(self) -> str:
+        """Name, which is unique."""
+
+    @property
+    def kind(self) -> str:
+        """Kind in the dataset."""
+
+    @property
+    def columns(self) -> Columns:
+        """The D columns."""
+
+    @property
+    def optional(self) -> bool:
+        """Whether clips may be without it."""
+
+
 class RecipePart(Plugin):
     """A plug-in of a recipe that has to fit its fields."""
 
-    def check(self, fields: Sequence[FieldSpec]) -> None:
+    def check(self, fields: Sequence[RecipeField]) -> None:
         """Raise UsageError, which begins with its name, if it does not fit the fields of a recipe."""
         return
 

@@ -9,7 +9,7 @@ from dancedata.building.plugins import Field, Reach
 from dancedata.building.result import Result
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
-from dancedata.recipes.fields import WindowSpec
+from dancedata.core.grid import WindowSpec
 
 
 def cut(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> list[Result]:

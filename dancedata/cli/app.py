@@ -54,8 +54,8 @@ app = typer.Typer(
 
 ATOL_HELP = "Floating-point values that differ by no more than this are the same; default: compared exactly."
 KINDS_HELP = (
-    "dataset, representation, contact-rule, feature, key-motion, augmentation, transform, annotator, rule, filter, "
-    "metric or export."
+    "dataset, representation, contact-rule, feature, key-motion, augmentation, field, transform, annotator, rule, "
+    "filter, metric or export."
 )
 PACKAGE_HELP = "Add it to the package OUT/PACKAGE, which may hold plug-ins of several kinds."
 TARGET_HELP = "Set a parameter of the target; list shows them."

@@ -15,7 +15,7 @@ from shlex import quote
 from typing import Any
 
 from dancedata.building import plugins as building
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import (
     AUGMENTATIONS,
@@ -123,6 +123,7 @@ KINDS = {
     "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
     "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
     "filter": Kind(FILTERS, "filter.py", "rules: {NAME: {}}"),
+    "field": Kind(FIELDS, "field.py", "fields: {NAME: {}}"),
     "transform": Kind(TRANSFORMS, "transform.py", "transforms: [{NAME: {}}]"),
     "annotator": Kind(ANNOTATORS, "annotator.py", "annotators: {NAME: {}}"),
     "rule": Kind(RULES, "rule.py", "rules: {NAME: {}}"),

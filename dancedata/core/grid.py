@@ -261,3 +261,24 @@ class WindowGrid:
     def times(self, factor: int) -> WindowGrid:
         """Return the same windows counted at `factor` times the frame rate."""
         return WindowGrid(self.length * factor, self.stride * factor)
+
+
+@dataclass(frozen=True)
+class WindowSpec(WindowGrid):
+    """Windows in frames of a grid."""
+
+    grid: FrameGrid
+
+    @property
+    def length_s(self) -> float:
+        """Length in seconds."""
+        return float(self.grid.seconds(self.length))
+
+    @property
+    def stride_s(self) -> float:
+        """Stride in seconds."""
+        return float(self.grid.seconds(self.stride))
+
+    def document(self) -> dict[str, int]:
+        """Return all keys, defaults included."""
+        return {"length_frames": self.length, "stride_frames": self.stride}

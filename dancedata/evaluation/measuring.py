@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dancedata.building.documents import document_of
 from dancedata.building.rejects import reject_of
 from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, carried_over, has_body
 from dancedata.core.clip import Reject
@@ -28,7 +29,6 @@ from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
-from dancedata.recipes.documents import document_of
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.store.motion_fields import Pose
 

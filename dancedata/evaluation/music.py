@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.compute import run_all, units_of
-from dancedata.building.fields.music import MusicRows
+from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Ask
 from dancedata.building.signals import SignalId, identify_audio, timeline_of
 from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
@@ -26,7 +26,6 @@ from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
-from dancedata.recipes.fields import FeatureJob, WindowSpec
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import MusicSources, Song
@@ -62,7 +61,7 @@ class ClipMusic:
     by_piece: Mapping[int, MusicBeats] | None = None
 
     @classmethod
-    def of_rows(cls, rows: npt.NDArray[Any], field: Field | FeatureJob) -> Self:
+    def of_rows(cls, rows: npt.NDArray[Any], field: Field | MusicField) -> Self:
         """Return the beats of rows (T, D) of an audio field."""
         rows = np.asarray(rows)
         return cls(field_beats(rows, field), float(field.grid.seconds(len(rows))))
@@ -154,7 +153,7 @@ def song_beats(
     files: Mapping[str, Path],
 ) -> tuple[dict[str, ClipMusic], list[str]]:
     """Compute the beats of songs that have a file; return them by the id of the clip, and problems in words."""
-    job = _job(protocol, rule, role)
+    field = _music_field(protocol, rule, role)
     clips_with_file = [clip for clip in clips if clip.music in files]
     missing = sorted({clip.music or clip.id for clip in clips} - set(files))
     problems = [f"no music file for {listed(missing)}"] if missing else []
@@ -164,49 +163,36 @@ def song_beats(
         identify_audio, calls, jobs=resources.jobs, label="decoding music", progress=resources.progress
     )
     signals = dict(zip(paths, identified, strict=True))
-    beside = [clip.id for clip in clips_with_file if clip.audio_start and job.windows is not None]
+    beside = [clip.id for clip in clips_with_file if clip.audio_start and field.windows is not None]
     if beside:
         problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
     timelines = {
-        clip.id: (clip, *timeline_of(signal, clip.audio_start, job.grid))
+        clip.id: (clip, *timeline_of(signal, clip.audio_start, field.grid))
         for clip in clips_with_file
         if clip.id not in beside and isinstance(signal := signals[files[clip.music]], SignalId)
     }
     songs = {
-        clip_id: _Song(signal, clip.tempo_bpm if rule.tempo else None)
+        clip_id: Music(signal, bpm=clip.tempo_bpm if rule.tempo else None)
         for clip_id, (clip, signal, _) in timelines.items()
     }
-    compute = _tracks if job.windows is None else _windows
-    beats, rejects = compute(resources, job, list(dict.fromkeys(songs.values())))
+    compute = _tracks if field.windows is None else _windows
+    beats, rejects = compute(resources, field, list(dict.fromkeys(songs.values())))
     problems += [reject.detail for reject in (*signals.values(), *rejects) if isinstance(reject, Reject)]
     return {
-        clip: beats[song].from_row(timelines[clip][2], job.grid) for clip, song in songs.items() if song in beats
+        clip: beats[song].from_row(timelines[clip][2], field.grid) for clip, song in songs.items() if song in beats
     }, problems
 
 
-@dataclass(frozen=True)
-class _Song:
-    """A signal and the tempo that the beat tracker starts from."""
-
-    signal: SignalId
-    bpm: float | None
-
-    @property
-    def music(self) -> Music:
-        """As fields are asked for it."""
-        return Music(self.signal, bpm=self.bpm)
-
-
-def _job(protocol: Protocol, rule: MusicRule, role: Role) -> FeatureJob:
+def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
     feature, grid = _feature(protocol, rule), rule.grid or _DEFAULT
     if not rule.by_piece:
-        return FeatureJob(feature.name, grid, feature)
+        return MusicField(feature.name, grid, feature)
     length, stride = protocol.pieces(role).frames(grid)
     if length is None or stride is None:
         raise UsageError(
             f"{protocol.name}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
         )
-    return FeatureJob(feature.name, grid, feature, WindowSpec(length, stride, grid))
+    return MusicField(feature.name, grid, feature, WindowSpec(length, stride, grid))
 
 
 def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
@@ -218,33 +204,32 @@ def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
     return make_named(FEATURES, "audio", name, {})
 
 
-_Beats = tuple[dict[_Song, ClipMusic], list[Reject]]
+_Beats = tuple[dict[Music, ClipMusic], list[Reject]]
 
 
-def _tracks(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
-    field = MusicRows(job)
-    asks = {song: field.ask(song.music) for song in songs}
+def _tracks(resources: Resources, field: MusicField, songs: Sequence[Music]) -> _Beats:
+    asks = {song: field.ask(song) for song in songs}
     by_key = _made(resources, field, list(asks.values()))
     results = {song: by_key[ask.key] for song, ask in asks.items()}
-    beats = {song: ClipMusic.of_rows(rows, job) for song, rows in results.items() if not isinstance(rows, Reject)}
+    beats = {song: ClipMusic.of_rows(rows, field) for song, rows in results.items() if not isinstance(rows, Reject)}
     return beats, [result for result in results.values() if isinstance(result, Reject)]
 
 
-def _windows(resources: Resources, job: FeatureJob, songs: Sequence[_Song]) -> _Beats:
-    field, nothing = MusicRows(job), MusicBeats.of([], job.grid)
-    asks = {song: field.slice_asks(song.music) for song in songs}
+def _windows(resources: Resources, field: MusicField, songs: Sequence[Music]) -> _Beats:
+    nothing = MusicBeats.of([], field.grid)
+    asks = {song: field.slice_asks(song) for song in songs}
     by_key = _made(resources, field, [ask for of_song in asks.values() for ask in of_song])
-    beats: dict[_Song, ClipMusic] = {}
+    beats: dict[Music, ClipMusic] = {}
     for song, of_song in asks.items():
-        rows = {job.window_spec.start(number): by_key[ask.key] for number, ask in enumerate(of_song)}
+        rows = {field.slice_grid.start(number): by_key[ask.key] for number, ask in enumerate(of_song)}
         if rows and not any(isinstance(result, Reject) for result in rows.values()):
-            by_piece = {start: field_beats(np.asarray(array), job) for start, array in rows.items()}
+            by_piece = {start: field_beats(np.asarray(array), field) for start, array in rows.items()}
             beats[song] = ClipMusic(nothing, by_piece=by_piece)
     rejects = {result.detail: result for result in by_key.values() if isinstance(result, Reject)}
     return beats, list(rejects.values())
 
 
-def _made(resources: Resources, field: MusicRows, asks: Sequence[Ask]) -> dict[str, Any]:
+def _made(resources: Resources, field: MusicField, asks: Sequence[Ask]) -> dict[str, Any]:
     units = list(units_of([field], [((field.place, ""), asks)]))
     label = f"beats, {field.name}"
     return run_all(resources.cache, units, jobs=resources.jobs, label=label, progress=resources.progress)

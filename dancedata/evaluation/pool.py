@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.documents import document_of
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Metric
@@ -23,7 +24,6 @@ from dancedata.files.atomic import write_bytes
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.values import open_arrays
 from dancedata.metrics.set_statistics import checked_rows
-from dancedata.recipes.documents import document_of
 
 #: Layout of pool files. 2: with the hash of what numbers depend on.
 POOL_FORMAT = 2

@@ -13,13 +13,12 @@ from typing import Any
 import yaml
 
 from dancedata.core.errors import RecipeError, UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid, as_fraction
+from dancedata.core.grid import FrameGrid, WindowSpec, as_fraction
 from dancedata.core.plugin_files import load_plugins
 from dancedata.core.registry import DATASETS, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
 from dancedata.files.yaml import load_yaml, read_yaml
-from dancedata.recipes.fields import WindowSpec
 from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, named_entries, slot_keys
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.slots import make_slots
@@ -198,9 +197,7 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
         grid=grid,
         windows=windows,
         transforms=slots.transforms,
-        motion=slots.motion,
-        audio=slots.audio,
-        keymotion=slots.keymotion,
+        fields=slots.fields,
         augment=slots.augment,
         annotators=slots.annotators,
         rules=slots.rules,
@@ -287,10 +284,9 @@ _KEYS = {
         "recipe": _Key(_MISSING, "must be 1", lambda value: value if type(value) is int and value == 1 else None),
         "name": _Key(_MISSING, "not a valid name", _name, "letters, digits and _ . + -, a letter or digit first"),
         "description": _Key("", "must be a text", lambda value: value if isinstance(value, str) else None),
-        "dataset": _Key(),
         "fps": _Key(),
         "windows": _Key(_MISSING),
-        **dict.fromkeys(("transforms", "motion", "audio", "keymotion", "augment", "annotators", "rules"), _Key()),
+        **dict.fromkeys(SLOTS, _Key()),
         "store": _Key({}),
         "groups": _Key({}),
     },

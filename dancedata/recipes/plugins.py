@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import without_file_key
@@ -40,6 +40,7 @@ SLOTS: dict[str, Registry[Any]] = {
     "motion": REPRESENTATIONS,
     "audio": FEATURES,
     "keymotion": KEYMOTIONS,
+    "fields": FIELDS,
     "augment": AUGMENTATIONS,
     "annotators": ANNOTATORS,
     "rules": RULES,
@@ -47,7 +48,7 @@ SLOTS: dict[str, Registry[Any]] = {
 #: Annotators that every build has, with their defaults.
 ALWAYS = ("captions", "vitals")
 #: Slots whose plug-ins an unknown key may be.
-_ADDED = ("transforms", "augment", "annotators", "rules")
+_ADDED = ("transforms", "fields", "augment", "annotators", "rules")
 #: Keys of a slot in addition to the plug-in's.
 SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",), "keymotion": ("optional",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.

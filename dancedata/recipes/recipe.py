@@ -9,16 +9,18 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from dancedata.building.plugins import Annotator, WindowRule
+from dancedata.building.documents import document_of
+from dancedata.building.fields.motion import RepresentationField
+from dancedata.building.fields.music import FeatureField
+from dancedata.building.plugins import Annotator, Field, WindowRule
+from dancedata.building.spine import Parts
 from dancedata.building.take import Transform
 from dancedata.building.transforms.copy import Copy
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.fields import FeatureJob, FieldSpec, KeyMotionField, MotionField, WindowSpec
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,7 @@ class Recipe:
     grid: FrameGrid
     windows: WindowSpec
     transforms: tuple[Transform, ...]
-    motion: tuple[MotionField, ...]
-    audio: tuple[FeatureJob, ...]
-    keymotion: tuple[KeyMotionField, ...]
+    fields: tuple[Field, ...]
     augment: tuple[Copy, ...]
     annotators: tuple[Annotator, ...]
     rules: tuple[WindowRule, ...]
@@ -46,9 +46,22 @@ class Recipe:
         return f"Recipe({self.name!r}, {summary})"
 
     @property
-    def fields(self) -> tuple[FieldSpec, ...]:
-        """All fields: motion, key motions, audio."""
-        return (*self.motion, *self.keymotion, *self.audio)
+    def motion(self) -> tuple[RepresentationField, ...]:
+        """The fields with a representation."""
+        return tuple(field for field in self.fields if isinstance(field, RepresentationField))
+
+    @property
+    def audio(self) -> tuple[FeatureField, ...]:
+        """The fields with an audio feature."""
+        return tuple(field for field in self.fields if isinstance(field, FeatureField))
+
+    @cached_property
+    def parts(self) -> Parts:
+        """What the stages of a build read; annotators whose segments a rule reads are there without being named."""
+        needed = (annotator for rule in self.rules for annotator in rule.annotators)
+        annotators = {annotator.name: annotator for annotator in (*self.annotators, *needed)}
+        chain = [*(step.on(self.grid) for step in self.transforms), *self.augment]
+        return Parts(chain, self.fields, [*annotators.values()], self.rules, self.windows)
 
     @property
     def skeleton(self) -> Skeleton:
@@ -64,10 +77,7 @@ class Recipe:
     def plugin_files(self) -> dict[str, PluginFile]:
         """Files of its local plug-ins, by the kind and name of each, as "motion edge151"."""
         used: dict[str, Plugin] = {f"dataset {self.dataset.name}": self.dataset}
-        used |= {f"motion {field.name}": field.representation for field in self.motion}
-        used |= {f"contacts {field.contacts.name}": field.contacts for field in self.motion if field.contacts}
-        used |= {f"audio {job.name}": job.feature for job in self.audio}
-        used |= {f"keymotion {field.name}": field.finder for field in self.keymotion}
+        used |= {name: plugin for field in self.fields for name, plugin in field.plugins.items()}
         used |= {f"transform {step.name}": step for step in self.transforms}
         used |= {f"augment {copy.name}": copy.augmentation for copy in self.augment}
         used |= {f"annotator {annotator.name}": annotator for annotator in self.annotators}
@@ -91,15 +101,16 @@ class Recipe:
             "fps": str(self.grid),
             "windows": self.windows.document(),
             "transforms": [{step.name: document_of(step)} for step in self.transforms],
-            "motion": {field.name: field.document() for field in self.motion if not field.without},
-            "audio": {field.name: field.document() for field in self.audio},
-            "keymotion": {field.name: field.document() for field in self.keymotion},
+            **{slot: self._fields(slot) for slot in ("motion", "audio", "keymotion", "fields")},
             "augment": {copy.name: document_of(copy.augmentation) for copy in self.augment},
             "annotators": {annotator.name: document_of(annotator) for annotator in self.annotators},
             "rules": {rule.name: document_of(rule.parameters) for rule in self.rules},
             "store": {"shard_mb": self.shard_mb},
             "groups": {"incomplete": self.incomplete_groups},
         }
+
+    def _fields(self, slot: str) -> dict[str, Any]:
+        return {field.name: field.document() for field in self.fields if field.slot == slot and not field.without}
 
     @cached_property
     def sha256(self) -> str:
@@ -112,4 +123,4 @@ def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
 
     `hash_file`: Function that returns the SHA-256 of a file, such as `Cache.file_sha256`.
     """
-    return replace(recipe, audio=tuple(replace(job, feature=job.feature.resolved(hash_file)) for job in recipe.audio))
+    return replace(recipe, fields=tuple(field.resolved(hash_file) for field in recipe.fields))

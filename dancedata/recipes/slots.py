@@ -7,12 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS, Annotator, WindowRule
+from dancedata.building.fields.files import FileField
+from dancedata.building.fields.motion import KeyMotionField, RepresentationField
+from dancedata.building.fields.music import FeatureField, MusicField
+from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS, Annotator, Field, WindowRule
 from dancedata.building.rules.filtered import Filtered
 from dancedata.building.take import Transform
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugin_files import unknown_plugin
 from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
 from dancedata.core.registry import (
@@ -27,13 +30,17 @@ from dancedata.core.registry import (
 )
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
-from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField, WindowSpec
 from dancedata.recipes.plugins import ALWAYS, SLOT_KEYS, Problems, frame_grid, make_plugin, named_entries, one_of
 from dancedata.store.motion_fields import ORIGINAL
 
 P = TypeVar("P", bound=Plugin)
 N = TypeVar("N", bound=Any)
-_EXAMPLES = {"augment": "{mirror: true}", "annotators": "{facts: true}", "rules": "{curate: {spikes: true}}"}
+_EXAMPLES = {
+    "augment": "{mirror: true}",
+    "annotators": "{facts: true}",
+    "fields": "{NAME: true}",
+    "rules": "{curate: {spikes: true}}",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,9 +49,7 @@ class Slots:
 
     dataset: Dataset | None
     transforms: tuple[Transform, ...]
-    motion: tuple[MotionField, ...]
-    keymotion: tuple[KeyMotionField, ...]
-    audio: tuple[FeatureJob, ...]
+    fields: tuple[Field, ...]
     augment: tuple[Copy, ...]
     annotators: tuple[Annotator, ...]
     rules: tuple[WindowRule, ...]
@@ -68,16 +73,17 @@ def make_slots(
     keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
     steps = [problems.catch(partial(step.on, any_grid), "transforms.") for step in transforms]
     excerpts = next((step.excerpts for step in steps if step is not None and step.excerpts is not None), None)
-    audio = _feature_jobs(document.get("audio"), any_grid, excerpts, problems)
+    audio = _feature_fields(document.get("audio"), any_grid, excerpts, problems)
+    fields = (*motion, *keymotion, *audio, *_plugin_fields(document.get("fields"), any_grid, problems))
     augment = _copies(document.get("augment"), motion, problems)
     annotators = _annotators(document.get("annotators"), problems)
     rules = _rules(document.get("rules"), problems)
     for slot, plugins in (("transforms", transforms), ("augment", augment), ("rules", rules)):
         for plugin in plugins:
-            problems.catch(partial(plugin.check, (*motion, *keymotion, *audio)), f"{slot}.")
+            problems.catch(partial(plugin.check, fields), f"{slot}.")
     problems += _optional_problems(motion)
     for lengths in filter(None, (windows, excerpts)):
-        for field in (*motion, *audio):
+        for field in fields:
             problems.catch(partial(field.require_whole, lengths))
     if windows is not None and excerpts is not None and windows.length > excerpts.length:
         problems.append(f"windows: {windows.length_s:g} s are longer than the slices; found {excerpts.length_s:g} s")
@@ -96,11 +102,12 @@ def make_slots(
     for job in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
         problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
-    motion = problems.catch(partial(_with_originals, motion, transforms)) or ()
-    return Slots(dataset, transforms, motion, keymotion, audio, augment, annotators, rules)
+    originals = problems.catch(partial(_originals, motion, fields, transforms)) or ()
+    fields = (*_by_name([*motion, *originals]), *fields[len(motion) :])
+    return Slots(dataset, transforms, fields, augment, annotators, rules)
 
 
-def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[MotionField, ...]:
+def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[RepresentationField, ...]:
     if not isinstance(slot, (dict, str)) or not slot:
         names = slot if isinstance(slot, list) and all(isinstance(name, str) for name in slot) else []
         example = ", ".join(f"{shown(name)}: {{}}" for name in names or ["edge151"])
@@ -119,7 +126,7 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Moti
         rate = representation.rate
         of_rate = grid if rate is None else FrameGrid(rate)
         optional = _is_optional(f"motion.{name}", keys, problems)
-        fields.append(MotionField(name, of_rate, representation, contacts, optional=optional))
+        fields.append(RepresentationField(name, of_rate, representation, contacts, optional=optional))
     return _by_name(fields)
 
 
@@ -130,7 +137,7 @@ def _is_optional(where: str, keys: Mapping[str, Any], problems: Problems) -> boo
     return optional is True
 
 
-def _optional_problems(fields: Sequence[MotionField]) -> list[str]:
+def _optional_problems(fields: Sequence[RepresentationField]) -> list[str]:
     """Return why fields of motion cannot be optional."""
     optional = [field for field in fields if field.optional]
     problems = []
@@ -142,16 +149,32 @@ def _optional_problems(fields: Sequence[MotionField]) -> list[str]:
     return problems
 
 
-def _feature_jobs(
+def _feature_fields(
     slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
-) -> tuple[FeatureJob, ...]:
-    jobs = []
+) -> tuple[FeatureField, ...]:
+    fields = []
     for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
         fps = keys.get("fps")
         rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
         if feature is not None and rows is not None:
-            jobs.append(FeatureJob(name, rows, feature, windows, rows != grid))
-    return _by_name(jobs)
+            cls = FileField if feature.from_files else MusicField
+            fields.append(cls(name, rows, feature, windows, rows != grid))
+    return _by_name(fields)
+
+
+def _plugin_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Field, ...]:
+    fields = [
+        problems.catch(partial(_on, field, grid, f"fields.{name}"))
+        for name, field in _switched((FIELDS,), "fields", slot, problems)
+    ]
+    return _by_name([field for field in fields if field is not None])
+
+
+def _on(field: Field, grid: FrameGrid, where: str) -> Field:
+    """Return a field for a recipe of this rate; UsageError for a rate that is not possible."""
+    field = field.on(grid)
+    frame_grid(str(field.grid), f"{where}.fps")
+    return field
 
 
 def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
@@ -164,15 +187,17 @@ def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[
     )
 
 
-def _with_originals(fields: tuple[MotionField, ...], transforms: Sequence[Transform]) -> tuple[MotionField, ...]:
-    """Return the fields with one more for each, of the motion without the transforms that keep the original."""
+def _originals(
+    motion: Sequence[RepresentationField], fields: Sequence[Field], transforms: Sequence[Transform]
+) -> list[RepresentationField]:
+    """Return one more field for each of motion, without the transforms that keep the original."""
     without = tuple(step.name for step in transforms if step.keeps_original)
-    originals = [dataclasses.replace(f, name=f"{f.name}{ORIGINAL}", without=without) for f in fields if without]
+    originals = [dataclasses.replace(f, name=f"{f.name}{ORIGINAL}", without=without) for f in motion if without]
     taken = {field.name for field in fields} & {field.name for field in originals}
     if taken:
         raise UsageError(f"motion.{min(taken)}: this is the name of the field with the motion before {without[0]}",
                          fix=f"give it another name, or set {without[0]}.original to false")  # fmt: skip
-    return _by_name([*fields, *originals])
+    return originals
 
 
 def _transforms(slot: Any, problems: Problems) -> tuple[Transform, ...]:
@@ -193,7 +218,7 @@ def _transforms(slot: Any, problems: Problems) -> tuple[Transform, ...]:
     return tuple(step for _, step in _switched((TRANSFORMS,), "transforms", named, problems))
 
 
-def _copies(slot: Any, motion: Sequence[MotionField], problems: Problems) -> tuple[Copy, ...]:
+def _copies(slot: Any, motion: Sequence[RepresentationField], problems: Problems) -> tuple[Copy, ...]:
     body = max((field.representation.skeleton for field in motion), key=lambda s: s.n_joints, default=SMPL24)
     copies = []
     for name, augmentation in _switched((AUGMENTATIONS,), "augment", slot, problems, several=True):

@@ -1,4 +1,4 @@
-"""Checks of what a build is made of: transforms, annotators and window rules."""
+"""Checks of what a build is made of: fields, transforms, annotators and window rules."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.building.inputs import Music
-from dancedata.building.plugins import Annotator, Seen, WindowRule
+from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
 from dancedata.building.result import Result
 from dancedata.building.take import Dancer, Reader, Recording, Scene, Scenes, Take, Time, Transform
 from dancedata.core.clip import ClipRef
@@ -22,6 +22,25 @@ from dancedata.testing.examples import FPS
 from dancedata.testing.plugin_checks import check_plugin, require
 
 _ROWS = 300
+
+
+def check_field(cls: type[Field]) -> None:
+    """Check a field of motion: rows of every dancer, as many as the time of a take has; equal motions, equal rows."""
+    check_plugin(cls)
+    field = cls().on(FPS)
+    require(field.kind in ("motion", "keymotion", "audio"), "kind is motion, keymotion or audio")
+    require(bool(field.sha256) and field.sha256 == cls().on(FPS).sha256, "equal fields have one hash")
+    for n_dancers in (1, 2):
+        take, scene = _example(n_dancers)
+        asks = [ask for ask in field.asks(take) if ask.source is take.recording]
+        before = _arrays(scene)
+        first, second = ([] if not asks else field.make(Scenes(scene), [a.part for a in asks]) for _ in range(2))
+        require(_equal(_arrays(scene), before), "it does not write into the motion")
+        require(_equal(first, second), "equal motions give equal rows")
+        for k, rows in enumerate(first):
+            shape = (field.n_rows(take, k), field.columns.width)
+            require(rows.shape == shape, f"rows are {shape}, not {rows.shape}")
+            require(rows.dtype == field.dtype and bool(np.isfinite(rows).all()), f"rows are finite {field.dtype}")
 
 
 def check_transform(cls: type[Transform]) -> None:

@@ -23,7 +23,7 @@ import numpy.typing as npt
 from dancedata.audio.hf.feature import HuggingFace
 from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.building.left_out import BY_CHOICE
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
@@ -47,7 +47,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
-from dancedata.testing.building_checks import check_annotator, check_rule, check_transform
+from dancedata.testing.building_checks import check_annotator, check_field, check_rule, check_transform
 from dancedata.testing.dataset_checks import SLICES, check_dataset, recipe_with
 from dancedata.testing.examples import (
     FPS,
@@ -316,6 +316,7 @@ _CHECKS: dict[str, Callable[[type[Any], Path], None]] = {
     FEATURES.kind: lambda cls, folder: check_audio_feature(cls),
     AUGMENTATIONS.kind: check_augmentation,
     FILTERS.kind: lambda cls, folder: check_window_filter(cls),
+    FIELDS.kind: lambda cls, folder: check_field(cls),
     TRANSFORMS.kind: lambda cls, folder: check_transform(cls),
     ANNOTATORS.kind: lambda cls, folder: check_annotator(cls),
     RULES.kind: lambda cls, folder: check_rule(cls),

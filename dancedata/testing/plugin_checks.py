@@ -148,7 +148,7 @@ def check_plugin(cls: type[Any]) -> None:
     described = "\n".join(inspect.getdoc(base) or "" for base in cls.__mro__)  # a base may add fields
     for field in dataclasses.fields(cls):
         require(re.search(rf"^{field.name}\b", described, re.M) is not None, f"the docstring describes {field.name}")
-    from dancedata.recipes.documents import document_of
+    from dancedata.building.documents import document_of
     from dancedata.recipes.plugins import make_plugin, one_of
 
     problems: list[str] = []

@@ -1,4 +1,4 @@
-"""A capability in one file: motion is smoothed, leaps are marked, and windows with too long a leap are left out."""
+"""A capability in one file: motion is smoothed, leaps are marked and measured, windows with long ones left out."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS, Annotator, Seen, WindowRule
+from dancedata.building.fields.motion import SceneField
+from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS, Annotator, Seen, WindowRule
 from dancedata.building.take import Scene, Take, Transform
 from dancedata.core.clip import Reject
+from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.motion import Motion
 from dancedata.core.segments import Layer, Segment
 
 
@@ -37,6 +41,22 @@ class MovingAverage(Transform):
             windows = np.lib.stride_tricks.sliding_window_view(padded, self.frames, axis=0)
             smoothed.append(replace(motion, translation=windows.mean(axis=2)))
         return scene.with_motions(smoothed)
+
+
+@FIELDS.register("apart")
+@dataclass(frozen=True)
+class Apart(SceneField):
+    """Distance of a dancer from the middle of all."""
+
+    version: ClassVar[int] = 1
+
+    @property
+    def columns(self) -> Columns:
+        return Columns((Group("distance", 1, "m"),), mirror=Mirror((0,), (1,)))
+
+    def encode(self, motions: Sequence[Motion]) -> Sequence[npt.NDArray[np.float32]]:
+        places = np.stack([motion.translation for motion in motions])
+        return list(np.linalg.norm(places - places.mean(axis=0), axis=-1).astype(np.float32)[..., None])
 
 
 @ANNOTATORS.register("leaps")

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
+from unittest.mock import ANY
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
+from dancedata.core.plugin_files import FILE_KEY
 from dancedata.core.registry import DATASETS
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, verify_store
@@ -28,6 +30,7 @@ RECIPE: dict[str, Any] = {
 }  # fmt: skip
 CAPABILITY = {
     "plugins": [str(LEAPS)], "transforms": ["moving-average"], "annotators": {"leaps": True},
+    "fields": {"apart": {"fps": 10}},
     "rules": {"long-leaps": {"most_s": 0.2}},
 }  # fmt: skip
 
@@ -54,6 +57,19 @@ def test_motion_of_all_clips_and_copies_goes_through_the_transform(stores: tuple
         pelvis, before = (store[clip.id].read("joints")[:, :3] for store in stores)
         assert 0 < np.abs(np.diff(pelvis, n=2, axis=0)).sum() < np.abs(np.diff(before, n=2, axis=0)).sum()
     assert plain.info["recipe"]["transforms"] == []
+
+
+def test_a_field_sees_all_dancers_of_clips_and_of_copies_at_their_speed(stores: tuple[Store, Store]) -> None:
+    store, plain = stores
+    assert store.info["recipe"]["fields"] == {"apart": {"fps": "10", "optional": False, FILE_KEY: ANY}}
+    assert (store.field("apart").kind, "apart" in plain.fields) == ("motion", False)
+    for clip in store.clips:
+        together = [c for c in store.clips if c.group == clip.group and clip.group] or [clip]
+        pelvis = np.stack([store[c.id].read("joints")[::3, :3] for c in together])
+        rows, apart = clip.read("apart"), np.linalg.norm(pelvis - pelvis.mean(axis=0), axis=-1)
+        assert rows.shape == (len(pelvis[0]), 1)
+        np.testing.assert_allclose(rows[:, 0], apart[[c.id for c in together].index(clip.id)], atol=1e-4)
+        assert (rows.max() > 1e-3) == (len(together) > 1)
 
 
 def test_segments_of_copies_are_at_their_speed(stores: tuple[Store, Store]) -> None:

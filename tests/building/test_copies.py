@@ -10,7 +10,6 @@ import pytest
 import dancedata
 from dancedata.building.part import Part, build_part
 from dancedata.building.plan import make_plan
-from dancedata.building.recipe import parts_of
 from dancedata.building.spine import expand
 from dancedata.core.clip import ClipRef
 from dancedata.core.columns import Columns
@@ -186,4 +185,4 @@ def test_a_copy_with_the_id_of_a_clip_is_an_error(name: str) -> None:
     recipe = load_recipe("aist++", ("audio={}", "augment=shift"))
     takes = [take_of(recipe, [(ClipRef(clip, Path(f"{clip}.pkl"), None, "train"), "0")]) for clip in ("a", name)]
     with raises_message(SourceError, name, where=f"clip {name}"):
-        expand(takes, parts_of(recipe).transforms)
+        expand(takes, recipe.parts.transforms)

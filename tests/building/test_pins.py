@@ -20,7 +20,9 @@ import pytest
 
 from dancedata.building import plugins
 from dancedata.building import signals as audio_units
-from dancedata.building.signals import FeatureKeys, SignalId
+from dancedata.building.fields import music as music_fields
+from dancedata.building.fields.music import MusicField
+from dancedata.building.signals import SignalId
 from dancedata.core.clip import ClipRef
 from dancedata.execution import arithmetic
 from dancedata.files.regular_file import sha256_file
@@ -44,18 +46,19 @@ def keys_of(name: str) -> dict[str, Any]:
     recipe = load_recipe(name)
     patches = [mock.patch.object(module, what, return_value="1") for module, what in (
         (audio_units, "package_version"), (plugins, "package_version"), (audio_units, "expected"),
-        (plugins, "expected"),
+        (plugins, "expected"), (music_fields, "package_version"),
+        (music_fields, "expected"),
     )]  # fmt: skip
     for patch in patches:
         patch.start()
     try:
-        of_motion = replace(recipe, audio=())
+        of_motion = replace(recipe, fields=tuple(field for field in recipe.fields if field not in recipe.audio))
         take = take_of(of_motion, [(CLIP, "c" * 64)], {"body_model/SMPL.npz": "b" * 64})
-        audio = {job.name: FeatureKeys(job) for job in recipe.audio}
+        music = [field for field in recipe.audio if isinstance(field, MusicField)]
         return {
             "recipe": recipe.sha256, "motion": takes.keys_of(of_motion, take),
-            "tracks": {name: keys.track(80.0, SONG.sha256) for name, keys in audio.items()},
-            "windows": {job.name: audio[job.name].window(80.0, SONG, 3) for job in recipe.audio if job.windows},
+            "tracks": {field.name: field.song_key(80.0, SONG.sha256) for field in music},
+            "windows": {field.name: field.slice_key(80.0, SONG, 3) for field in music if field.windows},
         }  # fmt: skip
     finally:
         for patch in patches:

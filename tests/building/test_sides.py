@@ -9,7 +9,7 @@ import pytest
 from dancedata.building.annotators import vitals
 from dancedata.building.build import build
 from dancedata.building.check import check
-from dancedata.building.fields.motion import MotionRows
+from dancedata.building.fields.motion import MotionField
 from dancedata.building.plan import make_plan
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
@@ -77,7 +77,7 @@ def test_a_cache_entry_that_was_not_inspected(
         before.setattr(vitals.Vitals, "version", 0)
         before.setattr(vitals, "quality_flags", lambda motion: [])
         build(recipe(tmp_path), mirrored, tmp_path / "before", cache=cache, strict=True)
-    monkeypatch.setattr(MotionRows, "make", None)  # what was encoded stays
+    monkeypatch.setattr(MotionField, "make", None)  # what was encoded stays
     build(recipe(tmp_path), mirrored, tmp_path / "after", cache=cache)
     with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
         build(recipe(tmp_path), mirrored, tmp_path / "strict", cache=cache, strict=True)

@@ -7,9 +7,8 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.building.signals import window_samples
-from dancedata.core.grid import FrameGrid, WindowGrid
-from dancedata.recipes.fields import FeatureJob, WindowSpec
+from dancedata.building.fields.music import MusicField
+from dancedata.core.grid import FrameGrid, WindowGrid, WindowSpec
 
 RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
 
@@ -20,8 +19,8 @@ RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
 )  # fmt: skip
 def test_windows_are_those_with_all_their_samples(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
     feature: Any = SimpleNamespace()
-    job = FeatureJob("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))
-    starts, length = window_samples(job, n, rate)
+    field = MusicField("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))
+    starts, length = field.slices(n, rate)
     stride = windows.stride / grid.rate * rate
     assert length == int(windows.length / grid.rate * rate)
     expected = []

@@ -8,8 +8,9 @@ from typing import Any, get_type_hints
 import pytest
 
 import dancedata.cli.templates
+from dancedata.building.fields.motion import KeyMotionField, RepresentationField
+from dancedata.building.fields.music import FeatureField
 from dancedata.core.plugins import AudioFeature, Dataset, KeyMotionFinder, Representation
-from dancedata.recipes.fields import FeatureJob, KeyMotionField, MotionField
 from dancedata.recipes.recipe import Recipe
 
 # One misspelt member for each of five kinds, as the pipeline and exports would call them.
@@ -19,17 +20,20 @@ from pathlib import Path
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.building.fields.motion import KeyMotionField
 from dancedata.core.motion import Motion
 from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.exports.base.job import Export, ExportJob
 from dancedata.recipes.recipe import Recipe
 
 
-def use(recipe: Recipe, signal: AudioSignal, motion: Motion, target: Export, job: ExportJob) -> None:
+def use(
+    recipe: Recipe, keys: KeyMotionField, signal: AudioSignal, motion: Motion, target: Export, job: ExportJob
+) -> None:
     recipe.dataset.scann(Path("source"))
     recipe.audio[0].feature.extrakt(signal, recipe.grid)
     recipe.motion[0].representation.encod(motion)
-    recipe.keymotion[0].finder.analyze(motion)
+    keys.finder.analyze(motion)
     target.lackz(job)
     recipe.dataset.scan(Path("source"))
     recipe.audio[0].feature.extract(signal, recipe.grid)
@@ -47,8 +51,8 @@ WRONG = TEMPLATE.replace("sample_rate: int, grid: FrameGrid) -> int:", "sample_r
     ("owner", "name", "kind"),
     [
         (Recipe, "dataset", Dataset),
-        (FeatureJob, "feature", AudioFeature),
-        (MotionField, "representation", Representation),
+        (FeatureField, "feature", AudioFeature),
+        (RepresentationField, "representation", Representation),
         (KeyMotionField, "finder", KeyMotionFinder),
     ],
 )

@@ -16,7 +16,7 @@ RINGS = load(ROOT / "benchmarks" / "rings.py")
 BREAKS: dict[str, int] = {
     "audio -> audio": 8, "building -> audio": 2, "building -> curation": 6, "building -> metrics": 2,
     "building -> retarget": 2, "decoding -> representations": 1, "exports -> exports": 2, "publish -> remote": 6,
-    "readers -> keymotion": 2, "readers -> metrics": 1, "recipes -> building": 8, "songs -> audio": 1,
+    "readers -> keymotion": 2, "readers -> metrics": 1, "songs -> audio": 1,
     "store -> formats": 3,
 }  # fmt: skip
 #: Most lines that a build of aist++ and a batch of it load.

@@ -13,10 +13,10 @@ import pytest
 
 from dancedata.building import signals as audio_units
 from dancedata.building.compute import Unit, in_cache, make
-from dancedata.building.fields.music import MusicRows
+from dancedata.building.fields.music import MusicField
 from dancedata.building.identity import content_hashes
 from dancedata.building.inputs import Music
-from dancedata.building.signals import FeatureKeys, SignalId
+from dancedata.building.signals import SignalId
 from dancedata.building.sources import identify
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject
@@ -54,9 +54,15 @@ def motion_keys(cache: Cache, recipe: Recipe, ref: ClipRef, sha: str) -> dict[st
     return keys_of(recipe, take_of(recipe, [(ref, sha)], content_hashes(recipe.dataset, cache.file_sha256)))
 
 
+def music(recipe: Recipe) -> MusicField:
+    (field,) = recipe.audio
+    assert isinstance(field, MusicField)
+    return field
+
+
 def feature_key(*overrides: str, bpm: float | None = 120.0, sha: str = "s") -> str:
     recipe = load_recipe("aist++", overrides)
-    return FeatureKeys(recipe.audio[0]).track(bpm, sha)
+    return music(recipe).song_key(bpm, sha)
 
 
 @pytest.mark.parametrize(
@@ -79,15 +85,17 @@ def test_what_shapes_a_feature_is_in_its_key_and_nothing_else(other: dict[str, A
 @pytest.mark.parametrize("package", ["librosa", "numpy", "scipy", "soxr"])
 def test_another_version_of_a_package_is_another_key(package: str, monkeypatch: pytest.MonkeyPatch):
     before = feature_key()
-    monkeypatch.setattr(audio_units, "package_version", lambda name: "9.9" if name == package else "1.0")
+    monkeypatch.setattr(
+        "dancedata.building.fields.music.package_version", lambda name: "9.9" if name == package else "1.0"
+    )
     one = feature_key()
-    monkeypatch.setattr(audio_units, "package_version", lambda name: "1.0")
+    monkeypatch.setattr("dancedata.building.fields.music.package_version", lambda name: "1.0")
     assert len({before, one, feature_key()}) == 3
 
 
 def window_key(song: str = "sha", number: int = 6, rate: int = 44100, *overrides: str) -> str:
     recipe = load_recipe("aist++-edge-exact", overrides)
-    return FeatureKeys(recipe.audio[0]).window(120.0, SignalId(Path("song.wav"), "file", song, rate, 10**6), number)
+    return music(recipe).slice_key(120.0, SignalId(Path("song.wav"), "file", song, rate, 10**6), number)
 
 
 def test_a_window_is_identified_by_its_song_and_position(monkeypatch: pytest.MonkeyPatch):
@@ -322,7 +330,6 @@ def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, t
 @pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
 def test_a_song_that_changes_during_a_build_is_set_aside(corpus, own, tmp_path, monkeypatch, how):
     recipe = load_recipe("aist++")
-    (job,) = recipe.audio
     songs = sorted((corpus / "wavs").glob("*.wav"))
     song = tmp_path / "song.wav"
     song.write_bytes(songs[0].read_bytes())
@@ -335,7 +342,7 @@ def test_a_song_that_changes_during_a_build_is_set_aside(corpus, own, tmp_path, 
         os.utime(song, (0, 0))
     else:
         song.write_bytes(songs[-1].read_bytes())
-    field = MusicRows(job)
+    field = music(recipe)
     ask = field.ask(Music(identified))
     (found,) = make(own, Unit(ask.source, [(field, [ask])])).values()
     if how == "replaced":

@@ -9,6 +9,7 @@ import pytest
 
 import dancedata
 from dancedata.building.build import build
+from dancedata.building.documents import document_of
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef
@@ -19,7 +20,6 @@ from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.formats.video_pose import open_people
-from dancedata.recipes.documents import document_of
 from dancedata.recipes.parse import parse_recipe
 from tests.messages import raises_message
 from tests.video_files import dance, gvhmr, in_camera, joblib_bytes, phalp, torch_file, wham, wham_person

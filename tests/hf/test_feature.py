@@ -18,13 +18,12 @@ import torch
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
 from dancedata.audio.hf.loading import place, weight_bytes
-from dancedata.building.signals import FeatureKeys
+from dancedata.building.documents import document_of
+from dancedata.building.fields.music import MusicField
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.fields import FeatureJob
 from dancedata.testing.encoders import KINDS
 
 from .conftest import noise, settings, song
@@ -164,7 +163,7 @@ def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFa
 
 def test_keys_know_the_weights_and_not_where_they_are(model, feature, tmp_path):
     def key(made: HuggingFace) -> str:
-        return FeatureKeys(FeatureJob("hf.mert", FPS, made)).track(None, "signal")
+        return MusicField("hf.mert", FPS, made).song_key(None, "signal")
 
     first = feature("mert", layers=(2,))
     moved = tmp_path / "renamed"

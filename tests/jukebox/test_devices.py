@@ -23,13 +23,12 @@ from dancedata.audio.jukebox.feature import Jukebox
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.networks import devices as _devices
 from dancedata.building import signals as audio_units
-from dancedata.building.fields.music import MusicRows
-from dancedata.building.signals import FeatureKeys, SignalId
+from dancedata.building.fields.music import MusicField
+from dancedata.building.signals import SignalId
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.files.regular_file import sha256_file
-from dancedata.recipes.fields import FeatureJob, WindowSpec
 
 FPS = FrameGrid.of(30)
 
@@ -59,7 +58,7 @@ def test_one_process_a_card(two_cards: dict[str, str], tiny: SimpleNamespace) ->
     feature = Jukebox(weights=tiny.folder, layer=6).resolved(sha256_file)
     assert feature.precision == "fp16"
     assert feature.windows_per_call == 32
-    assert MusicRows(_job(feature)).workers(16) == 2
+    assert _field(feature).workers(16) == 2
     assert [_claim(tuple(two_cards)) for _ in range(3)] == ["cuda:0", "cuda:1", "cuda:0"]
     one = Jukebox(weights=tiny.folder, layer=6, device="cuda:1")
     assert one.workers(16) == 1
@@ -112,20 +111,20 @@ def test_one_network_a_process_and_the_one_before_goes_first(tiny, monkeypatch):
     assert feature._encoder(100_000).max_codes == 8192
 
 
-def _job(feature: Jukebox, windows: WindowSpec | None = None) -> FeatureJob:
-    return FeatureJob("jukebox", FPS, feature, windows)
+def _field(feature: Jukebox, windows: WindowSpec | None = None) -> MusicField:
+    return MusicField("jukebox", FPS, feature, windows)
 
 
 def _key(feature: Jukebox) -> str:
-    return FeatureKeys(_job(feature)).track(None, "a")
+    return _field(feature).song_key(None, "a")
 
 
 def test_tempo_is_not_in_the_key(tiny: SimpleNamespace) -> None:
     feature = Jukebox(weights=tiny.folder, layer=6, device="cpu").resolved(sha256_file)
-    tracks, windows = (FeatureKeys(_job(feature, windows)) for windows in (None, WindowSpec(150, 15, FPS)))
-    assert tracks.track(120.0, "a") == tracks.track(None, "a") != tracks.track(None, "b")
+    tracks, windows = (_field(feature, windows) for windows in (None, WindowSpec(150, 15, FPS)))
+    assert tracks.song_key(120.0, "a") == tracks.song_key(None, "a") != tracks.song_key(None, "b")
     one, other = (SignalId(Path("song.wav"), "file", sha, 44100, 10**6) for sha in ("a", "b"))
-    assert windows.window(120.0, one, 0) == windows.window(None, one, 0) != windows.window(None, other, 0)
+    assert windows.slice_key(120.0, one, 0) == windows.slice_key(None, one, 0) != windows.slice_key(None, other, 0)
 
 
 @pytest.mark.parametrize(
@@ -153,5 +152,5 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
     assert threads[0].startswith("decode-ahead")
     audio_units.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
-    assert MusicRows(_job(Jukebox(weights=tiny.folder))).looks_ahead
-    assert not MusicRows(FeatureJob("librosa35", FPS, Librosa35())).looks_ahead
+    assert _field(Jukebox(weights=tiny.folder)).looks_ahead
+    assert not MusicField("librosa35", FPS, Librosa35()).looks_ahead

@@ -10,7 +10,6 @@ import pytest
 import dancedata
 from dancedata.building.build import build
 from dancedata.building.plan import make_plan
-from dancedata.building.signals import FeatureKeys
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.files.regular_file import sha256_file
@@ -42,10 +41,10 @@ def test_fields_documents_and_keys_carry_the_full_name() -> None:
     assert "fps" not in made.document["audio"]["librosa35"]
     assert parse_recipe(made.document).sha256 == made.sha256
     assert recipe(audio={"librosa35": {"fps": 30}}).sha256 == recipe(audio={"librosa35": {}}).sha256
-    plain, other = (FeatureKeys(job).track(100.0, "song") for job in made.audio)
+    plain, other = (field.song_key(100.0, "song") for field in made.audio)
     assert plain != other
     alone = recipe(audio={"librosa35": {}}, motion={"edge151": {}})
-    assert FeatureKeys(alone.audio[0]).track(100.0, "song") == plain
+    assert alone.audio[0].song_key(100.0, "song") == plain
 
 
 @pytest.mark.parametrize("transforms", ["[]", "[{slices: {length_s: 2}}]"])

@@ -13,10 +13,10 @@ import soundfile
 import dancedata
 from dancedata import songs as own_songs
 from dancedata.building.describe import describe_store, store_json
+from dancedata.building.fields.music import MusicField
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
-from dancedata.recipes.fields import FeatureJob
 from dancedata.recipes.plugins import make_named
 from dancedata.store import open_store
 from dancedata.testing.stores import write_random_store
@@ -71,9 +71,9 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
             own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)
 
 
-def jobs(*names: str) -> list[FeatureJob]:
+def jobs(*names: str) -> list[MusicField]:
     grid = FrameGrid.of(30)
-    return [FeatureJob(name, grid, make_named(FEATURES, "audio", name.split(".")[0], {})) for name in names]
+    return [MusicField(name, grid, make_named(FEATURES, "audio", name.split(".")[0], {})) for name in names]
 
 
 def test_weights_go_to_a_field_by_name(tmp_path: Path) -> None:

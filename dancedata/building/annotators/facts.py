@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
+from dancedata.building.documents import document_of
 from dancedata.building.plugins import ANNOTATORS, Annotator
 from dancedata.building.take import Scene, Take
 from dancedata.core.errors import UsageError
@@ -15,7 +16,6 @@ from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.metrics.events import KINDS, MIRROR, UNITS, events
-from dancedata.recipes.documents import document_of
 
 Kind = Literal["turns", "jumps", "travel", "energy", "floor_work", "contacts"]
 

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from dancedata.audio.file import FileRows, Placed
-from dancedata.building.fields.music import MusicRows
+from dancedata.building.fields.music import FeatureField
 from dancedata.building.inputs import RowsFile
-from dancedata.building.plugins import Ask, Field, Reach
+from dancedata.building.plugins import Ask, Reach
 from dancedata.building.rejects import attempt, reject_of
 from dancedata.building.result import Rows
 from dancedata.building.rows import PlacedRows
@@ -22,8 +22,8 @@ from dancedata.building.take import Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
-from dancedata.recipes.fields import FeatureJob
 
 if TYPE_CHECKING:
     from dancedata.store.stored_clip import AudioBlock
@@ -33,39 +33,33 @@ _STAGE = 1
 
 
 @dataclass(frozen=True)
-class FileField(Field):
+class FileField(FeatureField):
     """Rows from a file, cut and resampled to the take."""
 
-    stage: ClassVar[str] = "features"
-
-    spec: FeatureJob
+    from_files = True
+    unit = "files"
 
     @property
+    @override
     def sha256(self) -> str:
-        """Hash of all that shapes rows, beside the file and its place."""
         return self._key("", Placed(0, 0, Fraction(0), Fraction(1)))
-
-    @property
-    def from_files(self) -> bool:
-        """Whether rows are read from files, and may begin before frame 0."""
-        return True
 
     @cached_property
     def _feature(self) -> FileRows:
-        if not isinstance(self.spec.feature, FileRows):
+        if not isinstance(self.feature, FileRows):
             raise UsageError("a feature without files was taken for one with files", where=self.name)
-        return self.spec.feature
+        return self.feature
 
+    @override
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
-        """Return the rows: of music those of the file, of motion those from frame 0 to the last."""
         from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
 
         if self.kind == "audio":
             return (AudioBlock(rows.key, rows.array, rows.offset),)
         return PlacedRows(rows.array, rows.offset, take.time.frames_on(grid), grid, self)
 
+    @override
     def asks(self, take: Take) -> Sequence[Ask]:
-        """Return what is asked for each dancer: the rows of his file."""
         asks = []
         for k, dancer in enumerate(take.dancers):
             file, placed = dancer.files[self.name], self._placed(take, k)
@@ -73,13 +67,13 @@ class FileField(Field):
             asks.append(Ask(file, self._key(file.sha256, placed), placed, -first))
         return asks
 
+    @override
     def with_path(self, ref: ClipRef, source: Path) -> ClipRef:
-        """Return a clip with its file of this field, if there is one."""
         path = self._feature.file_of(ref, source)
         return ref if path is None else replace(ref, feature_paths=(*ref.feature_paths, (self.name, path)))
 
+    @override
     def file_of(self, cache: Cache, ref: ClipRef, hash_file: Callable[[Cache, Path], str]) -> RowsFile | Reject:
-        """Return the file of a clip, hashed, with its length by its header; or why it cannot be used."""
         path = dict(ref.feature_paths).get(self.name)
         if path is None or not path.is_file():
             what = f"no file {path}" if path is not None else f"the clip has no name for {self._feature.path}"
@@ -93,17 +87,12 @@ class FileField(Field):
         except OSError as error:
             return Reject("broken_file", ref.id, str(path), detail=f"{path}: {error}")
 
-    @property
-    def unit(self) -> str:
-        """What a result is of."""
-        return "files"
-
+    @override
     def n_rows(self, take: Take, dancer: int) -> int:
-        """Return the number of rows on the field's grid."""
         return self._placed(take, dancer).n_rows
 
+    @override
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
-        """Return the frames that the file covers; a Reject where its length is not that of the motion."""
         file = take.dancers[dancer].files[self.name]
         wrong = self._wrong_length(take, dancer, grid)
         if wrong is not None:
@@ -118,8 +107,8 @@ class FileField(Field):
         short = f"{detail}: no window of the clip lies within"
         return Reach(first, end, "no_audio", "short_feature", f"is beyond: {detail}", short)
 
+    @override
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
-        """Read the rows of a file, for each place that it has."""
         try:
             return [self._feature.rows(loaded, placed) for placed in parts]
         except OSError as error:
@@ -174,8 +163,3 @@ class FileField(Field):
         except DataError:
             return False  # a problem by itself, reported where the place is read
         return grid.rows_down(time.frames_on(grid), of=self.grid) > placed.first + placed.n_rows
-
-
-def audio_field(job: FeatureJob) -> Field:
-    """Return the field of an entry of `audio`: rows of files, or of music."""
-    return FileField(job) if job.feature.from_files else MusicRows(job)

@@ -1,104 +1,93 @@
-"""Rows of a take's motion: representations and key motions."""
+"""Fields of motion: representations, key motions, and those that a plug-in makes of all dancers of a take."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.documents import document_of
 from dancedata.building.plugins import Ask, Field, Reach, maker_hash
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
 from dancedata.building.take import Take
-from dancedata.core.bodies import CROSSING
+from dancedata.core.bodies import CROSSING, SMPLX52
+from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.recipes.fields import FieldOfMotion
+from dancedata.core.plugins import ContactRule, KeyMotionFinder, Plugin, Representation
+from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     from dancedata.store.stored_clip import LazyArray
 
 #: Raised by hand when the stage gives other numbers for the same motion.
 _STAGE = 6
+_FINGERS = frozenset(SMPLX52.joints[22:])
 T = TypeVar("T")
+_Rows = npt.NDArray[np.float32] | Nothing
 
 
-@dataclass(frozen=True)
-class MotionRows(Field):
-    """Rows that are encoded of the motion of each dancer.
+class MotionField(Field):
+    """Rows of the motion of each dancer of a take, all in one scene.
 
     `without`: Names of transforms that it is made without, such as repairs.
     """
 
-    stage: ClassVar[str] = "motion"
-
-    spec: FieldOfMotion
+    stage = "motion"
     without: tuple[str, ...] = ()
+
+    @property
+    def shaping(self) -> list[Any]:
+        """Names and versions of the plug-ins that shape rows."""
+        return [self.name, self.version]
 
     @cached_property
     def sha256(self) -> str:
         """Hash of all that shapes the rows of a motion."""
-        plugin = self.spec.plugin.name
-        return maker_hash(_STAGE, CROSSING, plugin, self.spec.version, self.spec.document(), str(self.grid))
+        return maker_hash(_STAGE, CROSSING, *self.shaping, self.document(), str(self.grid))
 
+    @override
     def block(self, rows: Rows | Nothing, take: Take, dancer: int, grid: FrameGrid) -> LazyArray:
-        """Return the rows as they are stored."""
         return stored_rows(rows, self, take, dancer)
 
+    @override
     def asks(self, take: Take) -> Sequence[Ask]:
-        """Return what is asked for each dancer."""
         steps = [step for step in take.motion_steps if step.name not in self.without]
         return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
 
-    def not_for_groups(self, fields: Sequence[Field]) -> str:
-        """Return why rows without places cannot hold a group: dancers anywhere would have equal columns."""
-        if not self.spec.placeless or self.grid in {field.grid for field in fields if field.spec.holds_places}:
-            return ""
-        return (
-            f"its columns have no places: store them beside it, motion: {{root_place: {{fps: {self.grid}}}}}, or "
-            "choose a representation that has them, such as edge151"
-        )
-
+    @override
     def n_rows(self, take: Take, dancer: int) -> int:
-        """Return the number of rows."""
         return take.time.frames_on(self.grid)
 
+    @override
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach:
-        """Return the frames that rows of another rate cover."""
         beyond = f"ends after the last of the rows at {self.grid} per second"
         return Reach(0, self.grid.rows_down(take.time.frames_on(self.grid), of=grid), beyond=beyond)
 
-    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[np.float32] | Nothing]:
-        """Encode the motion of dancers of one scene; those of a group on one floor."""
+    @override
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[_Rows]:
         scene = loaded.after(parts[0][0])
         motions = [self._try(partial(self._on_grid, motion)) for motion in scene.motions]
-        floor = self._floor(motions) if scene.refs[0].group else None
-        return [self._encoded(motions[k], floor) for _, k in parts]
+        return self.encoded(motions, [k for _, k in parts], in_group=bool(scene.refs[0].group))
+
+    @abstractmethod
+    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+        """Return the rows of some dancers of a scene, whose motions are at the field's rate."""
+
+    def require(self, motion: Motion) -> None:
+        """Raise DataError for motion that lacks joints without which rows would say nothing."""
 
     def _on_grid(self, motion: Motion) -> Motion:
         if self.optional:
-            self.spec.require(motion)
+            self.require(motion)
         return motion.resampled(self.grid)
-
-    def _encoded(self, motion: Motion | Nothing, floor: float | None) -> npt.NDArray[np.float32] | Nothing:
-        if isinstance(motion, Nothing):
-            return motion
-        spec = self.spec
-        return self._try(
-            lambda: np.asarray(spec.encode(motion) if floor is None else spec.encode_above(motion, floor))
-        )
-
-    def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
-        """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
-        if not self.spec.grounded:
-            return None
-        floors = [self._try(partial(self.spec.floor, m)) for m in motions if not isinstance(m, Nothing)]
-        return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)
 
     def _try(self, call: Callable[[], T]) -> T | Nothing:
         """Return the result of a call; Nothing where an optional field cannot take a motion."""
@@ -108,3 +97,189 @@ class MotionRows(Field):
             if not self.optional:
                 raise
             return Nothing(str(error))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneField(MotionField):
+    """A plug-in of a recipe's `fields`: it has `columns`, and encodes the motion of all dancers of a take.
+
+    Attributes
+    ----------
+    fps
+        Rows per second: a number, or a fraction such as "30000/1001"; None: the recipe's.
+    optional
+        Whether clips that it cannot take are kept without rows.
+    """
+
+    fps: Any = None
+    optional: bool = False
+
+    @override
+    def on(self, grid: FrameGrid) -> SceneField:
+        return replace(self, fps=str(grid if self.fps is None else FrameGrid.of(self.fps)))
+
+    @cached_property
+    def grid(self) -> FrameGrid:  # type: ignore[override]
+        """Grid of the rows."""
+        return FrameGrid.of(self.fps)
+
+    @abstractmethod
+    def encode(self, motions: Sequence[Motion]) -> Sequence[npt.NDArray[np.float32]]:
+        """Return rows (T, D) of each dancer of a take.
+
+        Parameters
+        ----------
+        motions
+            Of all dancers, in one world and as long as each other, at the field's rate.
+        """
+
+    @override
+    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+        lost = [motion for motion in motions if isinstance(motion, Nothing)]
+        present = [motion for motion in motions if not isinstance(motion, Nothing)]
+        rows: Any = lost[0] if lost else self._try(partial(self.encode, present))
+        return [rows if isinstance(rows, Nothing) else np.asarray(rows[k], dtype=self.dtype) for k in dancers]
+
+
+@dataclass(frozen=True)
+class RepresentationField(MotionField):
+    """A representation of each dancer, with its contact rule; those of a group stand on one floor."""
+
+    slot = "motion"
+
+    name: str  # type: ignore[misc]
+    grid: FrameGrid
+    representation: Representation
+    contacts: ContactRule | None = None
+    without: tuple[str, ...] = ()
+    optional: bool = False
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        return self.representation.columns
+
+    @property
+    def axes(self) -> str:  # type: ignore[override]
+        """The representation's axes."""
+        return self.representation.axes
+
+    @property
+    @override
+    def plugins(self) -> Mapping[str, Plugin]:
+        contacts = {} if self.contacts is None else {f"contacts {self.contacts.name}": self.contacts}
+        return {f"motion {self.name}": self.representation, **contacts}
+
+    @property
+    @override
+    def description(self) -> str:
+        rule = f", contacts by {self.contacts.name}" if self.contacts is not None else ""
+        return f"{self.columns.width} columns, {self.axes}{rule}"
+
+    @property
+    def holds_places(self) -> bool:  # type: ignore[override]
+        """Whether its columns are the places of dancers."""
+        return self.representation.holds_places
+
+    @property
+    @override
+    def shaping(self) -> list[Any]:
+        contacts = 0 if self.contacts is None else self.contacts.version
+        return [self.representation.name, (self.representation.version, contacts)]
+
+    @override
+    def document(self) -> dict[str, Any]:
+        document = {**document_of(self.representation), "optional": self.optional}
+        if self.contacts is not None:
+            document["contacts"] = {self.contacts.name: document_of(self.contacts)}
+        return document
+
+    @override
+    def not_for_groups(self, fields: Sequence[Field]) -> str:
+        # Dancers anywhere would have equal columns.
+        spatial = self.representation.spatial
+        if spatial is None or not spatial.placeless or self.grid in {f.grid for f in fields if f.holds_places}:
+            return ""
+        return (
+            f"its columns have no places: store them beside it, motion: {{root_place: {{fps: {self.grid}}}}}, or "
+            "choose a representation that has them, such as edge151"
+        )
+
+    @override
+    def require(self, motion: Motion) -> None:
+        """Raise DataError for a field with fingers where the motion has none: they would not move.
+
+        The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
+        """
+        fingers = [joint for joint in self.representation.skeleton.joints if joint in _FINGERS]
+        if fingers and not _FINGERS & set(motion.skeleton.joints):
+            joints = f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more"
+            raise DataError(f"the motion has no fingers, which {self.representation.name} has",
+                            reason="missing_joints", found=joints)  # fmt: skip
+
+    @override
+    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+        floor = self._floor(motions) if in_group else None
+        return [self._encoded(motions[k], floor) for k in dancers]
+
+    def _encoded(self, motion: Motion | Nothing, floor: float | None) -> _Rows:
+        if isinstance(motion, Nothing):
+            return motion
+        plugin, rule = self.representation, self.contacts
+        if floor is None:
+            return self._try(lambda: np.asarray(plugin.encode(motion, contacts=rule)))
+        return self._try(lambda: np.asarray(plugin.encode_above(motion, floor, contacts=rule)))
+
+    def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
+        """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
+        if not self.representation.grounded:
+            return None
+        present = [m for m in motions if not isinstance(m, Nothing)]
+        floors = [self._try(partial(self.representation.floor, m)) for m in present]
+        return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)
+
+
+@dataclass(frozen=True)
+class KeyMotionField(MotionField):
+    """The key motions of each dancer."""
+
+    slot = "keymotion"
+    kind = "keymotion"
+
+    name: str  # type: ignore[misc]
+    grid: FrameGrid
+    finder: KeyMotionFinder
+    optional: bool = False
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        return self.finder.columns
+
+    @property
+    @override
+    def plugins(self) -> Mapping[str, Plugin]:
+        return {f"keymotion {self.name}": self.finder}
+
+    @property
+    @override
+    def description(self) -> str:
+        return f"key motions, {', '.join(self.columns.labels)}"
+
+    @property
+    @override
+    def shaping(self) -> list[Any]:
+        return [self.finder.name, (self.finder.version, 0)]
+
+    @override
+    def document(self) -> dict[str, Any]:
+        return {**document_of(self.finder), "optional": self.optional}
+
+    @override
+    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+        return [self._analysed(motions[k]) for k in dancers]
+
+    def _analysed(self, motion: Motion | Nothing) -> _Rows:
+        if isinstance(motion, Nothing):
+            return motion
+        return self._try(lambda: np.asarray(self.finder.analyse(motion)))

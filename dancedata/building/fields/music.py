@@ -1,114 +1,240 @@
-"""Rows of a take's music."""
+"""Features of music: of whole songs, or of slices of them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.documents import document_of
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
 from dancedata.building.result import Rows
-from dancedata.building.signals import FeatureKeys, SignalId, timeline_of, window_samples
+from dancedata.building.signals import SignalId, timeline_of
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
-from dancedata.core.errors import StoreError
-from dancedata.core.grid import FrameGrid
-from dancedata.recipes.fields import FeatureJob
+from dancedata.core.codebook import Codebook, DType
+from dancedata.core.columns import Columns
+from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.grid import FrameGrid, WindowGrid, WindowSpec
+from dancedata.core.plugins import AudioFeature, Plugin
+from dancedata.core.typing import override
+from dancedata.execution.arithmetic import expected
+from dancedata.execution.cache import Cache, package_version
 
 if TYPE_CHECKING:
     from dancedata.store.stored_clip import AudioBlock
 
+#: Raised by hand when the stage gives other numbers for the same input.
+_STAGE = 3
+
 
 @dataclass(frozen=True)
-class MusicRows(Field):
+class FeatureField(Field):
+    """Rows of an audio feature.
+
+    `windows`: Slices, in frames of the recipe, of which rows are computed alone; None: of whole songs.
+    `own_rate`: Whether `grid` was given for this field, not for the whole recipe.
+    """
+
+    slot = "audio"
+    stage: ClassVar[str] = "features"
+
+    name: str  # type: ignore[misc]
+    grid: FrameGrid
+    feature: AudioFeature
+    windows: WindowSpec | None = None
+    own_rate: bool = False
+
+    @property
+    def kind(self) -> Literal["motion", "audio"]:  # type: ignore[override]
+        """Motion for rows that describe the dancer, else audio."""
+        return "motion" if self.feature.of_motion else "audio"
+
+    @property
+    @override
+    def columns(self) -> Columns:
+        return self.feature.columns
+
+    @property
+    def dtype(self) -> DType:  # type: ignore[override]
+        """The feature's type on disk."""
+        return self.feature.dtype
+
+    @property
+    def codebook(self) -> Codebook | None:  # type: ignore[override]
+        """The feature's codebook."""
+        return self.feature.codebook
+
+    @property
+    def packages(self) -> Sequence[str]:  # type: ignore[override]
+        """Distributions that shape the numbers."""
+        return self.feature.packages
+
+    @property
+    def about(self) -> Mapping[str, Any]:  # type: ignore[override]
+        """Metadata of its network."""
+        return self.feature.about
+
+    @property
+    @override
+    def plugins(self) -> Mapping[str, Plugin]:
+        return {f"audio {self.name}": self.feature}
+
+    @override
+    def resolved(self, hash_file: Callable[[Path], str]) -> FeatureField:
+        return replace(self, feature=self.feature.resolved(hash_file))
+
+    @override
+    def document(self) -> dict[str, Any]:
+        document = document_of(self.feature)
+        return {**document, "fps": str(self.grid)} if self.own_rate else document
+
+
+@dataclass(frozen=True)
+class MusicField(FeatureField):
     """A feature of a song; of slices, each by itself, but those of a song in one call.
 
     `arithmetic`: Instructions that computed the rows; None: those of this machine's builds, see `expected`.
     """
 
-    stage: ClassVar[str] = "features"
+    needs_music = True
 
-    spec: FeatureJob
     arithmetic: str | None = None
 
     @property
+    @override
     def lane(self) -> str:
-        """Its name, if results of processors differ."""
-        return "" if self.spec.feature.exact else self.name
+        return "" if self.feature.exact else self.name
 
     @property
+    @override
     def batch(self) -> int:
-        """Slices in a call."""
-        return self.spec.feature.windows_per_call or super().batch
+        return self.feature.windows_per_call or super().batch
 
     @property
+    @override
     def looks_ahead(self) -> bool:
-        """Whether the next song is decoded while a device computes."""
-        return self.spec.feature.prefetch
+        return self.feature.prefetch
 
+    @override
     def workers(self, jobs: int) -> int:
-        """Return how many processes run its lane: of a network one for each card."""
-        return self.spec.feature.workers(jobs)
+        return self.feature.workers(jobs)
 
     @property
+    @override
     def sha256(self) -> str:
-        """Hash of all that shapes the rows of a song, its tempo not known."""
-        return self._keys.track(None, "")
+        return self.song_key(None, "")
 
+    @property
+    def unit(self) -> str:  # type: ignore[override]
+        """What a result is of."""
+        return "songs" if self.windows is None else "slices"
+
+    @override
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> tuple[AudioBlock, ...]:
-        """Return the rows of the song, which clips share."""
         from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
 
-        return (AudioBlock(rows.key, rows.array, rows.offset),)
+        return (AudioBlock(rows.key, rows.array, rows.offset),)  # which clips share
 
+    @override
     def asks(self, take: Take) -> Sequence[Ask]:
-        """Return what is asked for each dancer: the rows of his song, or of a slice of it."""
         return [self.ask(dancer.music) for dancer in take.dancers]
 
     def ask(self, music: Music) -> Ask:
         """Return what is asked of a song: its rows, or those of a slice."""
         signal = _signal(music)
         if music.excerpt is not None:
-            key = self._keys.window(music.bpm, signal, music.excerpt)
-            return Ask(Song(signal), key, (music.bpm, music.excerpt))
+            return Ask(Song(signal), self.slice_key(music.bpm, signal, music.excerpt), (music.bpm, music.excerpt))
         signal, offset = timeline_of(signal, music.start, self.grid)
-        return Ask(Song(signal), self._keys.track(music.bpm, signal.sha256), (music.bpm, None), offset)
+        return Ask(Song(signal), self.song_key(music.bpm, signal.sha256), (music.bpm, None), offset)
 
     def slice_asks(self, music: Music) -> list[Ask]:
         """Return what is asked for all slices of a song."""
         signal = _signal(music)
-        n_slices = len(window_samples(self.spec, signal.n_samples, signal.sample_rate)[0])
+        n_slices = len(self.slices(signal.n_samples, signal.sample_rate)[0])
         return [self.ask(replace(music, excerpt=number)) for number in range(n_slices)]
 
+    def song_key(self, bpm: float | None, sha256: str) -> str:
+        """Return the key of a song's rows, by the hash of its samples."""
+        return Cache.key("track", common=self._key_at(bpm), signal=sha256)
+
+    def slice_key(self, bpm: float | None, signal: SignalId, number: int) -> str:
+        """Return the key of a slice's rows: its song and its place in it.
+
+        The samples of the slice alone are not enough. A feature may compute once what neighbouring slices share, so
+        that equal slices of two songs differ by rounding.
+        """
+        start, rows = self._first_sample(number, signal.grid), self.slice_rows
+        return Cache.key("window", common=self._key_at(bpm), signal=signal.sha256, start=start, rows=rows)
+
+    @property
+    def slice_grid(self) -> WindowSpec:
+        """The slices; UsageError for a field of whole songs."""
+        if self.windows is None:
+            raise UsageError("a field of whole songs has no slices", where=self.name)
+        return self.windows
+
+    @property
+    def slice_rows(self) -> int:
+        """Rows of a slice."""
+        return self.slice_grid.grid.rows_down(self.slice_grid.length, of=self.grid)
+
+    def slices(self, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
+        """Return the first samples (W,) of a signal's whole slices, and their length in samples.
+
+        A slice starts at its exact time, rounded down, so that music does not drift away from motion. EDGE adds up a
+        truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any even rate).
+        """
+        samples, windows = FrameGrid.of(sample_rate), self.slice_grid
+        length = windows.grid.rows_down(windows.length, of=samples)
+        if n_samples < length or length < 1:
+            return np.empty(0, dtype=np.int64), length
+        # A slice fits if it begins at a frame whose sample, rounded down, is at most n_samples - length.
+        n_frames = samples.rows_up(n_samples - length + 1, of=windows.grid)
+        count = WindowGrid(1, windows.stride).count(n_frames)
+        return np.array([self._first_sample(k, samples) for k in range(count)], dtype=np.int64), length
+
+    def _first_sample(self, number: int, samples: FrameGrid) -> int:
+        return self.slice_grid.grid.rows_down(self.slice_grid.start(number), of=samples)
+
     @cached_property
-    def _keys(self) -> FeatureKeys:
-        return FeatureKeys(self.spec, self.arithmetic)
+    def _keys(self) -> dict[float | None, str]:
+        return {}
 
-    @property
-    def needs_music(self) -> bool:
-        """It is made of decoded music."""
-        return True
+    def _key_at(self, bpm: float | None) -> str:
+        """Return the common part of keys, hashed once for each tempo."""
+        feature = self.feature
+        # Dropped from the key where the feature ignores it: equal music is then computed once.
+        bpm = None if bpm is None or not feature.uses_tempo else float(bpm)
+        if bpm not in self._keys:
+            self._keys[bpm] = Cache.key(
+                "feature",
+                version=[_STAGE, feature.version],
+                feature={self.name: document_of(feature)},
+                fps=str(self.grid),
+                excerpts=self.windows is not None,
+                start_bpm=bpm,
+                packages={name: package_version(name) for name in feature.packages},
+                arithmetic=(self.arithmetic or expected()) if feature.exact else None,
+            )
+        return self._keys[bpm]
 
-    @property
-    def unit(self) -> str:
-        """What a result is of."""
-        return "songs" if self.spec.windows is None else "slices"
-
+    @override
     def n_rows(self, take: Take, dancer: int) -> int:
-        """Return the number of rows of a song, or of a slice of it."""
         music = take.dancers[dancer].music
         if music.excerpt is not None:
-            return self.spec.window_rows
+            return self.slice_rows
         signal = timeline_of(_signal(music), music.start, self.grid)[0]
-        return self.spec.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
+        return self.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
 
+    @override
     def reach(self, take: Take, dancer: int, grid: FrameGrid) -> Reach | Reject:
-        """Return the frames that rows of the song cover."""
         music, ref = take.dancers[dancer].music, take.dancers[dancer].ref
         signal = _signal(music)
         path = ref.audio_path or ref.motion_path
@@ -116,30 +242,30 @@ class MusicRows(Field):
         beyond, reason = f"reaches beyond the end of {path.name}", "short_audio"
         short = f"{path}: the music is shorter than a window: {audio_s} s"
         if music.excerpt is not None:
-            n_slices = len(window_samples(self.spec, signal.n_samples, signal.sample_rate)[0])
+            n_slices = len(self.slices(signal.n_samples, signal.sample_rate)[0])
             first, end = 0, take.time.frames_on(grid) if music.excerpt < n_slices else 0
             if n_slices:
                 reason, short = "no_audio", f"{path}: the music ends before the slice does, after {audio_s} s"
         else:
             timeline, offset = timeline_of(signal, music.start, self.grid)
-            rows = self.spec.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
+            rows = self.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
             first = max(0, self.grid.rows_up(-offset, of=grid))
             end = self.grid.rows_down(rows - offset, of=grid)
             if music.start:
                 beyond = f"is not within {path.name}, whose second {float(music.start):g} is frame 0"
         return Reach(first, end, "no_audio", reason, beyond, short, str(path), {"audio_s": audio_s})
 
+    @override
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
-        """Compute the rows of a whole song, or of slices of it, for each tempo that is stated."""
         by_part: dict[Any, Any] = {}
-        for bpm in dict.fromkeys(bpm for bpm, _ in parts):
+        for bpm in dict.fromkeys(bpm for bpm, _ in parts):  # each tempo that is stated
             numbers = [number for of, number in parts if of == bpm and number is not None]
             if (bpm, None) in parts:
-                by_part[bpm, None] = self.spec.feature.extract(loaded, self.grid, start_bpm=bpm)
+                by_part[bpm, None] = self.feature.extract(loaded, self.grid, start_bpm=bpm)
             if numbers:
-                starts, length = window_samples(self.spec, len(loaded.samples), loaded.sample_rate)
-                rows = self.spec.feature.extract_windows(
-                    loaded, starts[np.array(numbers)], length, self.grid, self.spec.window_rows, start_bpm=bpm
+                starts, length = self.slices(len(loaded.samples), loaded.sample_rate)
+                rows = self.feature.extract_windows(
+                    loaded, starts[np.array(numbers)], length, self.grid, self.slice_rows, start_bpm=bpm
                 )
                 by_part |= {(bpm, number): of_slice for number, of_slice in zip(numbers, rows, strict=True)}
         return [by_part[part] for part in parts]

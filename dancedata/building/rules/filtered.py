@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from dancedata.building.plugins import Seen, WindowRule
+from dancedata.building.take import RecipeField
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.text import shown
 from dancedata.core.typing import override
-from dancedata.recipes.fields import FieldSpec
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Filtered(WindowRule):
         return self.chosen
 
     @override
-    def check(self, fields: Sequence[FieldSpec]) -> None:
+    def check(self, fields: Sequence[RecipeField]) -> None:
         of_motion = {field.name: field for field in fields if field.kind != "audio"}
         named = self.chosen.field
         if named not in of_motion:

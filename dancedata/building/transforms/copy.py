@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.take import Scene, Take, Transform
+from dancedata.building.documents import document_of
+from dancedata.building.take import RecipeField, Scene, Take, Transform
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -21,8 +22,6 @@ from dancedata.core.segments import Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.spatial import middle_of
 from dancedata.core.typing import override
-from dancedata.recipes.documents import document_of
-from dancedata.recipes.fields import FieldSpec
 
 #: The split whose clips are copied.
 _SPLIT = "train"
@@ -67,7 +66,7 @@ class Copy(Transform):
         return [self.augmentation.name, self.augmentation.version, document_of(self.augmentation)]
 
     @override
-    def check(self, fields: Sequence[FieldSpec]) -> None:
+    def check(self, fields: Sequence[RecipeField]) -> None:
         for field in (field for field in fields if field.kind != "audio"):
             try:
                 self.augmentation.check(field.columns)

@@ -10,10 +10,9 @@ from typing import Any, ClassVar
 from dancedata.building.plugins import TRANSFORMS
 from dancedata.building.take import Scene, Take, Time, Transform
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.segments import Segment
 from dancedata.core.typing import override
-from dancedata.recipes.fields import WindowSpec
 
 
 @TRANSFORMS.register("slices")

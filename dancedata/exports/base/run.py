@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.documents import document_of
 from dancedata.building.source_music import is_source
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import counted, listed, quoted, shown, size_text
@@ -14,7 +15,6 @@ from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.files.atomic_folder import README, AtomicFolder, atomic_folder, read_about
-from dancedata.recipes.documents import document_of
 from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.dataset_json import dataset_hashes

@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.documents import document_of
 from dancedata.building.identity import content_hashes
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef, Window
@@ -22,7 +23,6 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
-from dancedata.recipes.documents import document_of
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, Pose

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.documents import document_of
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
@@ -32,7 +33,6 @@ from dancedata.formats.stated import (
 )
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 from dancedata.formats.video_tracks import people_of
-from dancedata.recipes.documents import document_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.store import Store
 from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
