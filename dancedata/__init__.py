@@ -64,7 +64,7 @@ if TYPE_CHECKING:
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
     from dancedata.exports.base.run import export
-    from dancedata.publish.run import push
+    from dancedata.remote.push import push
     from dancedata.store.dataset import open_store as open
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
@@ -89,7 +89,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.building.commands",
-            "push": "dancedata.publish.run",
+            "push": "dancedata.remote.push",
             "quality": "dancedata.building.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),

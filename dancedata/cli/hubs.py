@@ -51,7 +51,7 @@ def push(
     dancedata push STORE hf://datasets/ORG/NAME --private
     """
     from dancedata.plot.card import card_pictures
-    from dancedata.publish import push as run_push
+    from dancedata.remote.push import push as run_push
 
     pushed = run_push(
         store, to, private=private, gated=gated, recipe_only=recipe_only, rights=rights, tag=tag, beside=beside or (),

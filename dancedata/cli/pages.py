@@ -158,7 +158,7 @@ def report(
 
     if card:
         from dancedata.plot.card import card_pictures
-        from dancedata.publish.card import write_card
+        from dancedata.remote.card import write_card
 
         if as_json or against is not None or audio != "none":
             raise UsageError("--card goes with --to, --overwrite and --quiet alone", fix="call it for each")

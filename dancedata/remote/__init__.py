@@ -1,1 +1,1 @@
-"""Addresses of datasets on hubs, in buckets and on servers: fetched into the cache, which everything else reads."""
+"""Datasets on hubs, in buckets, on servers: fetched, published."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 #: What takes most of the time of a short process.
 PACKAGES = (
-    "dancedata.publish.run", "dancedata.plot.map_axes", "dancedata.datasets.finedance.reader", "matplotlib.pyplot",
+    "dancedata.remote.push", "dancedata.plot.map_axes", "dancedata.datasets.finedance.reader", "matplotlib.pyplot",
     "huggingface_hub.hf_api", "huggingface_hub._commit_api", "httpcore2",
 )  # fmt: skip
 

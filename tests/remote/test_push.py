@@ -17,9 +17,11 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.packages import MissingPackageError
 from dancedata.core.registry import DATASETS
-from dancedata.publish import contents, hub, run
-from dancedata.publish.terms import restrictions
+from dancedata.remote import contents
+from dancedata.remote import push as run
+from dancedata.remote import upload as hub
 from dancedata.remote.pull import pull
+from dancedata.remote.terms import restrictions
 from dancedata.store import open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns

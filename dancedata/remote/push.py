@@ -13,12 +13,12 @@ from dancedata.core.packages import require
 from dancedata.core.text import counted, size_text
 from dancedata.execution.addresses import is_address, require_whole
 from dancedata.execution.progress import Progress
-from dancedata.publish.card import Pictures
-from dancedata.publish.contents import contents
-from dancedata.publish.hub import HubUpload
-from dancedata.publish.terms import require_permission, restrictions
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
+from dancedata.remote.card import Pictures
+from dancedata.remote.contents import contents
+from dancedata.remote.terms import require_permission, restrictions
+from dancedata.remote.upload import HubUpload
 from dancedata.store import open_store
 from dancedata.store.hub_head import Publication
 

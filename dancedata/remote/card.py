@@ -11,7 +11,7 @@ from urllib.parse import quote
 from dancedata.core.errors import UsageError
 from dancedata.execution.progress import Progress
 from dancedata.files.page_files import PageFiles
-from dancedata.publish.card_text import MARK, card_text
+from dancedata.remote.card_text import MARK, card_text
 from dancedata.store import Store, open_store
 
 #: Largest card, megabytes.

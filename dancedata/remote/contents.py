@@ -15,8 +15,8 @@ from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.publish.card import Pictures
-from dancedata.publish.card_text import card_text, plain_recipe
+from dancedata.remote.card import Pictures
+from dancedata.remote.card_text import card_text, plain_recipe
 from dancedata.store import Store
 from dancedata.store.dataset_json import MAX_BYTES
 from dancedata.store.hub_head import Publication

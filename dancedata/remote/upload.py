@@ -18,10 +18,10 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
 from dancedata.execution.progress import Progress
-from dancedata.publish.card import PICTURE_FILES
-from dancedata.publish.card_text import MARK
-from dancedata.publish.contents import PICTURES, Upload, changed
 from dancedata.remote.address import Address
+from dancedata.remote.card import PICTURE_FILES
+from dancedata.remote.card_text import MARK
+from dancedata.remote.contents import PICTURES, Upload, changed
 from dancedata.remote.fetch import fetch_description, read_small
 from dancedata.remote.hub import HubClient, endpoint_of
 from dancedata.remote.source import NotThereError, public_line, refused
