@@ -10,6 +10,7 @@ import inspect
 import json
 import re
 import sys
+import textwrap
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,9 @@ from dancedata.core.registry import (
     Registry,
 )
 from dancedata.core.resources import resources
+from dancedata.evaluation.protocol_text import protocols_json
+from dancedata.evaluation.report import LABELS
+from dancedata.exports.base.job import EXPORTS
 from dancedata.recipes.parse import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -47,16 +51,19 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def documented(plugin: type) -> dict[str, str]:
-    """Return the keys of a plug-in with what its docstring says of them, one line each."""
-    section = _SECTION.search(inspect.getdoc(plugin) or "")
+    """Return the keys of a plug-in with what docstrings of it and its bases say of them, one line each."""
     texts: dict[str, str] = {}
-    names: list[str] = []
-    for line in (section[1] if section else "").splitlines():
-        if line.startswith(" "):
-            texts |= {name: f"{texts.get(name, '')} {line.strip()}".strip() for name in names}
-        elif line:
-            names = line.partition(":")[0].replace(" ", "").split(",")
-    return {name: re.sub(r"``([^`]*)``", r"`\1`", text).replace("dancedata.", "") for name, text in texts.items()}
+    for cls in reversed(plugin.__mro__):
+        section = _SECTION.search(inspect.cleandoc(cls.__doc__ or ""))
+        own: dict[str, str] = {}
+        names: list[str] = []
+        for line in (section[1] if section else "").splitlines():
+            if line.startswith(" "):
+                own |= {name: f"{own.get(name, '')} {line.strip()}".strip() for name in names}
+            elif line:
+                names = line.partition(":")[0].replace(" ", "").split(",")
+        texts |= own
+    return {name: re.sub(r"``([^`]*)``", r"`\1`", text) for name, text in texts.items()}
 
 
 def _with_default(field: dataclasses.Field[Any]) -> str:
@@ -88,7 +95,7 @@ def plugins() -> str:
         without = [f"`{name}`" for name in registry.names() if f"`{name}`" not in {row[0] for row in rows}]
         parts.append(f"### {slot}\n")
         parts += [table(("plug-in", "key: default", ""), rows)] if rows else []
-        parts += [f"Without keys: {', '.join(without)}.\n"] if without else []
+        parts += [textwrap.fill(f"Without keys: {', '.join(without)}.", 120) + "\n"] if without else []
     return "\n".join(parts)
 
 
@@ -134,9 +141,31 @@ def features() -> str:
     return table(("name", "width", "columns, unit"), rows)
 
 
+def protocols() -> str:
+    """Return what the numbers of each protocol depend on, and the published ones of the ground truth."""
+    rows = []
+    for name, protocol in protocols_json().items():
+        motion = protocol["motion"]
+        joints = f"{motion['body']}, {motion['fps'] or 'any'}, {motion['up']} up"
+        pieces = str(protocol["generated"])
+        pieces += "" if protocol["truth"] == pieces else f"; truth: {protocol['truth']}"
+        published = (
+            ", ".join(f"{LABELS.get(key, key)} {value:g}" for key, value in row["values"].items())
+            for row in protocol["published"]
+        )
+        rows.append((f"`{name}` {protocol['version']}", joints, pieces, "; ".join(published), protocol["source"]))
+    return table(("protocol, version", "joints, rate", "pieces", "published", "after"), rows)
+
+
+def exports() -> str:
+    """Return the keys of the targets of `export`."""
+    return table(("target", "key: default", ""), _keys(EXPORTS))
+
+
 #: What a place in a page gets, by its name.
 TABLES: dict[str, Callable[[], str]] = {
     "representations": representations, "features": features,
+    "exports": exports, "plugins": plugins, "recipes": recipes,
 }  # fmt: skip
 
 

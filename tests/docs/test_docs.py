@@ -23,7 +23,7 @@ from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 #: Pages whose code with output prints that output, in the folder of the demo.
-PRINTING = ["audio-features", "evaluation", "exports", "metrics", "python", "reference/columns"]
+PRINTING = ["audio-features", "evaluation", "metrics", "python", "reference/columns", "reference/exports"]
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +182,7 @@ def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
 
 
 def test_the_page_of_exports_names_every_target_and_option() -> None:
-    text = text_of("docs/exports.md")
+    text = text_of("docs/reference/exports.md")
     table = text.split("## Targets")[1].split("## Options")[0]
     assert [name for name in EXPORTS.names() if f"\n| `{name}` |" not in table] == []
     for name in EXPORTS.names():

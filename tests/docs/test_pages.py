@@ -14,8 +14,8 @@ from dancedata.recipes.parse import load_recipe, parse_recipe
 from tests.docs.pages import blocks, text_of, with_output
 
 
-def test_the_recipe_of_audio_features_has_both_rates() -> None:
-    block, *_ = blocks("docs/audio-features.md", "yaml")
+def test_a_recipe_of_the_page_has_both_rates() -> None:
+    block = next(block for block in blocks("docs/reference/recipes.md", "yaml") if "both-rates" in block)
     recipe = parse_recipe(yaml.safe_load(block))
     rates = {field.name: int(field.grid.rate) for field in (*recipe.motion, *recipe.audio)}
     assert rates == {"edge151": 30, "fact219": 60, "librosa35": 30, "librosa35.60": 60, "bailando438": 60}
