@@ -4,7 +4,8 @@
 
 Sets of 3 to 40 clips are drawn from populations shaped as scores are, and each gets the interval of `jackknife`, as
 in `evaluate`. The score of a population is its mean; for FID and Div, which depend on the number of clips, the mean
-over many sets of the same size, against a fixed pool. Prints the table of docs/evaluation.md; it has fixed seeds.
+over many sets of the same size, against a fixed pool. Prints the table of docs/reference/protocols.md;
+seeds are fixed.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 SOURCE is a folder as for `dancedata build aist++`. SONG is any music file: AIST's songs may not be redistributed, so
 the published table uses another song, and its scores of beat alignment say nothing about the dances. Every line
-changes one switch; the first of each table is the reference. The tables are those of docs/metrics.md.
+changes one switch; the first of each table is the reference. docs/reference/protocols.md has them.
 """
 
 from __future__ import annotations

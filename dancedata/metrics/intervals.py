@@ -22,8 +22,8 @@ class Interval:
     low, high
         Its ends, within the bounds of the score.
     level
-        Share of sets of clips whose interval holds the score of the population; docs/evaluation.md has what was
-        measured.
+        Share of sets of clips whose interval holds the score of the population; measured in
+        docs/reference/protocols.md.
     clips
         Effective number of clips (Kish 1965): those that carry the score. Where it is far below the number of clips,
         tails are heavy, and the interval is too short.

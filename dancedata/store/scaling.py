@@ -129,7 +129,7 @@ def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 @cache
 def _warn_once(text: str) -> None:
-    _log.warning("%s; like= or scaler=, and normalized=, state how they are scaled (docs/decoding.md)", text)
+    _log.warning("%s; like= or scaler=, and normalized=, state how they are scaled (docs/guides/samples.md)", text)
 
 
 def _check(

@@ -164,7 +164,7 @@ def exports() -> str:
 
 #: What a place in a page gets, by its name.
 TABLES: dict[str, Callable[[], str]] = {
-    "representations": representations, "features": features,
+    "representations": representations, "features": features, "protocols": protocols,
     "exports": exports, "plugins": plugins, "recipes": recipes,
 }  # fmt: skip
 

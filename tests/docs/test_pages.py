@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-import dancedata
 from dancedata.core.registry import FEATURES
 from dancedata.core.resources import resource
 from dancedata.decoding.files import FORMATS
 from dancedata.recipes.parse import load_recipe, parse_recipe
-from tests.docs.pages import blocks, text_of, with_output
+from tests.docs.pages import blocks, text_of
 
 
 def test_a_recipe_of_the_page_has_both_rates() -> None:
@@ -32,22 +31,10 @@ def test_every_feature_is_on_the_page() -> None:
     assert all(f"| `{name}` | " in text_of("docs/audio-features.md") for name in FEATURES.names())
 
 
-def test_the_code_of_decoding_prints_the_output_shown(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    small = {"audio": {}, "dataset.synthetic.songs": 3, "dataset.synthetic.clips_per_song": 2}
-    dancedata.build("demo", out="data/demo", overrides=small, cache="cache", jobs=1, progress=False)
-    (code, output), (scaler, _) = with_output("docs/decoding.md")
-    names: dict[str, object] = {}
-    exec(compile(code, "decoding.md", "exec"), names)
-    assert capsys.readouterr().out == output
-    pytest.importorskip("torch")
-    exec(compile(scaler, "decoding.md", "exec"), names)
-    assert (tmp_path / "scaler.json").is_file()
-
-
 def test_every_format_is_on_the_page() -> None:
-    row = next(line for line in text_of("docs/decoding.md").splitlines() if line.startswith("| `--to`"))
-    assert set(re.findall(r"`([a-z]+)`", row)) == set(FORMATS)
+    table = text_of("docs/guides/samples.md").split("## Decode")[1].split("\n\n")[1]
+    named = {name for line in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", line.split("|")[1])}
+    assert named == set(FORMATS)
 
 
 def test_the_code_of_segments_runs(tmp_path, cache, monkeypatch, capsys):
