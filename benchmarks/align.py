@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.onsets import onset_strength
+from dancedata.alignment.onsets import onset_strength
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef
 from dancedata.datasets.aistpp import AistPP

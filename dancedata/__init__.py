@@ -49,7 +49,7 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic, training
-    from dancedata.alignment import align
+    from dancedata.alignment.align import align
     from dancedata.building.arrays import encode, extract
     from dancedata.building.commands import build, check, plan
     from dancedata.building.quality import quality
@@ -75,7 +75,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
             "Skeleton": "dancedata.core.skeleton",
-            "align": "dancedata.alignment",
+            "align": "dancedata.alignment.align",
             "build": "dancedata.building.commands",
             "check": "dancedata.building.commands",
             "decode": "dancedata.decoding.decode",

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.groups import Groups, groups_of
-from dancedata.building.rhythm import with_found_starts
 from dancedata.building.source import takes_of
 from dancedata.building.sources import Sources, identify, scan_source
 from dancedata.building.spine import Parts, build_clips
+from dancedata.building.starts import with_found_starts
 from dancedata.building.stored import Clips
 from dancedata.core.clip import Scan
 from dancedata.core.errors import UsageError

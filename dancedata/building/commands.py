@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dancedata.building.build import BuildResult
 from dancedata.building.build import build as _build
-from dancedata.building.check import check as _check
-from dancedata.building.check import check_several
-from dancedata.building.part import Part, PartResult
-from dancedata.building.part import build_part as _build_part
-from dancedata.building.plan import Plan, make_plan
 from dancedata.building.rebuild import Published
 from dancedata.core.errors import UsageError
 from dancedata.execution.addresses import local_folder
@@ -21,6 +16,10 @@ from dancedata.execution.progress import Progress
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Problem
+
+if TYPE_CHECKING:
+    from dancedata.building.part import PartResult
+    from dancedata.building.plan import Plan
 
 __all__ = ["build", "build_part", "check", "plan"]
 
@@ -134,10 +133,13 @@ def build_part(
     PartResult
         Clips and songs of the share, and counts of clips that will be left out.
     """
+    from dancedata.building.part import Part
+    from dancedata.building.part import build_part as run
+
     request = _Request.of(recipe, source, out, overrides)
     reporter = Progress(quiet=not progress)
     reporter.announce(f"computing part {part} of {request.recipe.name} from {request.source}")
-    return _build_part(
+    return run(
         request.recipe, request.source, Part.parse(part), jobs=jobs_of(jobs), strict=strict, cache=folder_of(cache),
         progress=reporter,
     )  # fmt: skip
@@ -188,6 +190,8 @@ def plan(
       train      2        6     360      1
     ...
     """
+    from dancedata.building.plan import make_plan
+
     request = _Request.of(recipe, source, out, overrides)
     reporter = Progress(quiet=not progress)
     if not request.source.exists() and request.recipe.dataset.generates:
@@ -240,6 +244,9 @@ def check(
     >>> [problem for problem in dancedata.check("data/aistpp") if problem.severity == "error"]
     []
     """
+    from dancedata.building.check import check as run
+    from dancedata.building.check import check_several
+
     if recipe is not None and dataset is not None:
         raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
     if overrides and recipe is None:
@@ -249,7 +256,7 @@ def check(
     if others and (parsed is not None or dataset is not None):
         raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
     if not others:
-        return _check(paths[0], dataset=dataset, recipe=parsed, jobs=jobs_of(jobs), progress=reporter)
+        return run(paths[0], dataset=dataset, recipe=parsed, jobs=jobs_of(jobs), progress=reporter)
     return check_several(paths)
 
 

@@ -73,7 +73,7 @@ def align(
 
     dancedata align SRC: offset, width, p, or why it is unknown. Changes no file.
     """
-    from dancedata.alignment import align as run_align
+    from dancedata.alignment.align import align as run_align
 
     result = run_align(
         source, by=by, dataset=dataset, recipe=recipe, overrides=overrides or (), window_s=window, level=level,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
+import importlib.util
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
@@ -114,6 +114,12 @@ class Registry(Generic[P]):
             raise unknown_plugin(self.kind, name, parameters, self.names(), also)
         return cls
 
+    def only(self) -> P:
+        """Return the plug-in of a kind of which one is enough; UsageError if none is installed."""
+        for name in self.names():
+            return self.make(name, {})
+        raise UsageError(f"no {self.kind} is installed", fix="install the whole of dancedata, or a plug-in")
+
     def split(self, name: str) -> tuple[str, str | None]:
         """Split PLUGIN.NAME at the longest registered name; the second is None without a name after it."""
         parts = name.split(".")
@@ -170,6 +176,8 @@ class Registry(Generic[P]):
 
 @lru_cache
 def _modules(package: str) -> tuple[str, ...]:
+    if importlib.util.find_spec(package) is None:  # one that was taken out
+        return ()
     path = importlib.import_module(package).__path__
     return tuple(f"{package}.{m.name}" for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
 

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
 from dancedata.execution.cache_files import DATASETS
@@ -81,7 +80,7 @@ def local_folder(path: str | Path) -> Path:
     StoreError
         If the server has no finished dataset there, or does not answer.
     """
-    return _opener().folder(path) if is_address(path) else Path(path).expanduser()
+    return OPENERS.only().folder(path) if is_address(path) else Path(path).expanduser()
 
 
 def origin_of(folder: Path) -> Origin | None:
@@ -97,23 +96,17 @@ def origin_of(folder: Path) -> Origin | None:
 def require_file(path: Path) -> None:
     """Fetch a file of a dataset of the cache if it is not there; nothing for other folders."""
     if not path.exists() and origin_of(path.parent) is not None:
-        _opener().fetch(path)
+        OPENERS.only().fetch(path)
 
 
 def fetch_soon(paths: Sequence[Path]) -> None:
     """Fetch files of one dataset of the cache in the background, in this order; nothing for other folders."""
     missing = [path for path in paths if not path.exists()]
     if missing and origin_of(missing[0].parent) is not None:
-        _opener().fetch_soon(missing)
+        OPENERS.only().fetch_soon(missing)
 
 
 def require_whole(folder: Path) -> None:
     """Fetch the missing files of a dataset of the cache; nothing for other folders."""
     if origin_of(folder) is not None:
-        _opener().fetch_all(folder)
-
-
-def _opener() -> Opener:
-    for name in OPENERS.names():
-        return OPENERS.make(name, {})
-    raise UsageError("nothing is installed that opens addresses", fix="copy the dataset to this machine")
+        OPENERS.only().fetch_all(folder)

@@ -1,14 +1,8 @@
 """The HDF5 store, format 3. Only this package depends on the file layout (docs/reference/store.md)."""
 
-from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.clip_view import Clip, Clips
-from dancedata.store.dataset import Store, open_store
-from dancedata.store.schema import Field, StoreHeader
-from dancedata.store.stored_clip import AudioBlock, LazyArray, Signal, StoredClip
-from dancedata.store.verify import verify_store
-from dancedata.store.verify_shard import Problem
-from dancedata.store.window_list import WindowList
-from dancedata.store.writer import write_store
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
 
 __all__ = [
     "AudioBlock",
@@ -27,3 +21,35 @@ __all__ = [
     "verify_store",
     "write_store",
 ]
+
+if TYPE_CHECKING:
+    from dancedata.store.clip_columns import ClipRecord
+    from dancedata.store.clip_view import Clip, Clips
+    from dancedata.store.dataset import Store, open_store
+    from dancedata.store.schema import Field, StoreHeader
+    from dancedata.store.stored_clip import AudioBlock, LazyArray, Signal, StoredClip
+    from dancedata.store.verify import verify_store
+    from dancedata.store.verify_shard import Problem
+    from dancedata.store.window_list import WindowList
+    from dancedata.store.writer import write_store
+else:  # type checkers take the imports above, and so find misspelt names
+    __getattr__, __dir__ = lazy_names(
+        __name__,
+        {
+            "ClipRecord": "dancedata.store.clip_columns",
+            "Clip": "dancedata.store.clip_view",
+            "Clips": "dancedata.store.clip_view",
+            "Store": "dancedata.store.dataset",
+            "open_store": "dancedata.store.dataset",
+            "Field": "dancedata.store.schema",
+            "StoreHeader": "dancedata.store.schema",
+            "AudioBlock": "dancedata.store.stored_clip",
+            "LazyArray": "dancedata.store.stored_clip",
+            "Signal": "dancedata.store.stored_clip",
+            "StoredClip": "dancedata.store.stored_clip",
+            "verify_store": "dancedata.store.verify",
+            "Problem": "dancedata.store.verify_shard",
+            "WindowList": "dancedata.store.window_list",
+            "write_store": "dancedata.store.writer",
+        },
+    )

@@ -16,10 +16,10 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.alignment import Aligned, Alignment
-from dancedata.building import rhythm
+from dancedata.alignment import rhythm
+from dancedata.alignment.align import Aligned, Alignment
+from dancedata.alignment.rhythm import Search
 from dancedata.building.part import Part, build_part
-from dancedata.building.rhythm import Search
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dancedata.audio.onsets import onset_strength
+from dancedata.alignment.onsets import onset_strength
 from dancedata.metrics import offsets
 from dancedata.metrics.offsets import CURVES, RATE, REASONS, Offset, RhythmPiece, find_offset, rhythm_curves
 from dancedata.synthetic import synthesise_motion, synthesise_song

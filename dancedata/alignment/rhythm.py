@@ -6,19 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from dancedata.alignment.onsets import onset_strength
 from dancedata.building.documents import document_of
 from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.rejects import changed, reject_of
 from dancedata.building.signals import SignalId, decode_again, identify_audio, known_signal
-from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
+from dancedata.building.starts import STARTS, StartFinder
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted
+from dancedata.core.typing import override
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, CachedArray, package_version
 from dancedata.execution.progress import Progress
@@ -174,7 +177,6 @@ def _onset_key(signal: SignalId) -> str:
 
 
 def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
-    from dancedata.audio.onsets import onset_strength
 
     try:
         return cache.once("onsets", key, lambda: music_rhythm(onset_strength(decode_again(signal), RATE)))
@@ -249,35 +251,38 @@ def about_offset(offset: Offset) -> str:
     )
 
 
-def with_found_starts(cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs, progress: Progress) -> Scan:
-    """Return a scan with the offsets that its source leaves to the build; clips of unknown ones are rejects.
+@STARTS.register("align")
+@dataclass(frozen=True)
+class AlignedStarts(StartFinder):
+    """The offsets of `dancedata align`; clips of one recording have one."""
 
-    Clips of one recording have one offset. Null distributions are drawn from all songs of the scan.
-    """
-    asked = [clip for clip in scan.clips if clip.audio_start_by == FOUND]
-    if not asked:
-        return scan
-    units = recordings(asked)
-    songs = sorted({clip.audio_path for clip in scan.clips if clip.audio_path is not None})
-    offsets, _ = find_offsets(cache, dataset, units, songs, Search(), jobs=jobs, progress=progress)
-    placed: dict[str, ClipRef | None] = {clip.id: clip for clip in scan.clips}
-    rejects, known = list(scan.rejects), 0
-    for unit, offset in zip(units, offsets, strict=True):
-        known += isinstance(offset, Offset) and not offset.unknown
-        for clip in unit.clips:
-            if isinstance(offset, Reject):
-                placed[clip.id] = None
-                rejects.append(replace(offset, clip=clip.id))
-            elif offset.unknown:
-                placed[clip.id] = None
-                rejects.append(_unknown(clip, unit, offset))
-            else:
-                by = f"align {VERSION}: {about_offset(offset)}, of {counted(len(unit.clips), 'clip')}"
-                start = found_start(clip.audio_start, offset)
-                placed[clip.id] = replace(clip, audio_start=start, audio_start_by=by)
-    note = f"Music: audio_start_s auto was found for {known} of {counted(len(units), 'recording')}."
-    clips = tuple(clip for clip in placed.values() if clip is not None)
-    return replace(scan, clips=clips, rejects=tuple(rejects), notes=(*scan.notes, note))
+    version: ClassVar[int] = VERSION
+
+    @override
+    def find(
+        self, cache: Cache, dataset: Dataset, scan: Scan, asked: Sequence[ClipRef], *, jobs: Jobs, progress: Progress
+    ) -> Scan:
+        units = recordings(asked)
+        songs = sorted({clip.audio_path for clip in scan.clips if clip.audio_path is not None})
+        offsets, _ = find_offsets(cache, dataset, units, songs, Search(), jobs=jobs, progress=progress)
+        placed: dict[str, ClipRef | None] = {clip.id: clip for clip in scan.clips}
+        rejects, known = list(scan.rejects), 0
+        for unit, offset in zip(units, offsets, strict=True):
+            known += isinstance(offset, Offset) and not offset.unknown
+            for clip in unit.clips:
+                if isinstance(offset, Reject):
+                    placed[clip.id] = None
+                    rejects.append(replace(offset, clip=clip.id))
+                elif offset.unknown:
+                    placed[clip.id] = None
+                    rejects.append(_unknown(clip, unit, offset))
+                else:
+                    by = f"align {VERSION}: {about_offset(offset)}, of {counted(len(unit.clips), 'clip')}"
+                    start = found_start(clip.audio_start, offset)
+                    placed[clip.id] = replace(clip, audio_start=start, audio_start_by=by)
+        note = f"Music: audio_start_s auto was found for {known} of {counted(len(units), 'recording')}."
+        clips = tuple(clip for clip in placed.values() if clip is not None)
+        return replace(scan, clips=clips, rejects=tuple(rejects), notes=(*scan.notes, note))
 
 
 def _unknown(clip: ClipRef, unit: Together, offset: Offset) -> Reject:

@@ -36,7 +36,7 @@ def onset_strength(signal: AudioSignal, rate: int = 240) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> from dancedata.audio.onsets import onset_strength
+    >>> from dancedata.alignment.onsets import onset_strength
     >>> from dancedata.synthetic import synthesise_song
     >>> onset_strength(synthesise_song("mBR0", length_s=2).signal).shape
     (480, 3)

@@ -1,4 +1,4 @@
-"""Offsets between the music and the motion of a source."""
+"""dancedata align: the offset between the music and the motion of a source."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
 from dancedata.building.check import scan_folder
 from dancedata.building.commands import RecipeLike, folder_of, jobs_of
 from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
 from dancedata.building.rejects import missing_music
-from dancedata.building.rhythm import Search, Together, find_offsets, found_start, recordings
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, csv_cell, listed, table

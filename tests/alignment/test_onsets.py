@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dancedata.audio.onsets import BANDS_HZ, onset_strength
+from dancedata.alignment.onsets import BANDS_HZ, onset_strength
 from dancedata.core.audio_signal import AudioSignal
 
 RATE = 240

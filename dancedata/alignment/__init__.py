@@ -1,0 +1,1 @@
+"""Offsets between the music and the motion of a source."""
