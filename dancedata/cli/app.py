@@ -199,7 +199,7 @@ def decode(
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="The trainer's dataset: scaler, rate.")] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
-    clip: Clip = False,
+    clamp: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frames per second; default: the dataset's.")] = None,
     key: Annotated[str | None, typer.Option(help="Array in a file with several.")] = None,
     body_model: BodyModel = None,
@@ -219,7 +219,8 @@ def decode(
     kind: Any = to  # checked there
     written = decode_file(
         files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
-        normalized=normalized, scaler=scaler, clamp=clip, body_model=body_model, betas=betas_of(betas), frames=frames,
+        normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas_of(betas),
+        frames=frames,
     )  # fmt: skip
     paths = [str(path) for path in written]
     print_result(as_json, lambda: {"files": paths}, lambda: "\n".join(paths))

@@ -52,7 +52,7 @@ def evaluate(
     field: Annotated[str | None, typer.Option(metavar="NAME", help=FIELD_HELP)] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
-    clip: Clip = False,
+    clamp: Clip = False,
     fps: Annotated[str | None, typer.Option(help="Frame rate of files that do not state it.")] = None,
     up: Annotated[str | None, typer.Option(help="Up axis of files that do not state it: y or z.")] = None,
     unit: Annotated[str | None, typer.Option(help="Unit of files that do not state it: m, cm, mm, inch.")] = None,
@@ -103,7 +103,7 @@ def evaluate(
     chosen: Any = role
     report = evaluation.evaluate(
         what, protocol=protocol or "dancedata", pool=pool, split=split, pool_split=pool_split, role=chosen, like=like,
-        field=field, normalized=normalized, scaler=scaler, clamp=clip, fps=fps, up=up, unit=unit, body=body,
+        field=field, normalized=normalized, scaler=scaler, clamp=clamp, fps=fps, up=up, unit=unit, body=body,
         music=music, metrics=metric or (), save_pool=save_pool, jobs=jobs, cache=cache, backend=backend,
         scheduler=scheduler, progress=progress,
     )  # fmt: skip

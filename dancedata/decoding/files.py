@@ -130,7 +130,8 @@ def decode_file(
     from dancedata.store.scaling import stated_in
 
     if (saved := saved_samples(path)) is not None:
-        like, scaler = saved.dataset if like is None else like, saved.scaler if scaler is None else scaler
+        like = saved.dataset if like is None else like
+        scaler = saved.chosen_scaler(scaler, normalized)
         representation = representation or saved.field
     if representation is None:
         raise UsageError("nothing states what these columns are", where=path, fix="name it: --as edge151")

@@ -134,8 +134,7 @@ def evaluate(
     if saved is not None:
         of = saved.like(None if named is None else store_of(named))
         named, field = named or of, field or saved.field
-        if scaler is None and isinstance(named, Store):
-            scaler = saved.scaler
+        scaler = saved.chosen_scaler(scaler, normalized) if isinstance(named, Store) else scaler
     request = Request(
         what=what,
         protocol=with_metrics(_protocol(protocol), metrics),

@@ -12,6 +12,7 @@ import torch
 from dancedata.core.arguments import whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
+from dancedata.core.sample_id import SampleId
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.core.typing import override
@@ -118,8 +119,8 @@ class ClipDataset(SplitDataset):
             return super().lengths
         return np.full(len(self), self.crop_frames, dtype=np.int64)
 
-    def __getitem__(self, index: int) -> dict[str, Any]:
-        return self.samples([index])[0]
+    def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
+        return self._read_again(index) if isinstance(index, str | SampleId) else self.samples([index])[0]
 
     @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:

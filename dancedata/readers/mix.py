@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.sample_id import safe_name
+from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.readers.batch_reader import Array, Layout, ReadBatch
@@ -125,9 +125,17 @@ class Mix(EpochDataset):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_chosen": None}
 
-    def __getitem__(self, index: int) -> dict[str, Any]:
-        """Return one sample; negative indices count from the end; IndexError outside the mix."""
-        return self.samples([index])[0]
+    def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
+        """Return one sample; negative indices count from the end; IndexError outside the mix. An id is read again."""
+        if not isinstance(index, str | SampleId):
+            return self.samples([index])[0]
+        of = SampleId.parse(index)
+        if of.source not in self.sources:
+            raise UsageError("the mix has no such source", where=str(index), found=of.source,
+                             fix=did_you_mean(of.source, self.sources))  # fmt: skip
+        number = self.sources.index(of.source)
+        sample = self.datasets[number]._read_again(of)
+        return sample | self._about(number, sample["id"], sample["genre"])
 
     @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ import copy
 import logging
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from operator import index as as_int
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from dancedata.core.arguments import names, whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.sample_id import id_text
+from dancedata.core.sample_id import SampleId, id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
@@ -34,6 +35,7 @@ from dancedata.readers.selection import Choice, Selection, require_protocol, sel
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
+from dancedata.store.samples import Samples
 from dancedata.store.saved_samples import save_samples
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
@@ -249,6 +251,25 @@ class SplitDataset(EpochDataset):
                              allowed=widths)  # fmt: skip
         scaler = self._normalizers.get(fitting[0])
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
+
+    def _read_again(self, name: str | SampleId) -> dict[str, Any]:
+        """Read the sample that an id names, with its changes and their draw.
+
+        Raises UsageError: if this dataset does not read it.
+        """
+        of = replace(SampleId.parse(name), take=0, source="")
+        seed, epoch, place = of.draw or (self.seed, None, -1)
+        if of.draw is None:
+            sample = Samples(self.store).require(of)
+            at = (self.windows.start == sample.start) & (self.windows.length == sample.length)
+            numbers = np.flatnonzero(at & (self.windows.clip == self.windows.clip_ids.index(sample.clip.id)))
+            place = int(numbers[0]) if len(numbers) else -1
+        found = {} if seed != self.seed or not 0 <= place < len(self) else self.samples([place], epoch)[0]
+        if found.get("id") != str(of):
+            raise UsageError("this dataset does not read this sample", where=str(name),
+                             found=found.get("id", f"split {self.split}, seed {self.seed}"),
+                             fix="give the arguments of the dataset that gave the id")  # fmt: skip
+        return found
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:

@@ -10,6 +10,7 @@ import torch
 from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
+from dancedata.core.sample_id import SampleId
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.core.typing import override
@@ -97,9 +98,8 @@ class WindowDataset(SplitDataset):
     ``"primitive_hard"`` and ``"primitive_filled"`` (K,); for windows of one local segment ``"primitives"`` (8, D)
     alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
 
-    ``print(dataset)`` says what a sample is, and ``samples([INDEX], EPOCH)`` is that of an "id"
-    CLIP@START+LENGTH:CHANGES:SEED.EPOCH.INDEX. See
-    docs/reading.md and docs/training.md.
+    ``print(dataset)`` says what a sample is, and ``dataset[ID]`` reads that of a ``batch["id"]`` again, with its
+    changes and their draw. See docs/reading.md and docs/training.md.
 
     Examples
     --------
@@ -165,14 +165,18 @@ class WindowDataset(SplitDataset):
         self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
         return Selection(windows, ())
 
-    def __getitem__(self, index: int) -> dict[str, Any]:
-        """Return one window; negative indices count from the end.
+    def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
+        """Return one window; negative indices count from the end, and an id is read again as it was.
 
         Raises
         ------
         IndexError
             For an index outside the split.
+        UsageError
+            For an id that this dataset does not read.
         """
+        if isinstance(index, str | SampleId):
+            return self._read_again(index)
         request, reader = self._request([index]), self._batch_reader()
         arrays = {name: np.empty((1, *shape), dtype=dtype) for name, (shape, dtype) in reader.layout.items()}
         reader(request, arrays)

@@ -89,16 +89,20 @@ def samples_page(report: SamplesReport, player: Player) -> str:
 
 def _scores(report: SamplesReport) -> str:
     head, rows = report.scores.cells()
-    cells = [
-        tuple(Markup(f'<span class="{score.verdict}" title="{escaped(score.reason)}">{escaped(str(cell))}</span>')
-              for cell in row)
-        for score, row in zip(report.scores.scores, rows, strict=True)
-    ]  # fmt: skip
+    cells: dict[bool, list[tuple[Markup, ...]]] = {False: [], True: []}
+    for score, row in zip(report.scores.scores, rows, strict=True):
+        span = f'<span class="{score.verdict}" title="{escaped(score.reason)}">'
+        cells[score.verdict == "void"].append(tuple(Markup(f"{span}{escaped(str(cell))}</span>") for cell in row))
     note = (
-        "in brackets: means nothing; after ~: of these samples alone, not comparable with another set. The truth is "
-        "measured under the same protocol against the same pool; at this n: as many real dances against the pool"
+        "after ~: of these samples alone, not comparable with another set. The truth is measured under the same "
+        "protocol against the same pool; at this n: as many real dances against the pool"
     )
-    body = f'<div class="scroll">{table(head, cells, "list")}</div>'
+    scroll = '<div class="scroll">{}</div>'.format
+    body = scroll(table(head, cells[False], "list")) if cells[False] else ""
+    if void := cells[True]:
+        named = listed([str(r[0]) for s, r in zip(report.scores.scores, rows, strict=True) if s.verdict == "void"], 9)
+        summary = f"{counted(len(void), 'score')} without a meaning: {escaped(named)}"
+        body += f"<details><summary>{summary}</summary>{scroll(table(head, void, 'list'))}</details>"
     return Figure("scores", f"Protocol {report.scores.protocol.name}", note, body, kind="wide").to_html()
 
 

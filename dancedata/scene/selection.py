@@ -139,7 +139,8 @@ class ViewRequest:
     def _format(self, store: Store | None, grid: FrameGrid | None, path: Path) -> FileFormat:
         """Return how the motion files of a path are read."""
         saved = None if self.field is not None else saved_samples(path)
-        field, scaler = (self.field, None) if saved is None else (saved.field, saved.scaler)
+        field = self.field if saved is None else saved.field
+        scaler = self.scaler if saved is None else saved.chosen_scaler(self.scaler, self.normalized)
         if field is None and store is not None:
             field = field_of_width(store, path)
         if (self.normalized is not None or self.scaler is not None) and field is None:
@@ -150,7 +151,7 @@ class ViewRequest:
             grid=grid,
             field=field,
             normalized=self.normalized,
-            scaler=self.scaler or scaler,
+            scaler=scaler,
             clamp=self.clamp,
             fps=self.fps,
             up=self.up,

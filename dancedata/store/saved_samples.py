@@ -65,6 +65,12 @@ class SavedSamples:
                         found=f"{self.dataset.name} {of_samples[:12]}", allowed=f"{store.path.name} {of_store[:12]}",
                         fix="name the dataset of the training with --like, or delete samples.json")  # fmt: skip
 
+    def chosen_scaler(
+        self, scaler: Scaler | str | Path | None, normalized: bool | None
+    ) -> Scaler | str | Path | None:
+        """Return the caller's scaler, else that of the samples unless the caller states that they have none."""
+        return self.scaler if scaler is None and normalized is not False else scaler
+
 
 def saved_samples(path: object) -> SavedSamples | None:
     """Return what a folder of samples, or that of a file of one, states; None if it states nothing."""
@@ -107,6 +113,9 @@ def save_samples(
         their ids state or of another width, files that exist, and a folder of samples of another dataset or field.
     Raises StoreError: if they cannot be written.
     """
+    if isinstance(ids, str):
+        raise UsageError("one id is given for a batch", found=shown(ids), allowed='a list of ids, as batch["id"] is',
+                         fix=f"give [{ids!r}], and samples (1, L, D)")  # fmt: skip
     path, batch, of = Path(folder).expanduser(), as_numpy(samples), store.field(field)
     if batch.ndim != 3 or len(batch) != len(ids) or batch.shape[2] != of.columns.width:
         raise UsageError("these are not samples of the field", found=f"shape {batch.shape}, {len(ids)} ids",

@@ -14,7 +14,7 @@ from dancedata.cli import options
 
 #: Options of the command line alone: its output, and other functions of Python.
 OUTPUT = {"as_json", "quiet", "plugins"}
-OTHER = {"build": {"part"}, "evaluate": {"per_clip", "table", "list_protocols", "self_test"}, "export": set()}
+OTHER = {"build": {"part"}, "evaluate": {"per_clip", "table", "list_protocols", "self_test", "source"}}
 #: Options with another name in Python, where several values are one argument there.
 RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"files": "path"}, "check": {"paths": "path"}}
 #: Keys of export targets, which Python takes as `parameters`.

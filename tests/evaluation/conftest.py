@@ -7,6 +7,7 @@ import pytest
 import dancedata
 from dancedata.audio.bailando438.feature import Bailando438
 from dancedata.core.motion import Motion
+from dancedata.core.registry import DATASETS
 from dancedata.store import Store
 from tests.features import bailando438_rows
 
@@ -35,6 +36,21 @@ def store(folder: Path) -> Store:
 def motions(store: Store) -> dict[str, Motion]:
     """Its clips as motions, decoded from edge151."""
     return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=30) for c in store.clips}
+
+
+@pytest.fixture(scope="session")
+def duets(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Store:
+    """The example of DD100."""
+    path = tmp_path_factory.mktemp("duets")
+    DATASETS.make("dd100", {}).make_example(path / "source")
+    recipe = {
+        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30,
+        "windows": {"length_s": 5, "stride_s": 0.5}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+    }  # fmt: skip
+    dancedata.build(
+        recipe, source=path / "source", out=path / "duets", jobs=1, cache=folder / "cache", progress=False
+    )
+    return dancedata.open(path / "duets")
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,6 @@ import dancedata
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import DATASETS
 from dancedata.evaluation.clips import store_clips
 from dancedata.evaluation.protocol import protocol_named
 from dancedata.store import Store
@@ -43,21 +42,6 @@ def motions() -> dict[str, list[Motion]]:
             for m in [synthesise_motion(f"gBR_sBM_cAll_d0{dancer}_mBR0_ch01", n_frames=360)[0]]
         ]
     return groups
-
-
-@pytest.fixture(scope="module")
-def duets(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> Store:
-    """The example of DD100."""
-    path = tmp_path_factory.mktemp("duets")
-    DATASETS.make("dd100", {}).make_example(path / "source")
-    recipe = {
-        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30,
-        "windows": {"length_s": 5, "stride_s": 0.5}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
-    }  # fmt: skip
-    dancedata.build(
-        recipe, source=path / "source", out=path / "duets", jobs=1, cache=folder / "cache", progress=False
-    )
-    return dancedata.open(path / "duets")
 
 
 def joints_of(groups: Mapping[str, list[Motion]]) -> dict[str, Array]:

@@ -14,12 +14,14 @@ from dancedata import Evaluator
 from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import safe_name
+from dancedata.evaluation.report import Report
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
 from dancedata.scene.comparisons import comparison_payload
 from dancedata.scene.selection import Shown, ViewRequest
 from dancedata.store import Store, write_store
 from dancedata.store.samples import Samples
 from dancedata.store.saved_samples import save_samples
+from dancedata.study.trials import begin_of, common_clips
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
@@ -61,20 +63,89 @@ def by_hand(store: Store, name: str) -> float:
     return beat_alignment(beats, motion_beat_times(joints, 30), sigma=0.05)
 
 
-def test_a_folder_an_evaluator_and_numpy_agree(copies: Store, tmp_path: Path) -> None:
-    ids = ids_of(copies)[:-1]
-    for name in ids:
-        np.save(tmp_path / f"{name}.npy", rows_of(copies, name))
-    folder = dancedata.evaluate(tmp_path, like=copies, **OPTIONS)
+def numbers_of(report: Report) -> dict[str, list[float]]:
+    """Return the beat alignment and PFC of each sample."""
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for row in report.per_clip:
+        rows.setdefault(row["clip"].rpartition("=")[2], []).append(dict(row))
+    return {name: [float(np.mean([row[k] for row in of])) for k in ("bas", "pfc")] for name, of in rows.items()}
+
+
+def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -> None:
+    """Windows, whole clips, mirrored samples, copies at another tempo, takes, and samples of a source of a `Mix`."""
+    ids = ids_of(copies)
     evaluator = Evaluator(copies, "edge151", normalized=False)
-    evaluator.update(np.stack([rows_of(copies, name) for name in ids]), ids)
-    batches = evaluator.compute()
-    assert [s.value for s in batches.scores] == pytest.approx([s.value for s in folder.scores], rel=1e-6)
-    assert folder["bas"].value == pytest.approx(np.mean([by_hand(copies, name) for name in ids]), rel=1e-6)
-    assert folder.clips == batches.clips
+    for folder, source in (("gen", ""), ("mix", "a=")):
+        (tmp_path / folder).mkdir()
+        for name in ids:
+            np.save(tmp_path / folder / f"{source}{name}.npy", rows_of(copies, name))
+    for name in ids:
+        evaluator.update(rows_of(copies, name)[None], [name])
+    request = ViewRequest(copies.path, compare=(tmp_path / "gen",), field="edge151", normalized=False)
+    walls = Shown.of(replace(request, wall=True)).scenes
+    wall = {
+        item.members[1].sample: [float(dict(walls.scene(item).members[1].numbers)[name]) for name in ("BAS", "PFC")]
+        for item in walls.items
+    }
+    folder = dancedata.evaluate(tmp_path / "gen", like=copies, **OPTIONS)
+    found = {
+        "folder": numbers_of(folder), "evaluator": numbers_of(evaluator.compute(intervals=False)),
+        "wall": wall,
+        "mix": numbers_of(dancedata.evaluate(tmp_path / "mix", like=copies, **OPTIONS)),
+    }  # fmt: skip
+    for name in ids:
+        bas, pfc = found["folder"][name]
+        hand = [by_hand(copies, name) if "@" in name else bas, pfc]
+        for command, numbers in found.items():
+            assert numbers[name] == pytest.approx(hand, rel=5e-3 if command == "wall" else 1e-6), (command, name)
+    assert {command: set(numbers) for command, numbers in found.items()} == {command: set(ids) for command in found}
+    # All begin at the same second of the music, a study too.
+    seconds = {name: Samples(copies).require(name).music_start_s for name in ids}
+    shown = Shown.of(request).scenes
+    assert {item.sample: item.clip.audio_start + copies.grid.seconds(item.start) for item in shown.items} == seconds
+    of_files = Shown.of(ViewRequest(tmp_path / "gen", like=copies.path, field="edge151", normalized=False)).scenes
+    assert {item.id: item.clip.audio_start for item in of_files.items} == seconds
+    chosen = common_clips({"truth": shown, "gen": of_files})
+    assert set(chosen) == {name for name in ids if not Samples(copies).require(name).clip.source}
+    assert all(begin_of(items, {"truth": shown, "gen": of_files}) == 0 for items in chosen.values())
+    assert folder.clips == tuple(sorted(ids))
     assert "windows of" in folder.matched
     originals = {Samples(copies).require(name).recording for name in ids}
     assert originals == {clip.id for clip in copies.clips if not clip.source}
+
+
+def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Path) -> None:
+    group = next(clip.group for clip in duets.clips if clip.group)
+    ids = [f"{safe_name(group)}@15+150~p{k}" for k in range(2)]
+    evaluator = Evaluator(duets, "edge151", normalized=False)
+    for name in ids:
+        np.save(tmp_path / f"{name}.npy", rows_of(duets, name))
+        evaluator.update(rows_of(duets, name)[None], [name])
+    folder = dancedata.evaluate(tmp_path, like=duets, **OPTIONS)
+    numbers = numbers_of(folder)
+    assert [numbers[name][0] for name in ids] == pytest.approx([by_hand(duets, name) for name in ids], rel=1e-6)
+    assert numbers_of(evaluator.compute(intervals=False)) == {name: pytest.approx(numbers[name]) for name in ids}
+
+
+def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
+    pytest.importorskip("torch")
+    from dancedata.readers import ClipDataset, GroupDataset, Mix, WindowDataset, Windows
+
+    noisy: Any = {"augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}}, "seed": 3, "fields": ("edge151",)}
+    plain: Any = {"fields": ("edge151",)}
+    mix = Mix({"a": WindowDataset(copies, "train", **noisy), "b": WindowDataset(copies, "val", **plain)})
+    readers = (
+        mix, mix.datasets[0], mix.datasets[1], GroupDataset(duets, "train", **plain),
+        ClipDataset(copies, "train", windows=Windows(length_s=3), **noisy),
+    )  # fmt: skip
+    for reader in readers:
+        for sample in reader.samples(range(len(reader)), 2):
+            again = reader[sample["id"]]
+            assert again["id"] == sample["id"]
+            assert np.array_equal(again["edge151"].numpy(), sample["edge151"].numpy())
+    for reader, name in ((mix, "c=x"), (mix.datasets[0], mix.datasets[1][0]["id"]), (mix.datasets[0], "x~draw4.0.0")):
+        with raises_message(UsageError, "source|read"):
+            reader[name]
 
 
 def test_samples_resolve(copies: Store) -> None:
@@ -159,7 +230,8 @@ def test_what_save_samples_refuses(copies: Store, tmp_path: Path) -> None:
     save_samples(copies, tmp_path, [name], rows, **options)
     for ids, given, message in (
         ([name], options, "already there"), ([name.replace("+150", "+151")], options, "shorter"),
-        (["nobody@0+150"], options, "no clip"), ([name], {**options, "scaler": copies.scaler("edge151")}, "another"),
+        (["nobody@0+150"], options, "no clip"), (name, options, "a list of ids"),
+        ([name], {**options, "scaler": copies.scaler("edge151")}, "another"),
     ):  # fmt: skip
         with raises_message((UsageError, DataError), message):
             save_samples(copies, tmp_path, ids, rows, **given)

@@ -11,9 +11,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
-from dancedata.core.registry import DATASETS
 from dancedata.evaluation.report import Report
-from dancedata.report.samples import write_samples_report
 from dancedata.scene.selection import Shown, ViewRequest
 from dancedata.store import Store
 from dancedata.store.saved_samples import save_samples
@@ -94,7 +92,6 @@ def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
         lambda: dancedata.evaluate(tmp_path, like=store),
         lambda: dancedata.evaluate(tmp_path),
         lambda: Shown.of(ViewRequest(tmp_path)),
-        lambda: write_samples_report(tmp_path, store.path),
     ]
     for call in calls:
         with raises_message(DataError, "another dataset", reason="other_dataset", where=str(tmp_path)):
@@ -107,16 +104,8 @@ def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
     (["{group}~p0", "{group}~p1"], "dancedata", None, "1 group measured dancer by dancer"),
 ])  # fmt: skip
 def test_dancers_of_groups(
-    folder: Path, tmp_path: Path, files: list[str], protocol: str, error: type[DanceDataError] | None, words: str
+    duets: Store, tmp_path: Path, files: list[str], protocol: str, error: type[DanceDataError] | None, words: str
 ) -> None:
-    source = tmp_path / "source"
-    DATASETS.make("dd100", {}).make_example(source)
-    recipe = {
-        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30,
-        "windows": {"length_s": 5, "stride_s": 0.5}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
-    }  # fmt: skip
-    dancedata.build(recipe, source, tmp_path / "duets", jobs=1, cache=folder / "cache", progress=False)
-    duets = dancedata.open(tmp_path / "duets")
     clip = next(clip for clip in duets.clips if clip.group)
     (tmp_path / "gen").mkdir()
     for name in files:

@@ -9,6 +9,7 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import UsageError
+from dancedata.evaluation.scores import number_text
 from dancedata.report.samples import SamplesReport, write_samples_report
 from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store
@@ -96,6 +97,12 @@ def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Pat
     written = write_samples_report(scores, demo, page, clips=2)
     text = page.read_text()
     assert written.path == page
+    void = [score for score in written.scores.scores if score.verdict == "void"]
+    before, folded = text.split("<details><summary>", 1)
+    assert void
+    assert "without a meaning" in folded
+    for score in void:  # no number of theirs stands on the page before one asks for it
+        assert score.value is None or number_text(score.value) not in before
     for title in ("Scores", "How they move", "Map of the poses", "The strangest poses", "Numbers of each sample"):
         assert title in text
     assert text.index('class="verdict') < text.index("<h1>")  # first of all, whether anything here is a result
