@@ -9,11 +9,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from dancedata.datasets.aioz_gdance.reader import frames_of
 from dancedata.datasets.aioz_gdance.reader import video_of as aioz_video
 from dancedata.datasets.finedance.facts import facts as finedance
-from dancedata.datasets.motorica.names import parse_name as motorica_name
 from dancedata.datasets.popdanceset.reader import video_of as pop_video
+
+from dancedata.datasets.aioz_gdance import frames_of
+from dancedata.datasets.motorica.names import parse_name as motorica_name
 from dancedata.formats.aist_names import parse_name as aist_name
 
 Lists = dict[str, list[str]]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.motion import Motion, grounded
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.examples import MIXAMO_NAMES
+from dancedata.datasets.folder.example import MIXAMO_NAMES
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.synthetic import synthesise_motion, synthesise_song
 

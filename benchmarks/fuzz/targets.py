@@ -71,7 +71,7 @@ def _read_aist(path: Path) -> None:
 
 def _read_finedance(path: Path) -> None:
     from dancedata.core.bodies import SMPLX55
-    from dancedata.datasets.finedance.load import load_motion, motion_length
+    from dancedata.datasets.finedance import load_motion, motion_length
 
     motion_length(path)
     _both(lambda: load_motion(path, 30, SMPLX55), lambda: _read_folder(path))

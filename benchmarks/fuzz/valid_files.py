@@ -148,7 +148,7 @@ def bvh() -> list[bytes]:
     from tempfile import TemporaryDirectory
 
     from dancedata.core.skeleton import SMPL24
-    from dancedata.datasets.examples import MIXAMO_NAMES
+    from dancedata.datasets.folder.example import MIXAMO_NAMES
     from dancedata.formats.bvh.write import write_bvh
 
     turns = np.tile(np.eye(3), (3, 24, 1, 1))

@@ -219,8 +219,8 @@ def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reje
 def require_choices(dataset: Dataset) -> None:
     """Raise UsageError unless each parameter of a dataset that is a Literal has one of its values."""
     for name, annotation in get_type_hints(type(dataset)).items():
-        value, allowed = getattr(dataset, name, None), get_args(annotation)
-        if get_origin(annotation) is Literal and value not in allowed:
+        allowed = get_args(annotation) if get_origin(annotation) is Literal else ()
+        if allowed and (value := getattr(dataset, name, None)) not in allowed:
             problem = f"{dataset.name}: invalid value for {name}"
             raise UsageError(problem, found=repr(value), fix=did_you_mean(str(value), allowed))
 

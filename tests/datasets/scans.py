@@ -4,7 +4,8 @@ import pickle
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import Scan
+from dancedata.core.clip import ClipRef, Scan
+from dancedata.core.motion import Motion
 
 TRAIN = "gBR_sBM_cAll_d04_mBR2_ch08"
 VAL = "gJS_sBM_cAll_d03_mJS3_ch01"
@@ -29,3 +30,9 @@ def change_pickle(path: Path, **changes: Any) -> None:
     """Replace values of a pickle; None removes a key."""
     content = {**pickle.loads(path.read_bytes()), **changes}
     path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+def load(reader: Any, path: Path, clip: str = TRAIN) -> Motion:
+    """Load one motion file."""
+    motion: Motion = reader.load(ClipRef(clip, path, None, "train"))
+    return motion

@@ -12,9 +12,7 @@ import pytest
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.aioz_gdance import AiozGdance
-from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
-from dancedata.datasets.aioz_gdance.reader import frames_of
+from dancedata.datasets.aioz_gdance import AiozGdance, frames_of, load_dancers, read_sizes
 from dancedata.representations.gcd151 import Gcd151
 from tests.datasets.scans import change_pickle, notes, rejects, splits
 from tests.messages import raises_message
@@ -34,7 +32,7 @@ def pickle_of(source: Path, name: str) -> Path:
 
 
 def test_names_are_split_from_the_right() -> None:
-    assert [AiozGdance.video_of(name) for name in (DASH, BODY, PLAIN)] == [
+    assert [AiozGdance().unit_of(name) for name in (DASH, BODY, PLAIN)] == [
         "-Ab_cdEf123",
         "Zz9_8-7_6Q1",
         "plainid0123",

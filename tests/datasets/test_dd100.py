@@ -11,11 +11,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.dd100 import DD100
-from dancedata.datasets.dd100.motion import load_dancer
-from dancedata.datasets.dd100.reader import is_test
+from dancedata.datasets.dd100 import DD100, is_test
 from dancedata.store import verify_store
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
 
@@ -128,16 +126,16 @@ def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str,
     path = file_of(source, "Ballet_9_0_00")
     change(path, **changes)
     with raises_message(DataError, "poses|transl", reason=reason):
-        load_dancer(path)
+        load(DD100(), path)
 
 
 def test_another_axis_is_refused_and_other_arrays(source: Path) -> None:
     path = file_of(source, "Ballet_9_0_00")
     with raises_message(DataError, "pelvises", where="Ballet_9_0_00.npy", reason="bad_axes"):
-        load_dancer(path, "y")
+        load(DD100(up="y"), path)
     np.save(path, np.zeros((246, SMPL24.n_joints)))
     with raises_message(DataError, r"numpy\.save", where="Ballet_9_0_00.npy", reason="bad_shape"):
-        load_dancer(path)
+        load(DD100(), path)
 
 
 def test_joints_of_duolando(shared: Path) -> None:

@@ -9,10 +9,10 @@ import pytest
 
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError
+from dancedata.core.resources import manifest
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.files import SPLITS
-from dancedata.datasets.finedance import FineDance
-from dancedata.datasets.finedance.facts import facts
+from dancedata.datasets.finedance import IDS, FineDance, genre_of, ignored_by, listed_in, trims
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 
@@ -40,9 +40,9 @@ def test_layout(finedance: Any) -> None:
     assert rejects(scan, "ignored") == ["116", "120"]
     assert len(rejects(scan, "missing_motion")) == 211 - 7 - 7, "not those of the ignore list"
     assert len(scan.rejects) == 2 + 197
-    assert "motion/001.npy and so on; music_wav/ (7 files) and label_json/ (7 files)" in scan.notes[0]
+    assert "motion/*.npy (7 files); 7 audio files" in scan.notes[0]
     assert "Not read: mofea319/, music_npy/. Music features are computed from the audio." in scan.notes
-    assert "7 files found; FineDance has 211 sequences, 204 of which have no file here" in notes(scan)
+    assert "FineDance has 211 sequences, 204 of which have no file here; label_json/ (7 files)" in notes(scan)
     assert "Clips: 3 train, 0 val, 2 test; left out: 2 ignored." in scan.notes
 
 
@@ -51,36 +51,32 @@ def test_folder_above(fine: Any) -> None:
     fine.motion("001", root="old copy/")
     scan = FineDance(labels="optional").scan(fine.root)
     assert scan.clips[0].motion_path.parent.parent.name == "FineDance"
-    assert "Layout: FineDance, by FineDance/motion/001.npy" in scan.notes[0]
+    assert "Layout: FineDance, by FineDance/motion/*.npy" in scan.notes[0]
     assert scan.clips[0].audio_path is None
-    assert "music_wav/ (missing)" in scan.notes[0]
-    assert "Not read: old copy/ (also contains motion/)." in scan.notes
+    assert "0 audio files" in scan.notes[0]
+    assert "Not read: old copy/, which also contain motion/." in scan.notes
     fine.motion("001", root="finedance/")
     with raises_message(SourceError, "folders", where="мой dänce 舞"):
         FineDance().scan(fine.root)
 
 
 def test_the_manifest_is_consistent() -> None:
-    import yaml
-
-    from dancedata.core.resources import resource
-
-    raw = yaml.safe_load(resource("manifests", "finedance.yaml").read_text(encoding="utf-8"))
+    raw = manifest("finedance")
     for name, protocol in raw["splits"].items():
-        ignored = facts().ignored(name)
+        ignored = ignored_by(name)
         listed = [*protocol["val"], *protocol["test"]]
         assert len(set(listed)) == len(listed), "an id is in one split at most"
-        assert set(listed) | ignored <= set(facts().ids)
-        found = Counter(facts().listed(name, clip) or "train" for clip in facts().ids if clip not in ignored)
+        assert set(listed) | ignored <= set(IDS)
+        found = Counter(listed_in(name, clip) or "train" for clip in IDS if clip not in ignored)
         counts = {split: found[split] for split in SPLITS} | {"ignored": len(ignored)}
         assert counts == protocol["counts"]
-        assert sum(counts.values()) == raw["sequences"] == len(facts().ids) == 211
-    assert {clip: trim.frames for clip, trim in facts().trims.items()} == {
+        assert sum(counts.values()) == raw["sequences"] == len(IDS) == 211
+    assert trims() == {
         "010": 3, "014": 3, "004": 240, "005": 300, "067": 180, "105": 570, "110": 420, "113": 870, "153": 1560,
         "211": 660,
     }  # fmt: skip
-    assert all(trim.reason and trim.source for trim in facts().trims.values())
-    assert all(listed.source for listed in facts().ignore_lists.values())
+    assert all(trim["reason"] and trim["source"] for trim in raw["trims"])
+    assert all(of["source"] for of in raw["ignore_lists"].values())
 
 
 def test_ids_in_two_lists(finedance: Any) -> None:
@@ -111,7 +107,7 @@ def test_keep_by_name(finedance: Any, keep: Any, there: dict[str, str]) -> None:
     scan = FineDance(keep=keep).scan(finedance.root)
     assert {clip: split for clip, split in splits(scan).items() if clip in ("116", "120")} == there
     assert rejects(scan, "ignored") == sorted({"116", "120"} - set(there))
-    assert "120 kept, as requested" in notes(scan)
+    assert "kept, as requested" in notes(scan)
     lists = {clip.id: clip.lists for clip in scan.clips}
     assert lists["120"] == ("cross_genre.test", "ignored"), "a reader can still leave it out"
 
@@ -162,7 +158,7 @@ def test_genres_and_their_numbers() -> None:
         "Chinese": 15,
     }  # fmt: skip
     synonyms = {"jazz": "Jazz", "Dai": "Tai", "Wei": "Uighur", "Miao": "Hmong", " hiphop ": "Hiphop", "Waltz": ""}
-    assert {name: facts().genre(name) for name in synonyms} == synonyms
+    assert {name: genre_of(name) for name in synonyms} == synonyms
     aist = ("gBR", "gPO", "gLO", "gMH", "gLH", "gHO", "gWA", "gKR", "gJS", "gJB")
     assert dict(AistPP().genre_ids) == {genre: k for k, genre in enumerate(aist)}
 

@@ -88,7 +88,7 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
     assert load(path, body_model=model).skeleton.name == "smplx55:12345678"
     assert np.array_equal(load(path, body_model=model).rotations, load(path).rotations)
     scan = FineDance(labels="optional", body_model=model).scan(fine.root)
-    assert scan.notes[-1] == "Bones: of the body model SMPLX_NEUTRAL.npz (smplx55:12345678)."
+    assert scan.notes[-2] == "Bones: of the body model SMPLX_NEUTRAL.npz (smplx55:12345678)."
     assert set(asked) == {model}
 
 

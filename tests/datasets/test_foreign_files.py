@@ -14,11 +14,11 @@ from dancedata.core.errors import DataError, RecipeError, SourceError
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp.load import load_motion as load_aist
 from dancedata.datasets.files import read_names
-from dancedata.datasets.finedance.layout import read_label
-from dancedata.datasets.finedance.load import length_note, motion_length
-from dancedata.datasets.finedance.load import load_motion as load_finedance
+from dancedata.datasets.finedance import length_note, motion_length, read_genre
+from dancedata.datasets.finedance import load_motion as load_finedance
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import read_manifest
+from dancedata.datasets.published import LeftOut
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.values import open_arrays
 from dancedata.recipes.parse import load_recipe
@@ -40,7 +40,7 @@ def read_array(path: Path) -> None:
     ("suffix", "read"),
     [
         (".pkl", read_array), (".npz", read_array), (".npy", read_array), (".bvh", read_bvh_header),
-        (".pkl", lambda path: load_aist(path, 60)), (".npy", lambda path: load_finedance(path, 30, SMPLX55)),
+        (".pkl", lambda path: load_aist(path, 60)), (".npy", lambda path: load_finedance(path, SMPLX55)),
     ],
 )  # fmt: skip
 def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any]) -> None:
@@ -51,8 +51,9 @@ def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any
 
 def test_a_pipe_for_anything_else(pipe: Path) -> None:
     assert motion_length(pipe) is None
-    assert length_note(pipe, pipe, 30) == ""
-    assert "named pipe" in read_label(pipe, "001").problem
+    assert length_note(pipe, pipe) == ""
+    with pytest.raises(LeftOut, match="named pipe"):
+        read_genre(pipe, "001")
     for read in (read_names, read_manifest):
         with raises_message(SourceError, "UTF-8", where="pipe"):
             read(pipe)

@@ -16,8 +16,7 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.i_dancers import IDancers
-from dancedata.datasets.i_dancers.motion import content_of, load_motions
+from dancedata.datasets.i_dancers import IDancers, content_of, load_motions
 from dancedata.readers import GroupDataset
 from dancedata.synthetic import synthesise_motion
 from tests.datasets.scans import notes, rejects, splits
@@ -75,7 +74,7 @@ def test_lists_and_files_that_do_not_agree(source: Path) -> None:
 
 def test_lists_are_needed_and_apart(source: Path) -> None:
     (source / "test.txt").write_text("seq_001_smpl.pkl\nseq 010")
-    with raises_message(SourceError, "sequences", where="мой dänce"):
+    with raises_message(SourceError, "motions", where="мой dänce"):
         IDancers().scan(source)
     (source / "test.txt").unlink()
     with raises_message(SourceError, r"test\.txt", where="мой dänce"):

@@ -13,20 +13,21 @@ from scipy.spatial.transform import Rotation
 import dancedata
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.errors import DataError, SourceError, StoreError
-from dancedata.datasets.infinitedance import InfiniteDance
-from dancedata.datasets.infinitedance.corpus import (
+from dancedata.datasets.infinitedance import (
     COLUMNS_FOLDER,
+    FIRST_CODES,
     FITS_FOLDER,
     MUQ_FOLDER,
     MUSIC55_FOLDER,
     TEST_FOLDER,
     TOKENS_FOLDER,
+    InfiniteDance,
+    load_columns,
 )
-from dancedata.datasets.infinitedance.motion import FIRST_CODES, load_columns, load_fit, write_example
 from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 from tests.video_files import joblib_bytes
 
@@ -35,7 +36,7 @@ OWN, LIVE, AIST, TEST = "video_0001", "my clip 2 (live)", "gBR_sBM_cAll_d04_mBR0
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    write_example(tmp_path / "мой dänce")
+    InfiniteDance().make_example(tmp_path / "мой dänce")
     return tmp_path / "мой dänce"
 
 
@@ -59,7 +60,7 @@ def test_scan_of_fits(source: Path) -> None:
     )  # fmt: skip
     assert first.lists == ("All_cleandata_train", "All_train", "infinitedance_train")
     assert rejects(scan, "missing_motion") == [AIST]
-    assert "3 files; 9,748 fits were published); no audio" in notes(scan)
+    assert "3 files; 9,748 fits were published)" in notes(scan)
     assert "3 names of All_cleandata_train.txt are train, 1 of test_eval861.txt test, no val" in notes(scan)
 
 
@@ -171,7 +172,7 @@ def test_archives_that_were_not_unpacked(source: Path) -> None:
 
 def test_a_fit(source: Path) -> None:
     content = fit_of(source)
-    motion = load_fit(source / FITS_FOLDER / f"{OWN}.pkl")
+    motion = load(InfiniteDance(), source / FITS_FOLDER / f"{OWN}.pkl")
     assert (motion.n_frames, motion.grid.rate, motion.skeleton) == (182, 30, SMPLX22)
     np.testing.assert_allclose(motion.translation, content["transl"], atol=1e-6)
     np.testing.assert_allclose(motion.rotations[:, 1:], content["body_pose"].reshape(182, 21, 3), atol=1e-6)
@@ -182,19 +183,19 @@ def test_a_fit(source: Path) -> None:
 @pytest.mark.parametrize("compress", [0, 3])
 def test_shapes_of_joblib_files(source: Path, shape: tuple[int, ...], compress: int) -> None:
     path = source / FITS_FOLDER / f"{OWN}.pkl"
-    expected = load_fit(path)
+    expected = load(InfiniteDance(), path)
     content = fit_of(source)
     pose = content["body_pose"].reshape(182, 63)
     if np.prod(shape[1:]) == 69:
         pose = np.concatenate([pose, np.full((182, 6), 0.3, np.float32)], axis=1)
     path.write_bytes(joblib_bytes({**content, "body_pose": pose.reshape(shape)}, compress=compress))
-    np.testing.assert_array_equal(load_fit(path).rotations, expected.rotations)
+    np.testing.assert_array_equal(load(InfiniteDance(), path).rotations, expected.rotations)
 
 
 @pytest.mark.parametrize(("up", "turn"), [("z", [np.pi / 2, 0, 0]), ("-y", [np.pi, 0, 0]), ("y", [0, 0, 0])])
 def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -> None:
     path = source / FITS_FOLDER / f"{OWN}.pkl"
-    expected = load_fit(path).joints()
+    expected = load(InfiniteDance(), path).joints()
     content, world = fit_of(source), Rotation.from_rotvec(turn)
     rest = SMPLX22.offsets[0]
     change(
@@ -203,9 +204,9 @@ def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -
         transl=world.apply(content["transl"] + rest) - rest,
     )
     for stated in ("auto", up):
-        np.testing.assert_allclose(load_fit(path, stated).joints(), expected, atol=1e-5)
+        np.testing.assert_allclose(load(InfiniteDance(up=stated), path).joints(), expected, atol=1e-5)
     with raises_message(DataError, "pelvises", where="video_0001.pkl", reason="bad_axes"):
-        load_fit(path, "z" if up != "z" else "y")
+        load(InfiniteDance(up="z" if up != "z" else "y"), path)
 
 
 def test_an_axis_that_is_not_clear_is_asked_for(source: Path) -> None:
@@ -213,8 +214,8 @@ def test_an_axis_that_is_not_clear_is_asked_for(source: Path) -> None:
     lying = Rotation.from_rotvec([np.pi / 4, 0, 0])
     change(path, global_orient=(lying * Rotation.from_rotvec(fit_of(source)["global_orient"])).as_rotvec())
     with raises_message(DataError, "clear", where="video_0001.pkl", reason="bad_axes"):
-        load_fit(path)
-    assert load_fit(path, "y").n_frames == 182
+        load(InfiniteDance(), path)
+    assert load(InfiniteDance(up="y"), path).n_frames == 182
 
 
 BAD: dict[str, tuple[str, Callable[[dict[str, Any]], dict[str, Any]]]] = {
@@ -235,7 +236,7 @@ def test_bad_fits(source: Path, case: str) -> None:
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     change(path, **make(fit_of(source)))
     with raises_message(DataError, "body_pose|frames|global_orient|transl", reason=reason):
-        load_fit(path)
+        load(InfiniteDance(), path)
 
 
 def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
@@ -244,11 +245,11 @@ def test_files_that_run_code_are_refused(source: Path, unpickled_marker: Any) ->
     path = source / FITS_FOLDER / f"{OWN}.pkl"
     path.write_bytes(attack())
     with raises_message(DataError, "", reason="unsafe_pickle"):
-        load_fit(path)
+        load(InfiniteDance(), path)
     assert not marker.exists()
     path.write_bytes(joblib_bytes({**content, "transl": Rotation.identity()}))
     with raises_message(DataError, "", reason="unsafe_pickle"):
-        load_fit(path)
+        load(InfiniteDance(), path)
 
 
 def test_bad_columns(source: Path) -> None:

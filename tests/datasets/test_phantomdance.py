@@ -12,10 +12,9 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24_EDGE
-from dancedata.datasets.phantomdance import PhantomDance
-from dancedata.datasets.phantomdance.motion import BONES, content_of, load_motion, write_example
+from dancedata.datasets.phantomdance import BONES, PhantomDance, content_of
 from dancedata.synthetic import synthesise_motion
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
 DANCE, _ = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=361)
@@ -24,7 +23,7 @@ DANCE = DANCE.resampled(FrameGrid.of(30))
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    write_example(tmp_path / "мой dänce")
+    PhantomDance().make_example(tmp_path / "мой dänce")
     return tmp_path / "мой dänce"
 
 
@@ -70,7 +69,7 @@ def test_several_folders(source: Path) -> None:
 
 
 def test_axes_and_rotations(tmp_path: Path) -> None:
-    motion = load_motion(write(tmp_path / "a.json", content_of(DANCE)))
+    motion = load(PhantomDance(), write(tmp_path / "a.json", content_of(DANCE)))
     assert (motion.grid.rate, motion.skeleton) == (30, SMPL24_EDGE)
     shift = motion.joints()[:, :1] - DANCE.joints()[:, :1]
     assert np.abs(shift).max() < 1e-6, "the pelvis is where it was"
@@ -85,7 +84,7 @@ def test_a_turn_to_the_right_in_unity(tmp_path: Path) -> None:
         "root_positions": [[1.0, 0.9, 2.0]],
         "rotations": [np.tile(world, (24, 1)).tolist()],
     }
-    motion = load_motion(write(tmp_path / "a.json", content))
+    motion = load(PhantomDance(), write(tmp_path / "a.json", content))
     np.testing.assert_allclose(motion.translation, [[-1.0, 0.9, 2.0]])
     assert not motion.rotations[:, 1:].any(), "no joint turns relative to its parent"
     turn = Rotation.from_rotvec(motion.rotations[0, 0].copy())
@@ -97,13 +96,15 @@ def test_a_turn_to_the_right_in_unity(tmp_path: Path) -> None:
 
 def test_bones_in_another_order_and_the_first_releases_key(tmp_path: Path) -> None:
     content = content_of(DANCE)
-    expected = load_motion(write(tmp_path / "a.json", content))
+    expected = load(PhantomDance(), write(tmp_path / "a.json", content))
     order = list(reversed(range(24)))
     rotations = np.asarray(content["rotations"])[:, order].tolist()
     other = {"name": [BONES[k] for k in order], "root_positions": content["root_positions"], "rotations": rotations}
-    np.testing.assert_array_equal(load_motion(write(tmp_path / "b.json", other)).rotations, expected.rotations)
+    np.testing.assert_array_equal(
+        load(PhantomDance(), write(tmp_path / "b.json", other)).rotations, expected.rotations
+    )
     (tmp_path / "c.json").write_text(json.dumps(content), encoding="utf-8-sig")
-    np.testing.assert_array_equal(load_motion(tmp_path / "c.json").rotations, expected.rotations)
+    np.testing.assert_array_equal(load(PhantomDance(), tmp_path / "c.json").rotations, expected.rotations)
 
 
 def replaced(key: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]], dict[str, Any]]:
@@ -131,11 +132,11 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
     reason, change = BAD[name]
     path = write(tmp_path / "a.json", change(content_of(DANCE)))
     with raises_message(DataError, "R_Hip|download|root_positions|upright", reason=reason):
-        load_motion(path)
+        load(PhantomDance(), path)
 
 
 @pytest.mark.parametrize("text", ["{", '{"a": NaN}', "[" * 100])
 def test_broken_json(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.json").write_text(text, encoding="utf-8")
     with raises_message(DataError, "JSON", where="a.json", reason="broken_file"):
-        load_motion(tmp_path / "a.json")
+        load(PhantomDance(), tmp_path / "a.json")

@@ -14,11 +14,10 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
-from dancedata.datasets.popdanceset.motion import load_motion, write_example
 from dancedata.representations.edge151 import Edge151
 from dancedata.store.verify import verify_store
 from dancedata.testing.dataset_checks import recipe_with
-from tests.datasets.scans import change_pickle, notes, rejects, splits
+from tests.datasets.scans import change_pickle, load, notes, rejects, splits
 from tests.messages import raises_message
 
 FIRST, SECOND = "BVaaaaaaaa1a_Clip_1", "BVaaaaaaaa1a_Clip_2"
@@ -27,7 +26,7 @@ MATRICES, TEST = "BVbbbbbbbb2b_Clip_1", "BVcccccccc3c_Clip_7"
 
 @pytest.fixture
 def source(tmp_path: Path) -> Path:
-    write_example(tmp_path / "мой dänce")
+    PopDanceSet().make_example(tmp_path / "мой dänce")
     return tmp_path / "мой dänce"
 
 
@@ -38,7 +37,7 @@ def test_scan(source: Path) -> None:
     assert (first.music, first.dancer, first.keys) == ("BVaaaaaaaa1a", "BVaaaaaaaa1a", (("video", "BVaaaaaaaa1a"),))
     assert (first.lists, scan.clips[1].lists) == (("train", "high_quality"), ("train",))
     assert not scan.rejects
-    assert "Splits: official: 3 train, 1 test, 1 high_quality." in notes(scan)
+    assert "Splits: official: 3 train, 1 test, 1 high_quality; no val." in notes(scan)
     assert "Leak" not in notes(scan)
     assert "Scale: none" in notes(scan)
     assert "Scale: translation x pred_camera" in notes(PopDanceSet(scale="multiply").scan(source))
@@ -98,12 +97,12 @@ def test_what_is_left_out(source: Path) -> None:
 def test_motion_stands_upright_in_metres(source: Path) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     content = pickle.loads(path.read_bytes())
-    motion = load_motion(path, "none")
+    motion = load(PopDanceSet(), path)
     assert (motion.n_frames, motion.grid.rate, motion.skeleton) == (181, 30, SMPL24_EDGE)
     np.testing.assert_allclose(motion.translation, content["transl"] * [1, -1, -1], atol=1e-6)
     joints = motion.joints()
     assert (joints[:, 15, 1] > joints[:, 0, 1]).all(), "the head is above the pelvis"
-    scaled = load_motion(path, "multiply")
+    scaled = load(PopDanceSet(scale="multiply"), path)
     expected = content["transl"] * content["pred_camera"] * [1, -1, -1] + [0, 1, 5]
     np.testing.assert_allclose(scaled.translation, expected, atol=1e-5)
     np.testing.assert_array_equal(scaled.rotations, motion.rotations)
@@ -112,12 +111,12 @@ def test_motion_stands_upright_in_metres(source: Path) -> None:
 @pytest.mark.parametrize("shape", [(180, 24, 3), (180, 216), (180, 24, 3, 3), (180, 24, 9)])
 def test_shapes_of_rotations(source: Path, shape: tuple[int, ...]) -> None:
     path = source / "motions" / f"{SECOND}.pkl"
-    expected = load_motion(path, "none").joints()
+    expected = load(PopDanceSet(), path).joints()
     thetas = pickle.loads(path.read_bytes())["pred_thetas"].astype(np.float64)
     if np.prod(shape[1:]) == 216:
         thetas = Rotation.from_rotvec(thetas.reshape(-1, 3)).as_matrix()
     change_pickle(path, pred_thetas=thetas.reshape(shape))
-    np.testing.assert_allclose(load_motion(path, "none").joints(), expected, atol=1e-6)
+    np.testing.assert_allclose(load(PopDanceSet(), path).joints(), expected, atol=1e-6)
 
 
 def bad(key: str, array: Any) -> Any:
@@ -143,13 +142,13 @@ def test_bad_files(source: Path, reason: str, make: Any) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     change_pickle(path, **make(pickle.loads(path.read_bytes())))
     with raises_message(DataError, "frames|matrix|pred_camera|pred_thetas|transl", reason=reason):
-        load_motion(path, "multiply")
+        load(PopDanceSet(scale="multiply"), path)
 
 
 def test_pred_camera_is_not_read_without_scale(source: Path) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     change_pickle(path, pred_camera=None)
-    assert load_motion(path, "none").n_frames == 181
+    assert load(PopDanceSet(), path).n_frames == 181
 
 
 def test_pickles_that_run_code_are_refused(source: Path, unpickled_marker: Any) -> None:
@@ -157,7 +156,7 @@ def test_pickles_that_run_code_are_refused(source: Path, unpickled_marker: Any) 
     path = source / "motions" / f"{FIRST}.pkl"
     path.write_bytes(attack())
     with raises_message(DataError, "", reason="unsafe_pickle"):
-        load_motion(path, "multiply")
+        load(PopDanceSet(scale="multiply"), path)
     assert not marker.exists()
 
 

@@ -14,8 +14,8 @@ from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets._rotations import require_rotations
 from dancedata.datasets.aistpp import load as _aistpp_load
+from dancedata.datasets.checks import require_rotations
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle

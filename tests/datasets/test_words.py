@@ -7,8 +7,8 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import SourceError, StoreError
-from dancedata.datasets.examples import write_folder
 from dancedata.datasets.folder import Folder
+from dancedata.datasets.folder.example import write_folder
 from tests.messages import raises_message
 
 RECIPE = {

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.datasets.finedance.reader import FineDance
+from dancedata.datasets.finedance import FineDance
 from dancedata.synthetic import write_synthetic
 from tests.docs.pages import ROOT, blocks_of, text_of
 

@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.datasets.finedance.reader import FineDance
+from dancedata.datasets.finedance import FineDance
 from dancedata.evaluation.run import self_test
 from tests.messages import raises_message
 

@@ -10,8 +10,7 @@ import pytest
 
 import dancedata
 from dancedata.contacts.velocity import Velocity
-from dancedata.datasets.aioz_gdance import AiozGdance
-from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
+from dancedata.datasets.aioz_gdance import AiozGdance, load_dancers, read_sizes
 from dancedata.metrics import beat_alignment, diversity, frechet, group_kinetic, motion_beats
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, frame_features
 from dancedata.metrics.set_statistics import STATISTICS

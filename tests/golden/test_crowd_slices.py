@@ -13,7 +13,7 @@ import soundfile
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
-from dancedata.datasets.aioz_gdance.motion import load_dancers, read_sizes
+from dancedata.datasets.aioz_gdance import load_dancers, read_sizes
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.exports._slices import quantised_wav
 from dancedata.metrics import pbc, pfc

@@ -11,8 +11,14 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
-from dancedata.datasets._rotations import require_rotations
-from dancedata.datasets.motion_checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
+from dancedata.datasets.checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    lengths_differ,
+    no_frames,
+    require_finite,
+    require_rotations,
+)
 from dancedata.formats.safe_pickle import load_pickle
 from dancedata.formats.values import ValueArrays
 

@@ -27,7 +27,7 @@ from dancedata.core.bodies import SMPLH52, SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
-from dancedata.datasets._rotations import check_rows, require_rotations, rotations_of
+from dancedata.datasets.checks import check_rows, lengths_differ, require_rotations, rotations_of
 from dancedata.datasets.folder.array_values import (
     bad_shape,
     finite,
@@ -37,7 +37,6 @@ from dancedata.datasets.folder.array_values import (
 )
 from dancedata.datasets.folder.facts import Fact, bad_declaration
 from dancedata.datasets.folder.positions import positions_in
-from dancedata.datasets.motion_checks import lengths_differ
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.stated import RATE_KEYS
 from dancedata.formats.video_pose import PHALP_CAMERA, PHALP_ROTATIONS, PersonArrays

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
 from dancedata.core.rotations import rotvec_from_matrix
-from dancedata.datasets import motion_checks
-from dancedata.datasets.motion_checks import require_finite
+from dancedata.datasets import checks
+from dancedata.datasets.checks import require_finite
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 
@@ -49,7 +49,7 @@ def scaling(arrays: ArrayFile, name: str) -> float:
 def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
     """Return the DataError for an array of another shape."""
     fix = fix or "save the motion in one of these layouts"
-    return motion_checks.bad_shape(arrays.path, name or "the array", arrays.shape(name), allowed, fix)
+    return checks.bad_shape(arrays.path, name or "the array", arrays.shape(name), allowed, fix)
 
 
 def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:

@@ -246,7 +246,7 @@ class Folder(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        from dancedata.datasets.examples import write_folder
+        from dancedata.datasets.folder.example import write_folder
 
         write_folder(Path(folder))
 

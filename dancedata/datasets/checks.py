@@ -1,6 +1,6 @@
-"""Checks of the rotations in files: joint positions or degrees in their place, and invalid 6D rotations."""
+"""Checks of what motion files hold: arrays, rotations, the axis that is up; and the errors about them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +8,18 @@ from numpy.typing import NDArray
 
 from dancedata.core.bodies import BODY_JOINTS, SMPLX52, SMPLX55
 from dancedata.core.errors import DataError
-from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
+from dancedata.core.motion import Motion
+from dancedata.core.rotations import matrix_from_6d, matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.text import listed, quoted
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.stated import UPRIGHT
 
+DOWNLOAD_AGAIN = "download the file again"
+#: Bound of the deviation of published matrices from rotations.
+_TOLERANCE_MATRIX = 1e-3
+#: Least cosine between the mean vector from pelvis to head and the axis that is taken as up.
+UPRIGHT_COSINE = 0.8
 #: Part of every message about an array that may contain positions.
 POSITIONS = (
     "joint positions are not rotations: save them as positions, numpy.savez(file, positions=(T, J, 3), "
@@ -39,11 +48,144 @@ _HUMAN = 0.8
 #: A movement along a line has a smaller ratio of its second to its first extent, and is not evidence.
 _LINE = 0.02
 #: Tolerance of the orthonormality of the two rows of a 6D rotation; files in float32 are within 1e-7.
-_TOLERANCE = 1e-3
+_TOLERANCE_6D = 1e-3
 #: Indices of FineDance's joints in the skeleton: all except jaw and eyes.
 _OF_55 = [SMPLX55.index(joint) for joint in SMPLX52.joints]
 
 Floats = NDArray[np.float64]
+
+
+#: Shape of a frame: () one number, (72,) columns, (24, 3) vectors.
+Shape = tuple[int, ...]
+
+
+def read_frames(arrays: ArrayFile, shapes: Mapping[str, Sequence[Shape]], fix: str = "") -> list[Floats]:
+    """Return arrays (T, n) by key: there, with frames of one of the shapes, equally long, finite.
+
+    Raises DataError: ``missing_key``, ``bad_shape``, ``length_mismatch``, ``empty`` or ``nan``.
+    """
+    fix, path = fix or DOWNLOAD_AGAIN, arrays.path
+    require_keys(arrays, tuple(shapes))
+    read = {key: arrays.read(key) for key in shapes}
+    for key, array in read.items():
+        if not array.ndim or array.shape[1:] not in shapes[key]:
+            allowed = " or ".join(f"(T, {', '.join(map(str, shape))})" for shape in shapes[key] if shape)
+            raise bad_shape(path, key, array.shape, allowed, fix)
+    (first, n), *others = ((key, len(array)) for key, array in read.items())
+    for key, length in others:
+        if length != n:
+            raise lengths_differ(path, first, n, key, length, fix)
+    if not n:
+        raise no_frames(path)
+    for key, array in read.items():
+        require_finite(path, key, array, fix)
+    return [array.reshape(n, -1) for array in read.values()]
+
+
+def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> None:
+    """Check that a motion file has its keys, of which `allowed` tells more than their names.
+
+    Raises DataError: ``missing_key``.
+    """
+    missing = [key for key in keys if key not in arrays.names]
+    if missing:
+        raise DataError(f"the motion file has no {' and no '.join(missing)}", reason="missing_key",
+                        where=str(arrays.path), found=f"keys {listed(arrays.names, show=quoted) or 'none'}",
+                        allowed=f"a dict with {allowed or ', '.join(keys)}", fix=DOWNLOAD_AGAIN)  # fmt: skip
+
+
+def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: bool = False) -> None:
+    """Check that an array (T, ...) of a file is finite.
+
+    Raises DataError: ``nan``, with the first frame that is not, and with its column if `columns` are known to the
+        user.
+    """
+    finite = np.isfinite(array.reshape(len(array), -1))
+    bad = np.asarray(~finite.all(axis=1))
+    if bad.any():
+        frame = int(bad.argmax())
+        column = f", column {int(finite[frame].argmin())}" if columns else ""
+        raise DataError(f"{what} contains values that are not finite", reason="nan",
+                        where=f"{path}, frame {frame}{column}",
+                        found=f"{int(bad.sum())} of {len(bad)} frames with NaN or infinity", fix=fix)  # fmt: skip
+
+
+def bad_shape(path: Path, key: str, found: object, allowed: str, fix: str = DOWNLOAD_AGAIN) -> DataError:
+    """Return the error for an array of another shape."""
+    problem = f"{key} has the wrong shape"
+    return DataError(problem, reason="bad_shape", where=str(path), found=str(found), allowed=allowed, fix=fix)
+
+
+def lengths_differ(path: Path, a: str, n_a: int, b: str, n_b: int, fix: str = DOWNLOAD_AGAIN) -> DataError:
+    """Return the error for two arrays, a and b, with different numbers of frames."""
+    return DataError(f"{a} and {b} differ in length", reason="length_mismatch", where=str(path),
+                     found=f"{n_a} and {n_b} frames", fix=fix)  # fmt: skip
+
+
+def no_frames(path: Path) -> DataError:
+    """Return the error for a motion without frames."""
+    return DataError("the motion has no frames", reason="empty", where=str(path), fix=DOWNLOAD_AGAIN)
+
+
+def require_dancer(path: Path, member: int, dancers: int) -> None:
+    """Raise DataError, ``missing_dancer``, if a file with this number of dancers has no dancer `member`."""
+    if not 0 <= member < dancers:
+        problem, found = f"there is no dancer {member}", f"{dancers} dancers"
+        raise DataError(problem, reason="missing_dancer", where=str(path), found=found)
+
+
+def require_matrices(where: str, matrices: Floats, joints: Sequence[str]) -> None:
+    """Raise DataError, ``bad_rotation`` with frame and joint, unless (T, J, 3, 3) are rotation matrices."""
+    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
+    if not (off <= _TOLERANCE_MATRIX).all():
+        frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE_MATRIX))[0])
+        raise DataError("not a rotation matrix", reason="bad_rotation",
+                        where=f"{where}, frame {frame}, joint {joints[joint]}",
+                        found=f"deviation {off[frame, joint]:.3g}",
+                        allowed=f"orthonormal, determinant 1, within {_TOLERANCE_MATRIX:g}",
+                        fix=DOWNLOAD_AGAIN)  # fmt: skip
+
+
+def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes: Sequence[str] = ("y", "z")) -> str:
+    """Return the axis that is up in a file.
+
+    `spine`: (3,) vector from pelvis to head in the file's axes, on average.
+    `up`: What the recipe states: one of `axes`, or "auto".
+    `axes`: The axes that are accepted, such as "y" and "-y".
+    Raises DataError: ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
+    """
+    cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
+    clear = next((axis for axis, value in cosines.items() if abs(value) >= UPRIGHT_COSINE), "")
+    clear = f"-{clear}" if clear and cosines[clear] < 0 else clear
+    if up != "auto" and clear in ("", up):
+        return up
+    if up == "auto" and clear in axes:
+        return clear
+    signed = [axis if axis.startswith("-") else f"+{axis}" for axis in axes]
+    stated = up if up.startswith("-") else f"+{up}"
+    raise DataError(
+        "the axis that is up is not clear" if up == "auto" else f"heads are not above pelvises along {stated}",
+        reason="bad_axes",
+        where=str(path),
+        found="cosines of the spines " + ", ".join(f"{axis} {value:.2f}" for axis, value in cosines.items()),
+        allowed=f"at least {UPRIGHT_COSINE} along {' or '.join(signed)}",
+        fix=f"set dataset.{dataset}.up to the axis that is up, {' or '.join(axes)}, or leave the file out",
+    )
+
+
+def spine_of(motion: Motion) -> Floats:
+    """Return the vector (3,) from pelvis to head, on average."""
+    joints = motion.joints()
+    return np.asarray((joints[:, motion.skeleton.index("head")] - joints[:, 0]).mean(axis=0))
+
+
+def upright(motion: Motion, up: str) -> Motion:
+    """Return a motion whose axis `up` is up, turned to +Y up about the world's origin: dancers stay together."""
+    turn, rest = UPRIGHT[up], motion.skeleton.offsets[0]
+    rotations = motion.rotations.copy()
+    rotations[:, 0] = rotvec_from_matrix(turn @ matrix_from_rotvec(rotations[:, 0]))
+    return Motion((motion.translation + rest) @ turn.T - rest, rotations, motion.grid, motion.skeleton)
 
 
 def require_rotations(path: Path, what: str, rotations: Floats, translation: Floats, parents: Sequence[int]) -> None:
@@ -138,14 +280,14 @@ def check_rows(path: Path, rows: Floats) -> None:
     Raises DataError: ``bad_rotation``.
     """
     off = _off_orthonormal(rows[..., :3], rows[..., 3:])
-    bad = off > _TOLERANCE
+    bad = off > _TOLERANCE_6D
     if not bad.any():
         return
     frame, joint = (int(i) for i in np.argwhere(bad)[0])
     value = ", ".join(f"{x:.4g}" for x in rows[frame, joint])
     fix = "normalise the rotations (Gram-Schmidt) if a model generated them, or download the file again"
     # The pattern of two columns, flattened row by row (r00 r01 r10 r11 r20 r21).
-    if (_off_orthonormal(rows[..., 0::2], rows[..., 1::2]) <= _TOLERANCE).all():
+    if (_off_orthonormal(rows[..., 0::2], rows[..., 1::2]) <= _TOLERANCE_6D).all():
         fix = (
             "all of them are valid as two columns of the matrix, flattened row by row (Zhou et al. 2019): write "
             "the first two rows instead"
@@ -155,7 +297,7 @@ def check_rows(path: Path, rows: Floats) -> None:
         reason="bad_rotation",
         where=f"{path}, frame {frame}, joint {SMPLX52.joints[joint]}",
         found=f"({value}), deviation {off[frame, joint]:.3g}; {int(bad.any(axis=1).sum())} of {len(rows)} frames",
-        allowed=f"two rows of a rotation matrix, of length 1 and at right angles within {_TOLERANCE:g}",
+        allowed=f"two rows of a rotation matrix, of length 1 and at right angles within {_TOLERANCE_6D:g}",
         fix=fix,
     )
 

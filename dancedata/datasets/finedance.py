@@ -1,0 +1,438 @@
+"""FineDance (Li et al. 2023): full-body dance with hands to music in 16 genres, 211 sequences, 30 FPS.
+
+The published archive, unpacked:
+
+.. code-block:: text
+
+    SOURCE/
+        motion/001.npy        (T, 315): root translation 3, then 52 joints x 6D (two rows of the matrix)
+        music_wav/001.wav     wav, flac, mp3 or ogg; motion and music both start at t = 0
+        label_json/001.json   style1 (coarse), style2 (the genre), the song's name
+        music_npy/001.npy     not read: features are computed from the audio
+
+SOURCE may be the folder that contains ``motion/`` or its parent. Facts (splits, ignore lists, trims, genres) are in
+``manifests/finedance.yaml``.
+"""
+
+import json
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from dancedata.core.bodies import SMPLX52, SMPLX55, on_body
+from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.errors import DataError, UsageError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion
+from dancedata.core.registry import DATASETS
+from dancedata.core.resources import manifest
+from dancedata.core.rotations import rotation_6d
+from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import counted, listed, quoted
+from dancedata.core.typing import override
+from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, require_finite, rotations_of
+from dancedata.datasets.files import ALL, files_by_stem
+from dancedata.datasets.published import Found, Layout, LeftOut, Published, Splits
+from dancedata.files.listing import list_folder
+from dancedata.files.regular_file import open_regular
+from dancedata.files.strict_json import read_json
+from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.values import open_arrays
+
+RATE, JOINTS = 30, SMPLX52.n_joints
+COLUMNS = 3 + 6 * JOINTS
+#: Largest difference between motion and music in the published files, in frames, as reported by users.
+MAX_DIFFERENCE = 2
+#: All published ids.
+IDS = tuple(f"{n:03d}" for n in range(1, 212))
+KEY, MUSIC, LABELS = "style2", "music_wav", "label_json"
+#: Labels have about a hundred bytes; larger files are not read.
+MAX_BYTES = 1 << 20
+#: Characters of a genre in messages.
+SHOWN = 40
+
+
+def read_genre(path: Path | None, clip: str) -> str:
+    """Return the genre, ``style2`` of ``label_json/NNN.json``: ``style1`` (coarse) and the song's name are not used.
+
+    Raises LeftOut: ``missing_label``, ``broken_label`` or ``unknown_genre``.
+    """
+    name = f"label_json/{clip}.json"
+    if path is None:
+        raise LeftOut("missing_label", f"there is no {name}", fix=WITHOUT_LABELS)
+    try:
+        content = read_json(path, MAX_BYTES)
+        if not isinstance(content, dict):
+            raise ValueError(f"a {type(content).__name__}, not an object with {KEY}")
+    except (OSError, ValueError) as error:
+        raise LeftOut("broken_label", f"{name} cannot be read: {error}", fix=WITHOUT_LABELS) from error
+    style = content.get(KEY)
+    if style is None or style == "":
+        found = listed(content, show=quoted) or "none"
+        raise LeftOut("missing_label", f"{name} has no {KEY}; keys found: {found}", fix=WITHOUT_LABELS)
+    genre = genre_of(style) if isinstance(style, str) else ""
+    if not genre:
+        problem = f"{name}: {KEY} is {quoted(style, SHOWN)}, not one of {', '.join(manifest('finedance')['genres'])}"
+        raise LeftOut("unknown_genre", problem, fix=WITHOUT_LABELS)
+    return genre
+
+
+def genre_of(style: str) -> str:
+    """Return the canonical name of a genre in the labels, "" if it is not one of the sixteen."""
+    folded = style.strip().casefold()
+    return next((genre for genre, entry in manifest("finedance")["genres"].items()
+                 if folded in {name.casefold() for name in (genre, *entry.get("also", ()))}), "")  # fmt: skip
+
+
+def ignored_by(protocol: str) -> frozenset[str]:
+    """Return the ids on the ignore lists of a protocol."""
+    lists = manifest("finedance")["ignore_lists"].values()
+    return frozenset(clip for entry in lists if protocol in entry["applies_to"] for clip in entry["ids"])
+
+
+def listed_in(protocol: str, clip: str) -> str:
+    """Return "val" or "test" if the protocol lists the id there, ignored or not; else ""."""
+    lists = manifest("finedance")["splits"][protocol]
+    return next((split for split in ("val", "test") if clip in lists[split]), "")
+
+
+def lists_of(clip: str) -> tuple[str, ...]:
+    """Return all lists that contain the id: ``cross_genre.train``, ``cross_dancer.val``, ``ignored``, ...
+
+    An id is in a protocol's train list if the protocol neither lists it elsewhere nor ignores it, as in the code of
+    Lodge and FineDance.
+    """
+    names = []
+    for protocol in manifest("finedance")["splits"]:
+        split = listed_in(protocol, clip)
+        if split or clip not in ignored_by(protocol):
+            names.append(f"{protocol}.{split or 'train'}")
+    return (*names, *(name for name, of in manifest("finedance")["ignore_lists"].items() if clip in of["ids"]))
+
+
+def trims() -> dict[str, int]:
+    """Return the number of frames that Lodge trims at the beginning, by id."""
+    return {t["id"]: t["frames"] if "frames" in t else RATE * t["seconds"] for t in manifest("finedance")["trims"]}
+
+
+def _id_problem(stem: str) -> str:
+    if re.fullmatch(r"M[0-9]{3}", stem):
+        return "a mirrored copy, as made by Lodge; augment.mirror computes it from the original"
+    # An explicit range: \\d would accept digits of other scripts.
+    return "" if re.fullmatch(r"[0-9]{3}", stem) else "not named by an id of three digits, 001"
+
+
+_FEATURES = "features computed from FineDance cannot be a source: use motion/ as published"
+
+
+@DATASETS.register("finedance")
+@dataclass(frozen=True)
+class FineDance(Published):
+    """FineDance, from the published files.
+
+    Attributes
+    ----------
+    split
+        ``cross_genre`` (every genre in train and test; it has no val) or ``cross_dancer`` (no dancer in two
+        splits). Ids on no list are train.
+    keep
+        Ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
+        ``all``. Without it the ignore list takes precedence, as in Lodge and FineDance.
+    trim
+        Set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
+    labels
+        ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
+        them, without a genre.
+    body_model
+        SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
+        FineDance has no betas: all motion is on the neutral body.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
+    """
+
+    split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
+    keep: Literal["all"] | tuple[str, ...] = field(default=(), metadata={"scan": True})
+    trim: bool = True
+    labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
+
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = (
+        "Non-commercial scientific research, education and art only (Tsinghua University's licence for the FineDance "
+        "data); no redistribution, in whole or in part."
+    )
+    citation: ClassVar[str] = (
+        "Li et al., FineDance: A Fine-grained Choreography Dataset for 3D Full Body Dance Generation, ICCV 2023."
+    )
+
+    layout: ClassVar[Layout] = Layout(
+        "finedance", "FineDance", "motion", ".npy", "001.npy", _id_problem, folder_names=("finedance",),
+        mistakes={
+            "mofea319": _FEATURES, "motion_fea319": _FEATURES,
+            "motions": "motions/ (with s) is the layout of AIST++: build that dataset, or set --source to another "
+            "folder",
+        },
+    )  # fmt: skip
+    music_folders: ClassVar[tuple[str, ...]] = (MUSIC,)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        on_a_list = sorted(clip for of in manifest("finedance")["ignore_lists"].values() for clip in of["ids"])
+        unknown = [] if self.keep == ALL else [clip for clip in self.keep if clip not in on_a_list]
+        if unknown:
+            raise UsageError("finedance: keep contains ids that are on no ignore list",
+                             found=", ".join(map(repr, unknown)),
+                             allowed=f"all, or a list of {', '.join(on_a_list)}",
+                             fix="write ids as text, in quotes: ['120']")  # fmt: skip
+
+    @property
+    @override
+    def genre_ids(self) -> Mapping[str, int]:
+        return {genre: entry["id"] for genre, entry in manifest("finedance")["genres"].items()}
+
+    @override
+    def body_of(self, ref: ClipRef) -> Skeleton | None:
+        return SMPLX55 if self.body_model is None else None
+
+    @override
+    def find(self, source: Path) -> Found:
+        found = super().find(source)
+        labels = files_by_stem(found.folders.root / LABELS, found.folders.source, ".json", _id_problem)
+        return replace(found, beside=labels)
+
+    @override
+    def splits(self, found: Found) -> Splits:
+        ignored = self._ignored
+        of = {clip: listed_in(self.split, clip) or "train" for clip in IDS}
+        without = f"FineDance has {IDS[0]} to {IDS[-1]}; use the dataset `folder` for your own data"
+        notes = tuple(_list_notes(self.split, found.motions.files, ignored_by(self.split) - ignored))
+        return Splits(of, notes, expected=frozenset(IDS) - ignored, without=without)
+
+    @override
+    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+        if ref.id in self._ignored:
+            names = [name for name in lists_of(ref.id) if name in manifest("finedance")["ignore_lists"]]
+            split = listed_in(self.split, ref.id)
+            both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
+            raise LeftOut("ignored", f"on the list {' and '.join(names)}{both}; keep: ['{ref.id}'] keeps it")
+        notes: tuple[str, ...] = ()
+        try:
+            genre = read_genre(found.beside.files.get(ref.id), ref.id)
+        except LeftOut as why:
+            if self.labels == "required":
+                raise
+            genre, notes = "", (str(why),)
+        yield replace(ref, genre=genre, lists=lists_of(ref.id), notes=notes)
+
+    @override
+    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+        labels = f"; {LABELS}/ ({counted(len(found.beside.files), 'file')})"
+        root, n_known = found.folders.root, len(set(IDS) & found.motions.files.keys())
+        yield f"Motion: FineDance has {len(IDS)} sequences, {len(IDS) - n_known} of which have no file here{labels}."
+        if len(found.motions.files) > n_known:
+            yield f"Motion: {len(found.motions.files) - n_known:,} more have unknown ids, in no split (unassigned)."
+        beside = [e.name for e in list_folder(root) if e.is_dir() and e.name not in ("motion", MUSIC, LABELS)]
+        if beside:
+            why = " Music features are computed from the audio." if "music_npy" in beside else ""
+            yield f"Not read: {listed(f'{name}/' for name in beside)}.{why}"
+        yield from _clip_notes(clips, self.trim)
+        lengths = {clip.id: length_note(clip.motion_path, clip.audio_path) for clip in clips if clip.audio_path}
+        differing = [f"{clip} ({note})" for clip, note in lengths.items() if note]
+        if differing:
+            n = counted(len(differing), "clip")
+            yield (f"Lengths: motion and music differ by more than {MAX_DIFFERENCE} frames in {n}: "
+                   f"{listed(differing, 12)}. The shorter one counts: windows without music are left out "
+                   "(no_audio).")  # fmt: skip
+        if self.body_model is not None:  # an unusable one raises here, before any clip is loaded
+            yield f"Bones: of the body model {self.body_model.name} ({self._skeleton().name})."
+
+    @override
+    def rejects(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[Reject]:
+        return found.beside.without_motion(found.motions.files, found.folders.source, "motion/{}.npy", "extra_file")
+
+    @override
+    def load(self, ref: ClipRef) -> Motion:
+        """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
+
+        The clip's id decides how many frames Lodge trims at its beginning.
+        """
+        return load_motion(ref.motion_path, self._skeleton(), trims().get(ref.id, 0) if self.trim else 0)
+
+    @override
+    def make_example(self, folder: Path) -> None:
+        """Write four clips of six seconds: ``motion/``, ``music_wav/`` and ``label_json/``."""
+        from dancedata.datasets._examples import write_array, write_lines, write_song
+
+        # Id, frames, style1, style2, and the synthetic clip that provides steps and song. 010 has a beginning to
+        # trim (three frames), 063 is a test clip of both releases' cross-genre split.
+        for clip, n, coarse, fine, steps in (
+            ("001", 181, "Street", "Popping", "gPO_sBM_cAll_d10_mPO4_ch03"),
+            ("010", 186, "Street", "Breaking", "gBR_sFM_cAll_d04_mBR4_ch01"),
+            ("063", 180, "Modern", "Hiphop", "gMH_sBM_cAll_d22_mMH1_ch04"),
+            ("150", 182, "Modern", "jazz", "gJS_sFM_cAll_d01_mJS1_ch02"),
+        ):
+            motion = _with_hands(steps, n)
+            # FineDance's array (T, 315): translation, then 52 joints x 6D.
+            rows = rotation_6d(on_body(motion, SMPLX52).matrices).reshape(n, -1)
+            columns = np.concatenate([motion.translation, rows], axis=1)
+            write_array(folder / "motion" / f"{clip}.npy", columns.astype(np.float32))
+            write_song(folder / MUSIC / f"{clip}.wav", steps, n / RATE)
+            label = {"name": f"synthetic {clip}", "style1": coarse, "style2": fine}
+            write_lines(folder / LABELS / f"{clip}.json", [json.dumps(label)], end="")
+
+    @property
+    def _ignored(self) -> frozenset[str]:
+        """The ids on the split's ignore lists that are not kept."""
+        return frozenset() if self.keep == ALL else ignored_by(self.split) - set(self.keep)
+
+    def _skeleton(self) -> Skeleton:
+        if self.body_model is None:
+            return SMPLX55
+        from dancedata.formats.body_model import body_model_skeleton
+
+        return body_model_skeleton(self.body_model)
+
+
+WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --set dataset.finedance.labels=optional"
+
+
+def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) -> Iterable[str]:
+    """Yield the split and ignore lists in use, ids on two lists, and which list decides."""
+    lists, ignored = manifest("finedance")["splits"][protocol], ignored_by(protocol)
+    n_val, n_test = (len(lists[split]) for split in ("val", "test"))
+    yield f"Splits: {protocol}: {n_val} in val, {n_test} in test, all others in train, except ignored ids."
+    if not n_val:
+        yield f"Splits: {protocol} has no val; Lodge and FineDance evaluate only after training."
+    for name, entry in manifest("finedance")["ignore_lists"].items():
+        there = sorted(set(entry["ids"]) & set(present))
+        where = ", ".join(f"{clip} ({listed_in(protocol, clip) or 'train'})" for clip in there)
+        if protocol in entry["applies_to"]:
+            yield f"Ignore list: {name} ({entry['source']}): {len(there)} of {len(entry['ids'])} ids are here."
+        elif there:
+            yield f"Ignore list: {where} not ignored here; {entry['source']} leaves them out (list {name})."
+    both = [f"{clip} ({listed_in(protocol, clip)})" for clip in sorted(ignored) if listed_in(protocol, clip)]
+    if both:
+        yield (f"In two lists: {', '.join(both)} and ignored; the ignore list takes precedence, as in Lodge and "
+               "FineDance, unless `keep` has the id.")  # fmt: skip
+    if kept:
+        yield f"Ignore list: {listed(sorted(kept), 12)} kept, as requested."
+
+
+def _clip_notes(clips: Sequence[ClipRef], trim: bool) -> Iterable[str]:
+    """Yield the clips with a beginning that Lodge trims, and those without genre or music that are kept."""
+    cuts = [f"{clip.id} ({trims()[clip.id]:,} frames)" for clip in clips if clip.id in trims()]
+    if cuts and not trim:
+        yield f"Trims: not applied, as requested; Lodge trims the beginning of {listed(cuts, 12)}."
+    elif cuts:
+        kept = "The frames are kept; trim_start is the first of the dance."
+        yield f"Trims: Lodge trims the beginning of {listed(cuts, 12)}. {kept}"
+    n, of = len({clip.genre for clip in clips if clip.genre}), len(manifest("finedance")["genres"])
+    yield f"Genres: {n:,} of {of:,}, from style2 of the labels, with Lodge's names."
+    unlabelled = [f"{clip.id} ({'; '.join(clip.notes)})" for clip in clips if not clip.genre]
+    if unlabelled:
+        n_clips = counted(len(unlabelled), "clip")
+        yield f"Genres: {n_clips} kept without a genre, as requested: {listed(unlabelled, 3)}."
+    silent = [clip.id for clip in clips if clip.audio_path is None]
+    if silent:
+        n_clips = counted(len(silent), "clip")
+        yield f"Music: {n_clips} without a file in {MUSIC}/ ({listed(silent)}), for recipes without audio features."
+
+
+def length_note(motion: Path, music: Path) -> str:
+    """Return both lengths if they differ by more than `MAX_DIFFERENCE` frames; "" if not, or if one is unknown.
+
+    The length of an unreadable file is unknown; loading it reports the error.
+    """
+    import soundfile
+
+    frames = motion_length(motion)
+    try:
+        with open_regular(music) as file:
+            info = soundfile.info(file)
+    except (soundfile.SoundFileError, OSError, ValueError, TypeError):
+        return ""
+    if frames is None or info.frames <= 0:
+        return ""
+    # The rows of audio features: one for every frame that begins within the audio.
+    rows = FrameGrid.of(max(info.samplerate, 1)).rows_up(info.frames, of=FrameGrid.of(RATE))
+    if abs(frames - rows) <= MAX_DIFFERENCE:
+        return ""
+    return f"motion {frames / RATE:.2f} s, music {info.frames / info.samplerate:.2f} s"
+
+
+def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
+    """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
+
+    `path`: .npy file. Nothing in it is executed; its header is checked before memory is allocated.
+    `skeleton`: SMPL-X's 55 joints with the bones to use.
+    `trim_start`: First frame of the dance.
+    Returns: 30 FPS; rotations (T, 55, 3) axis-angle, jaw and eyes zero; translation (T, 3) in metres as in the file;
+        +Y up. The 6D columns of the result equal the file's within the precision of float32.
+    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``too_large``, ``bad_shape``, ``empty``, ``nan``,
+        ``bad_rotation`` or ``too_short`` (no frame is left after the trim).
+    """
+    with open_arrays(path) as arrays:
+        _length(arrays)
+        array = arrays.read("")
+    require_finite(path, "the motion", array, DOWNLOAD_AGAIN, columns=True)
+    rows = array[:, 3:].reshape(len(array), JOINTS, 6)
+    check_rows(path, rows)
+    if trim_start >= len(array):
+        raise DataError("no frame of the motion is left after the trim", reason="too_short", where=str(path),
+                        found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
+                        fix="check that this is the file of that id, or set trim: false")  # fmt: skip
+    return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(RATE), skeleton, trim_start)
+
+
+def motion_length(path: Path) -> int | None:
+    """Return the number of frames in the file's header; None if the file is not a readable motion."""
+    try:
+        with open_arrays(path) as arrays:
+            return _length(arrays)
+    except DataError:
+        return None
+
+
+def _length(arrays: ArrayFile) -> int:
+    """Check the shape in the header, (T, 315), and return T."""
+    shape = arrays.shape("")
+    if len(shape) != 2 or shape[1] != COLUMNS:
+        raise DataError("the motion file has the wrong shape", reason="bad_shape", where=str(arrays.path),
+                        found=str(shape),
+                        allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
+                        fix=_shape_advice(shape))  # fmt: skip
+    if shape[0] == 0:
+        raise no_frames(arrays.path)
+    return shape[0]
+
+
+def _shape_advice(shape: tuple[int, ...]) -> str:
+    """Return the fix for the most likely cause of a wrong shape."""
+    if len(shape) == 2 and shape[1] == COLUMNS + 4:
+        return (
+            "319 columns are features made by the scripts of FineDance or Lodge (contacts first; Lodge's are also "
+            "trimmed and grounded): use the motion/ folder as published"
+        )
+    if len(shape) == 2 and shape[0] == COLUMNS:
+        return "rows and columns are swapped: transpose the array"
+    return DOWNLOAD_AGAIN
+
+
+def _with_hands(steps: str, n_frames: int) -> Motion:
+    """Return a dance on SMPL-X's joints, feet on the floor (y = 0), fingers opening and closing."""
+    from dancedata.datasets._examples import dance
+
+    motion = on_body(dance(steps, n_frames), SMPLX55, keep="translation")
+    rotations = motion.rotations.copy()
+    curl = 0.35 - 0.25 * np.cos(2 * np.pi * np.arange(n_frames) / RATE)
+    # About z, towards the palms, which face the floor at rest.
+    rotations[:, 25:40, 2] = -curl[:, None]
+    rotations[:, 40:55, 2] = curl[:, None]
+    feet = motion.joints()[:, list(SMPLX55.feet), 1]
+    translation = motion.translation - (0.0, feet.min() - 0.02, 0.0)
+    return Motion(translation, rotations, motion.grid, SMPLX55)

@@ -1,0 +1,265 @@
+"""PhantomDance 1.2 (Li et al. 2022): dances made by animators, 260 with their music, 9.5 hours, 30 FPS.
+
+.. code-block:: text
+
+    SOURCE/
+        .../NAME.json    bone_name (24), root_positions (T, 3) metres, rotations (T, 24, 4): x y z w, in the world
+        .../NAME.wav     its music, 16 kHz, under the same name
+
+The names of the folders are not documented: motions are in SOURCE or in one folder of it, music in any of these.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePath
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
+from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, SourceError
+from dancedata.core.grid import FrameGrid
+from dancedata.core.motion import Motion, world_matrices
+from dancedata.core.registry import DATASETS
+from dancedata.core.rotations import rotvec_from_matrix
+from dancedata.core.sides import wrong_up
+from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
+from dancedata.core.text import listed, quoted
+from dancedata.core.typing import override
+from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
+from dancedata.datasets.files import files_by_stem, list_audio, require_folder
+from dancedata.datasets.published import Folders, Found, Layout, Published
+from dancedata.files.listing import describe, list_folder, relative
+from dancedata.files.strict_json import read_json
+
+RATE = 30
+#: Names of SMPL's joints in the files, in SMPL's order.
+_BONES = (
+    "Pelvis L_Hip R_Hip Spine1 L_Knee R_Knee Spine2 L_Ankle R_Ankle Spine3 L_Foot R_Foot Neck L_Collar R_Collar Head "
+    "L_Shoulder R_Shoulder L_Elbow R_Elbow L_Wrist R_Wrist L_Hand R_Hand"
+)
+BONES = tuple(_BONES.split())
+#: Ten minutes take about 40 MB.
+MAX_BYTES = 1 << 28
+_LOOKED_FOR = "NAME.json, in the source folder or in one folder of it, and NAME.wav"
+#: Bound of the deviation of a quaternion's length from 1: files have a few decimals.
+_TOLERANCE = 0.01
+#: Unity's axes are left-handed, +X right: the mirror across x = 0 of positions, and of quaternions x y z w.
+_MIRROR, _MIRROR_TURN = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0, 1.0])
+
+Floats = NDArray[np.float64]
+
+
+@DATASETS.register("phantomdance")
+@dataclass(frozen=True)
+class PhantomDance(Published):
+    """PhantomDance, from the published JSON and audio files.
+
+    Attributes
+    ----------
+    split
+        ``by-song``: a tenth of the dances each is val and test, by a hash of their names; no split was published.
+        ``all``: no split.
+    motions
+        Folder of the JSON files, below the source, if several folders have some.
+    music
+        ``required`` leaves out dances without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
+    """
+
+    split: Literal["by-song", "all"] = field(default="by-song", metadata={"scan": True})
+    motions: str | None = field(default=None, metadata={"scan": True})
+    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
+
+    version: ClassVar[int] = 1
+    licence: ClassVar[str] = (
+        "PhantomDance's repository: MIT (it links the data). Terms of the music are not stated: no redistribution."
+    )
+    citation: ClassVar[str] = (
+        "Li et al., DanceFormer: Music Conditioned 3D Dance Generation with Parametric Motion Transformer, AAAI 2022."
+    )
+    layout: ClassVar[Layout] = Layout(
+        "phantomdance", "PhantomDance", "", ".json", "NAME.json", published="version 1.2 has 260"
+    )
+
+    @override
+    def body_of(self, ref: ClipRef) -> Skeleton:
+        return SMPL24_EDGE
+
+    @override
+    def find(self, source: Path) -> Found:
+        folder = self._folder(source)
+        motions = files_by_stem(folder, source, ".json", lambda stem: "")
+        places = [folder, source, *(entry for entry in list_folder(source) if entry.is_dir() and entry != folder)]
+        places = list(dict.fromkeys(places))
+        music = list_audio(places, source, lambda stem: "", places, self.music_dir)
+        beside = [r for r in motions.rejects if not _is_beside(r.file, source, folder)]
+        return Found(Folders(source, folder, ()), replace(motions, rejects=tuple(beside)), music)
+
+    @override
+    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+        return [ref]
+
+    @override
+    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+        yield "Axes: Unity's, left-handed: x is negated, and rotations in the world become relative to the parents."
+
+    @override
+    def load(self, ref: ClipRef) -> Motion:
+        """Read a dance.
+
+        Returns
+        -------
+        Motion
+            30 FPS, metres, right-handed with +Y up; rotations (T, 24, 3) axis-angle relative to the parents, computed
+            from the file's rotations in the world; the pelvis is at the translation (SMPL24_EDGE).
+
+        Raises
+        ------
+        DataError
+            ``broken_file``, ``missing_key``, ``bad_skeleton``, ``bad_shape``, ``empty``, ``length_mismatch``,
+            ``nan``, ``bad_rotation`` or ``bad_axes`` (the body does not stand upright).
+        """
+        path = ref.motion_path
+        content = _content(path)
+        order = _order(path, content["bone_name"])
+        places = _array(path, "root_positions", content, (3,))
+        turns = _array(path, "rotations", content, (len(BONES), 4))
+        if len(places) != len(turns):
+            raise lengths_differ(path, "root_positions", len(places), "rotations", len(turns))
+        motion = Motion(places * _MIRROR, _local(path, turns[:, order]), FrameGrid.of(RATE), SMPL24_EDGE)
+        _check_axes(path, motion)
+        return motion
+
+    @override
+    def make_example(self, folder: Path) -> None:
+        """Write three dances of six seconds and their music."""
+        from dancedata.datasets._examples import dance, write_lines, write_song
+
+        for name, steps, n in (
+            ("dance_001", "gBR_sBM_cAll_d04_mBR0_ch01", 181),
+            ("dance_002", "gPO_sBM_cAll_d10_mPO4_ch03", 180),
+            ("dance_003", "gMH_sBM_cAll_d22_mMH1_ch04", 186),
+        ):
+            write_lines(folder / "motion" / f"{name}.json", [json.dumps(content_of(dance(steps, n)))], end="")
+            write_song(folder / "music" / f"{name}.wav", steps, n / RATE, 16_000)
+
+    def _folder(self, source: Path) -> Path:
+        require_folder(self.name, source, _LOOKED_FOR)
+        below = [source, *(entry for entry in list_folder(source) if entry.is_dir())]
+        candidates = below if self.motions is None else [source / self.motions]
+        folders = [folder for folder in candidates if folder.is_dir() and _has_motions(folder)]
+        if len(folders) == 1:
+            return folders[0]
+        if folders:
+            raise SourceError("phantomdance: several folders have JSON files", where=str(source),
+                              found=listed(relative(folder, source) for folder in folders),
+                              fix="set dataset.phantomdance.motions to the folder of the motions")  # fmt: skip
+        raise SourceError("phantomdance: no motion found", where=str(source / (self.motions or "")),
+                          found=describe(source), allowed=_LOOKED_FOR,
+                          fix="set --source to the folder of the unpacked archive")  # fmt: skip
+
+
+def _has_motions(folder: Path) -> bool:
+    return any(path.suffix.lower() == ".json" and path.is_file() for path in list_folder(folder))
+
+
+def _is_beside(file: str, source: Path, folder: Path) -> bool:
+    """Return whether an entry beside the motions is music, or a folder of the source."""
+    return PurePath(file).suffix.lower() in AUDIO_SUFFIXES or (folder == source and file.endswith("/"))
+
+
+def _content(path: Path) -> dict[str, Any]:
+    try:
+        content = read_json(path, MAX_BYTES)
+    except (OSError, ValueError) as error:
+        raise DataError("the motion file cannot be read", reason="broken_file", where=str(path), found=str(error),
+                        allowed=f"JSON of at most {MAX_BYTES:,} bytes", fix=DOWNLOAD_AGAIN) from error  # fmt: skip
+    if isinstance(content, dict) and "name" in content:
+        content.setdefault("bone_name", content["name"])  # of the first release
+    keys = ("bone_name", "root_positions", "rotations")
+    missing = [key for key in keys if not isinstance(content, dict) or key not in content]
+    if missing:
+        found = f"keys {listed(content, show=quoted)}" if isinstance(content, dict) else type(content).__name__
+        raise DataError(
+            f"the motion file has no {' and no '.join(missing)}",
+            reason="missing_key",
+            where=str(path),
+            found=found,
+            allowed=f"an object with {', '.join(keys)}",
+            fix="leave files that are not motions out of the folder, or download the file again",
+        )
+    return dict(content)
+
+
+def _order(path: Path, names: Any) -> list[int]:
+    """Return the place of each of BONES in the file."""
+    bones = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+    if len(bones) != len(BONES) or set(bones) != set(BONES):
+        raise DataError("the bones are not those of SMPL", reason="bad_skeleton", where=str(path),
+                        found=listed(bones, show=quoted) or type(names).__name__,
+                        allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...", fix=DOWNLOAD_AGAIN)  # fmt: skip
+    return [bones.index(name) for name in BONES]
+
+
+def _array(path: Path, key: str, content: dict[str, Any], shape: tuple[int, ...]) -> Floats:
+    try:
+        array = np.asarray(content[key], dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty(0)
+        found = "lists of different lengths, or something other than numbers"
+    else:
+        found = str(array.shape)
+    if array.shape == (0,) and content[key] == []:
+        raise no_frames(path)
+    if array.shape[1:] != shape:
+        raise bad_shape(path, key, found, f"(T, {', '.join(map(str, shape))})")
+    require_finite(path, key, array, DOWNLOAD_AGAIN)
+    return array
+
+
+def _local(path: Path, turns: Floats) -> Floats:
+    """Return axis-angle relative to the parents (T, 24, 3) of quaternions in the world (T, 24, 4), x y z w."""
+    from scipy.spatial.transform import Rotation
+
+    off = np.abs(np.linalg.norm(turns, axis=-1) - 1)
+    if off.max() > _TOLERANCE:
+        frame, joint = (int(k) for k in np.argwhere(off > _TOLERANCE)[0])
+        raise DataError("not a quaternion of length 1", reason="bad_rotation",
+                        where=f"{path}, frame {frame}, {BONES[joint]}",
+                        found=f"({', '.join(f'{x:.4g}' for x in turns[frame, joint])})",
+                        allowed=f"x y z w, of length 1 within {_TOLERANCE:g}", fix=DOWNLOAD_AGAIN)  # fmt: skip
+    world = Rotation.from_quat((turns * _MIRROR_TURN).reshape(-1, 4)).as_matrix().reshape(*turns.shape[:2], 3, 3)
+    local = world.copy()
+    for joint in range(1, len(BONES)):
+        local[:, joint] = np.swapaxes(world[:, SMPL24_EDGE.parents[joint]], -1, -2) @ world[:, joint]
+    return rotvec_from_matrix(local)
+
+
+def _check_axes(path: Path, motion: Motion) -> None:
+    """Reject a file in which the body certainly does not stand upright."""
+    wrong = wrong_up(motion.joints())
+    if wrong is not None and wrong[1]:
+        raise DataError("the body does not stand upright", reason="bad_axes", where=str(path),
+                        found=f"from feet to head {np.array2string(wrong[0], precision=2)} on average",
+                        allowed="Unity's axes: +X right, +Y up, +Z forward; rotations in the world",
+                        fix="use the published file")  # fmt: skip
+
+
+def content_of(motion: Motion) -> dict[str, Any]:
+    """Return a motion on SMPL's joints as a file of PhantomDance has it."""
+    from scipy.spatial.transform import Rotation
+
+    world = world_matrices(motion.skeleton, motion.matrices)
+    turns = Rotation.from_matrix(world.reshape(-1, 3, 3)).as_quat().reshape(*world.shape[:2], 4) * _MIRROR_TURN
+    places = motion.joints()[:, 0] * _MIRROR
+    return {
+        "bone_name": list(BONES),
+        "root_positions": np.round(places, 6).tolist(),
+        "rotations": np.round(turns, 6).tolist(),
+    }
