@@ -55,7 +55,7 @@ class BatchLoader:
 
     Order, ranks and resuming are the sampler's, which is read `prefetch` batches ahead: in the middle of an epoch the
     state is ``sampler.at(epoch, consumed)``. A new iteration ends the previous one, which then raises an error, as it
-    does in a forked process. See docs/reading.md.
+    does in a forked process. See docs/guides/batches.md.
     """
 
     def __init__(

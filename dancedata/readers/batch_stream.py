@@ -34,7 +34,7 @@ class BatchStream(IterableDataset[Any]):
     The batches and their order are the same with any number of workers. The sampler deals the samples of a step to
     the ranks, so that no other library should (Accelerate: no `prepare`). With another number of ranks a step has the
     same samples, on all of them together, if batch size times ranks is the same. The dataset's epoch is that of the
-    step, whatever `set_epoch` was called with. See docs/training.md.
+    step, whatever `set_epoch` was called with. See docs/guides/training.md.
     """
 
     def __init__(

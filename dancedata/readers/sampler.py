@@ -56,7 +56,7 @@ class EpochSampler(Sampler[int]):
     and at the end moves on to the next epoch. The epoch is passed on to a data source with a `set_epoch`, also inside
     torch's ConcatDataset, Subset and other wrappers, before its first index is handed out.
 
-    Resuming, and loops of PyTorch, Accelerate and Lightning: docs/reading.md and docs/training.md.
+    Resuming, and loops of PyTorch, Accelerate and Lightning: docs/guides/batches.md and docs/guides/training.md.
 
     Examples
     --------

@@ -99,7 +99,7 @@ class WindowDataset(SplitDataset):
     alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
 
     ``print(dataset)`` says what a sample is, and ``dataset[ID]`` reads that of a ``batch["id"]`` again, with its
-    changes and their draw. See docs/reading.md and docs/training.md.
+    changes and their draw. See docs/guides/batches.md and docs/guides/training.md.
 
     Examples
     --------

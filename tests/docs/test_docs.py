@@ -25,6 +25,7 @@ PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in 
 #: Pages whose code with output prints that output, in the folder of the demo.
 PRINTING = [
     "audio-features",
+    "guides/batches",
     "guides/samples",
     "python",
     "reference/columns",
@@ -56,7 +57,7 @@ def test_readme_snippets_print_the_output_shown(demo: Path, capsys: pytest.Captu
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.parametrize("page", PRINTING)
 def test_a_page_prints_the_output_shown(demo, capsys, monkeypatch, page):
-    if page in ("python", "guides/samples"):
+    if page == "python" or page.startswith("guides/"):
         pytest.importorskip("torch")
     monkeypatch.chdir(demo)
     # The code on key motions needs another dataset, see tests/keymotion.

@@ -37,20 +37,6 @@ def test_every_format_is_on_the_page() -> None:
     assert named == set(FORMATS)
 
 
-def test_the_code_of_segments_runs(tmp_path, cache, monkeypatch, capsys):
-    pytest.importorskip("torch")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DANCEDATA_CACHE", str(cache))
-    names: dict[str, object] = {}
-    for block in blocks("docs/segments.md", "python"):
-        exec(compile(block, "segments.md", "exec"), names)
-    words, placed, mask, text = capsys.readouterr().out.splitlines()
-    assert words == "('steps to the left, then turns',) ('steps to the right, then turns',)"
-    assert placed == "[(('steps to the left, then turns',), 0, 60, 1.0)]"
-    assert mask == "True"
-    assert text in ("steps to the left, then turns", "steps to the right, then turns", "")
-
-
 @pytest.fixture(scope="module")
 def encoders(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a random model of MERT's layout, depth and width, whose other sizes are tiny."""

@@ -1,6 +1,6 @@
 """Draws of samples in three epochs, by each way of reading: variation, reproducibility, resuming.
 
-The ways are the rows of the table in docs/reading.md.
+docs/guides/batches.md has what that means.
 """
 
 import re

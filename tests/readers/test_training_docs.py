@@ -1,4 +1,4 @@
-"""The code of docs/training.md runs, and what the page says of resuming holds: PyTorch, Accelerate, Lightning."""
+"""The code of docs/guides/training.md runs, and resuming is exact with PyTorch, Accelerate and Lightning."""
 
 import json
 import os
@@ -15,10 +15,12 @@ pytest.importorskip("torch")
 import torch
 
 from dancedata.readers import EpochSampler, WindowDataset
+from dancedata.store.dataset import Store
 from dancedata.testing.stores import write_random_store
+from tests.groups_store import write_groups
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "training.md"
+PAGE = ROOT / "docs" / "guides" / "training.md"
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
 
 # Script for a process of Accelerate: the blocks up to `main`, then all steps at once, and in two parts.
@@ -49,8 +51,13 @@ debug_launcher(run, (Path(sys.argv[1]),), num_processes=2)
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
-def test_code_of_the_page_runs(store_path: Path) -> None:
-    names: dict[str, object] = {"OUT": store_path}
+def test_code_of_the_page_runs(
+    store_path: Path, beats_store: Store, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    write_groups(tmp_path / "data" / "groups")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(cache))
+    names: dict[str, object] = {"OUT": store_path, "BEATS": beats_store}
     assert len(BLOCKS) >= 7
     for block in BLOCKS:
         if not re.search(r"^(from accelerate|import lightning)", block, flags=re.MULTILINE):
@@ -59,6 +66,7 @@ def test_code_of_the_page_runs(store_path: Path) -> None:
     assert isinstance(checkpoint, dict)
     assert checkpoint["step"] == 6
     assert torch.allclose(names["again"], names["places"], atol=1e-5)  # type: ignore[arg-type]
+    assert "steps to the right, then turns" in capsys.readouterr().out
 
 
 @pytest.mark.nightly  # two processes, which start slowly; test_draws.py reads with Accelerate in one

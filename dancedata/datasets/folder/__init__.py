@@ -22,7 +22,7 @@ Without one, motion and music are matched by file name:
         (or wavs/, audio/)
 
 Words and events of clips: ``segments.csv`` or ``segments.jsonl`` and ``texts/NAME.txt`` in SOURCE, see
-docs/segments.md.
+docs/guides/training.md#words.
 
 Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X, FineDance, Motion-X, HumanML3D and MDM
 (`array_layouts`), joint positions (`positions`), and ``.bvh`` of any skeleton with the joints of a human body
