@@ -52,13 +52,13 @@ if TYPE_CHECKING:
     from dancedata.alignment.align import align
     from dancedata.building.arrays import encode, extract
     from dancedata.building.commands import build, check, plan
-    from dancedata.building.quality import quality
     from dancedata.cache import FeatureCache
     from dancedata.comparison import diff
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.core.motion import Motion
     from dancedata.core.plugin_files import load_plugins
     from dancedata.core.skeleton import Skeleton
+    from dancedata.curation.quality import quality
     from dancedata.decoding.decode import decode, decode_group
     from dancedata.decoding.files import decode_file
     from dancedata.evaluation.evaluator import Evaluator
@@ -90,7 +90,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "open": "dancedata.store.dataset:open_store",
             "plan": "dancedata.building.commands",
             "push": "dancedata.remote.push",
-            "quality": "dancedata.building.quality",
+            "quality": "dancedata.curation.quality",
         },
         modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),
     )

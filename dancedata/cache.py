@@ -127,7 +127,7 @@ class FeatureCache:
             raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
         grid = FrameGrid.of(fps)
         windows = WindowSpec(length_frames, stride_frames, grid)
-        field = MusicField(feature, grid, self._feature(feature, parameters), windows)
+        field = MusicField(feature, grid, self._feature(feature, parameters), windows=windows)
         music = Music(self._identify(song), bpm=start_bpm)
         fields = [replace(field, arithmetic=known) for known in _arithmetics()]
         rows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)

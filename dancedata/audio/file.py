@@ -10,13 +10,12 @@ from typing import Any, ClassVar, Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number, as_fraction, as_rate
-from dancedata.core.plugins import AudioFeature
+from dancedata.core.plugins import FileFeature, Placed
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import quoted
 from dancedata.core.typing import override
@@ -32,7 +31,7 @@ _NAME = re.compile(r"[^/\\\0]+")
 
 @FEATURES.register("file")
 @dataclass(frozen=True)
-class FileRows(AudioFeature):
+class FileRows(FileFeature):
     """Rows from files below the source, cut and resampled to the clip; needs no music.
 
     Row k of a file lasts from k / rate to (k + 1) / rate seconds after row 0. Nothing is padded: a window that
@@ -74,7 +73,6 @@ class FileRows(AudioFeature):
     version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
     uses_tempo: ClassVar[bool] = False
-    from_files: ClassVar[bool] = True
 
     path: str = "features/{clip}.npy"
     rate: Number = 0
@@ -193,18 +191,15 @@ class FileRows(AudioFeature):
             )
 
     @property
-    def grid(self) -> FrameGrid:
-        """The grid of the files' rows."""
-        return FrameGrid.of(self.rate)
-
     @override
-    def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[Any]:
-        """Raise UsageError: a signal has no file."""
-        raise UsageError(
-            "the feature file takes rows from files: it computes nothing of a song",
-            where=self.path,
-            fix="name a feature that computes, or compute the rows with the program that wrote the files",
-        )
+    def shaping(self) -> dict[str, Any]:
+        codes = None if self.codebook is None else [self.codebook.to_json(), list(self.first_codes)]
+        return {"rate": self.rate, "resample": self.resample, "dtype": self.dtype, "codes": codes}
+
+    @property
+    @override
+    def grid(self) -> FrameGrid:
+        return FrameGrid.of(self.rate)
 
     @classmethod
     @override
@@ -213,8 +208,8 @@ class FileRows(AudioFeature):
         np.save(folder / "example.npy", np.arange(150, dtype=np.float32).reshape(50, 3))
         return cls("{clip}.npy", 25, 3, None)
 
+    @override
     def file_of(self, ref: ClipRef, source: Path) -> Path | None:
-        """Return the file of a clip; None if the clip lacks a name in the pattern, or no file has its name."""
         names = {"clip": ref.id, "music": ref.music, "group": ref.group, "split": ref.split}
         used = {field for _, field, *_ in Formatter().parse(self.path) if field is not None}
         if any(not _NAME.fullmatch(names[name]) or names[name] in (".", "..") for name in used):
@@ -253,12 +248,12 @@ class FileRows(AudioFeature):
             raise DataError("the file of features has no rows", reason="empty", where=str(path))
         return shape[0]
 
+    @override
     def begin_s(self, audio_start: Fraction) -> Fraction:
-        """Return the second of row 0, counted from frame 0 of a clip whose frame 0 is that second of its music."""
         origin = as_fraction(self.origin_s, "origin_s")
         return origin - audio_start if self.begins == "music" else origin
 
-    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> "Placed":
+    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> Placed:
         """Place a file of `n_rows` rows, of which row 0 is at second `begin_s` of the clip, on the clip's grid.
 
         Raises
@@ -278,7 +273,7 @@ class FileRows(AudioFeature):
         inside = (n_rows - phase) / step
         return Placed(first, max(0, -((-inside.numerator) // inside.denominator)), phase, step)
 
-    def rows(self, path: Path, placed: "Placed") -> NDArray[Any]:
+    def rows(self, path: Path, placed: Placed) -> NDArray[Any]:
         """Return the (placed.n_rows, D) rows of a file on a clip's grid, in `dtype`.
 
         Raises
@@ -327,18 +322,3 @@ class FileRows(AudioFeature):
                 fix="check first_codes and the codebook's sizes",
             )
         return np.where(is_pad, codebook.pad, values.astype(np.int64) - first)
-
-
-@dataclass(frozen=True)
-class Placed:
-    """The rows of a file on a clip's grid.
-
-    `first`: Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
-    `n_rows`: Rows within the file.
-    `phase`, `step`: Place of the first in the file, and distance of two, in rows of the file.
-    """
-
-    first: int
-    n_rows: int
-    phase: Fraction
-    step: Fraction

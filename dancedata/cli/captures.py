@@ -43,7 +43,7 @@ def quality(
     dancedata quality PATH: spikes, frozen spans, jitter, sliding, the floor, bones, joint limits, self-contact, sides
     and the up axis, and how many clips are above each limit. Changes no file.
     """
-    from dancedata.building.quality import quality as run_quality
+    from dancedata.curation.quality import quality as run_quality
 
     result = run_quality(
         path, dataset=dataset, recipe=recipe, overrides=overrides or (), out=out, jobs=jobs, cache=cache,

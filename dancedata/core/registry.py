@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import os
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
@@ -30,9 +31,10 @@ C = TypeVar("C", bound=type[Plugin])
 class Registry(Generic[P]):
     """Plug-in classes of one kind by name.
 
-    Plug-ins are the modules of `package` (those whose names do not begin with "_"), and the entry points of
-    the group of the same name, for plug-ins in other distributions. Each registers a frozen dataclass, whose
-    fields are the keys a recipe may set.
+    Plug-ins are the modules of `package` (those whose names do not begin with "_"), and the entry points of the group
+    of the same name, for plug-ins in other distributions. Where the package is a folder of a room, such as
+    `dancedata.building.rules`, they are also the modules of its name in other rooms: `dancedata.curation.rules`. Each
+    registers a frozen dataclass, whose fields are the keys a recipe may set.
 
     Modules are imported when they are needed: to find one plug-in, that of its name, with "p" for "+" (aistpp has
     "aist++") and "_" for "-", is imported before the others; for the names of all, every module is.
@@ -176,10 +178,19 @@ class Registry(Generic[P]):
 
 @lru_cache
 def _modules(package: str) -> tuple[str, ...]:
+    own = [f"{package}.{m.name}" for m in _in(package) if not m.name.startswith("_")]
+    root, _, folder = package.partition(".")
+    folder = folder.partition(".")[2]
+    for room in _in(root) if folder else ():  # which is not imported to look into it
+        files = pkgutil.iter_modules(os.path.join(p, room.name) for p in importlib.import_module(root).__path__)
+        own += [f"{root}.{room.name}.{folder}" for m in files if m.name == folder and not m.ispkg]
+    return tuple(own)
+
+
+def _in(package: str) -> Iterable[pkgutil.ModuleInfo]:
     if importlib.util.find_spec(package) is None:  # one that was taken out
         return ()
-    path = importlib.import_module(package).__path__
-    return tuple(f"{package}.{m.name}" for m in pkgutil.iter_modules(path) if not m.name.startswith("_"))
+    return pkgutil.iter_modules(importlib.import_module(package).__path__)
 
 
 @lru_cache(maxsize=1)

@@ -192,7 +192,7 @@ def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
         raise UsageError(
             f"{protocol.name}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
         )
-    return MusicField(feature.name, grid, feature, WindowSpec(length, stride, grid))
+    return MusicField(feature.name, grid, feature, windows=WindowSpec(length, stride, grid))
 
 
 def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:

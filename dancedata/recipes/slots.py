@@ -17,7 +17,7 @@ from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugin_files import unknown_plugin
-from dancedata.core.plugins import CopyAugmentation, Dataset, Plugin, WindowFilter
+from dancedata.core.plugins import CopyAugmentation, Dataset, FileFeature, Plugin, WindowFilter
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -89,7 +89,7 @@ def make_slots(
         problems.append(f"windows: {windows.length_s:g} s are longer than the slices; found {excerpts.length_s:g} s")
     timed = [copy.name for copy in augment if not copy.keeps_time]
     for job in audio:
-        if timed and job.feature.from_files:
+        if timed and job.from_files:
             problems.append(
                 f"audio.{job.name}: rows from files have no copies at another speed; "
                 f"fix: leave out augment.{timed[0]}, or the field"
@@ -152,13 +152,16 @@ def _optional_problems(fields: Sequence[RepresentationField]) -> list[str]:
 def _feature_fields(
     slot: Any, grid: FrameGrid, windows: WindowSpec | None, problems: Problems
 ) -> tuple[FeatureField, ...]:
-    fields = []
+    fields: list[FeatureField] = []
     for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
         fps = keys.get("fps")
         rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
         if feature is not None and rows is not None:
-            cls = FileField if feature.from_files else MusicField
-            fields.append(cls(name, rows, feature, windows, rows != grid))
+            own_rate = rows != grid
+            if isinstance(feature, FileFeature):
+                fields.append(FileField(name, rows, feature, own_rate=own_rate))
+            else:
+                fields.append(MusicField(name, rows, feature, own_rate, windows))
     return _by_name(fields)
 
 

@@ -32,7 +32,14 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Augmentation, CopyAugmentation, Plugin, SampleAugmentation, WindowFilter
+from dancedata.core.plugins import (
+    Augmentation,
+    CopyAugmentation,
+    FileFeature,
+    Plugin,
+    SampleAugmentation,
+    WindowFilter,
+)
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -210,7 +217,7 @@ def _check_audio_feature(feature: Any) -> None:
     require(feature.dtype in get_args(DType), f"dtype on disk is one of {get_args(DType)}, not {feature.dtype}")
     is_code = feature.dtype not in ("float32", "float16")
     require(is_code == (feature.codebook is not None), "whole numbers have a codebook, real values have none")
-    if feature.from_files:
+    if isinstance(feature, FileFeature):
         refused = "a signal, of which there is no file, is an error"
         raises(DanceDataError, lambda: feature.extract(random_signal(2.0, 44100), feature.grid), refused)
         return

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.building.annotators import facts
 from dancedata.core.clip import ClipRef, Scan, member_id
 from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid
@@ -20,6 +19,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.recipes.parse import parse_recipe
+from dancedata.segments import annotators as facts
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
 from tests.metrics.test_events import Dance

@@ -19,7 +19,7 @@ RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
 )  # fmt: skip
 def test_windows_are_those_with_all_their_samples(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
     feature: Any = SimpleNamespace()
-    field = MusicField("f", grid, feature, WindowSpec(windows.length, windows.stride, grid))
+    field = MusicField("f", grid, feature, windows=WindowSpec(windows.length, windows.stride, grid))
     starts, length = field.slices(n, rate)
     stride = windows.stride / grid.rate * rate
     assert length == int(windows.length / grid.rate * rate)

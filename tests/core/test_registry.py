@@ -57,6 +57,22 @@ def test_a_module_that_cannot_be_imported_is_an_error_every_time(
             registry.names()
 
 
+def test_a_folder_of_a_room_has_modules_of_other_rooms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "house").mkdir()
+    (tmp_path / "house" / "__init__.py").write_text("")
+    make_package(tmp_path / "house", "kitchen", meals="raise RuntimeError")
+    make_package(tmp_path / "house" / "kitchen", "tools")
+    code = (
+        "from tests.core import test_registry as t\nt.TOOLS.register('{}')(type('X', (t.Plugin,), {{'version': 1}}))"
+    )
+    make_package(tmp_path / "house", "garden", tools=code.format("spade"), meals="raise RuntimeError")
+    make_package(tmp_path / "house", "cellar", other="raise RuntimeError")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    registry: Registry[Plugin] = Registry("tool", "house.kitchen.tools", Plugin)
+    monkeypatch.setattr(sys.modules[__name__], "TOOLS", registry, raising=False)
+    assert registry.names() == ("spade",)
+
+
 #: In a separate process, with another distribution whose contact rule has the name of a shipped one.
 ASKING = """
 from dancedata.core.errors import UsageError

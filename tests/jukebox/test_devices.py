@@ -112,7 +112,7 @@ def test_one_network_a_process_and_the_one_before_goes_first(tiny, monkeypatch):
 
 
 def _field(feature: Jukebox, windows: WindowSpec | None = None) -> MusicField:
-    return MusicField("jukebox", FPS, feature, windows)
+    return MusicField("jukebox", FPS, feature, windows=windows)
 
 
 def _key(feature: Jukebox) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dancedata.building.take import Scene
-from dancedata.building.transforms.retarget import Retarget
 from dancedata.core.bodies import SMPLX22, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, RecipeError, UsageError
@@ -23,6 +22,7 @@ from dancedata.recipes.parse import load_recipe
 from dancedata.retarget.feet import contact_spans, sliding, with_planted_feet
 from dancedata.retarget.maps import load_map, map_names, map_skeleton
 from dancedata.retarget.transfer import group_scale, leg_ratio, retargeted
+from dancedata.retarget.transforms import Retarget
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
 

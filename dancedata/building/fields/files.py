@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
-from dancedata.audio.file import FileRows, Placed
 from dancedata.building.fields.music import FeatureField
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Ask, Reach
@@ -20,8 +18,9 @@ from dancedata.building.result import Rows
 from dancedata.building.rows import PlacedRows
 from dancedata.building.take import Take, Time
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import FileFeature, Placed
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
 
@@ -44,11 +43,7 @@ class FileField(FeatureField):
     def sha256(self) -> str:
         return self._key("", Placed(0, 0, Fraction(0), Fraction(1)))
 
-    @cached_property
-    def _feature(self) -> FileRows:
-        if not isinstance(self.feature, FileRows):
-            raise UsageError("a feature without files was taken for one with files", where=self.name)
-        return self.feature
+    feature: FileFeature
 
     @override
     def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
@@ -69,17 +64,17 @@ class FileField(FeatureField):
 
     @override
     def with_path(self, ref: ClipRef, source: Path) -> ClipRef:
-        path = self._feature.file_of(ref, source)
+        path = self.feature.file_of(ref, source)
         return ref if path is None else replace(ref, feature_paths=(*ref.feature_paths, (self.name, path)))
 
     @override
     def file_of(self, cache: Cache, ref: ClipRef, hash_file: Callable[[Cache, Path], str]) -> RowsFile | Reject:
         path = dict(ref.feature_paths).get(self.name)
         if path is None or not path.is_file():
-            what = f"no file {path}" if path is not None else f"the clip has no name for {self._feature.path}"
+            what = f"no file {path}" if path is not None else f"the clip has no name for {self.feature.path}"
             fix = f"set audio.{self.name}.path, which is below the source, or leave the field out"
             return Reject("missing_feature", ref.id, str(path or ""), detail=f"field {self.name}: {what}", fix=fix)
-        n_rows = attempt(lambda: self._feature.length(path), path, ref.id)
+        n_rows = attempt(lambda: self.feature.length(path), path, ref.id)
         if isinstance(n_rows, Reject):
             return n_rows
         try:
@@ -110,7 +105,7 @@ class FileField(FeatureField):
     @override
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[npt.NDArray[Any]]:
         try:
-            return [self._feature.rows(loaded, placed) for placed in parts]
+            return [self.feature.rows(loaded, placed) for placed in parts]
         except OSError as error:
             raise DataError(
                 "the file cannot be read", reason="broken_file", where=loaded, found=str(error)
@@ -118,23 +113,20 @@ class FileField(FeatureField):
 
     def _key(self, sha256: str, placed: Placed) -> str:
         """Return the key of a file's rows in a place: of its content, not its name."""
-        feature = self._feature
+        feature = self.feature
         return Cache.key(
             "feature file",
             version=[_STAGE, feature.version],
             file=sha256,
-            rate=feature.rate,
             fps=str(self.grid),
             phase=str(placed.phase),
-            resample=feature.resample,
-            dtype=feature.dtype,
-            codes=None if feature.codebook is None else [feature.codebook.to_json(), list(feature.first_codes)],
+            **feature.shaping,
         )
 
     def _placed(self, take: Take, dancer: int) -> Placed:
         of = take.dancers[dancer]
-        begin_s = self._feature.begin_s(of.music.start - take.time.begin)
-        return self._feature.placed(of.files[self.name].n_rows, begin_s, self.grid)
+        begin_s = self.feature.begin_s(of.music.start - take.time.begin)
+        return self.feature.placed(of.files[self.name].n_rows, begin_s, self.grid)
 
     def _first(self, take: Take) -> int:
         """Return the row at frame 0, counted from that of the whole motion."""
@@ -142,7 +134,7 @@ class FileField(FeatureField):
 
     def _wrong_length(self, take: Take, dancer: int, grid: FrameGrid) -> Reject | None:
         """Return why a file is not of this motion, by their lengths."""
-        feature, file, time = self._feature, take.dancers[dancer].files[self.name], take.time.whole
+        feature, file, time = self.feature, take.dancers[dancer].files[self.name], take.time.whole
         file_s, tolerance = feature.grid.seconds(file.n_rows), feature.tolerance_s
         is_short = self._is_short(take, dancer, time, grid)
         if not is_short and (tolerance is None or abs(file_s - time.seconds) <= Fraction(tolerance)):
@@ -156,7 +148,7 @@ class FileField(FeatureField):
 
     def _is_short(self, take: Take, dancer: int, time: Time, grid: FrameGrid) -> bool:
         """Whether rows of motion do not reach into the last row of the take; codes end with the pad."""
-        if not self._feature.of_motion or self.codebook is not None:
+        if not self.feature.of_motion or self.codebook is not None:
             return False
         try:
             placed = self._placed(take, dancer)

@@ -38,7 +38,6 @@ _STAGE = 3
 class FeatureField(Field):
     """Rows of an audio feature.
 
-    `windows`: Slices, in frames of the recipe, of which rows are computed alone; None: of whole songs.
     `own_rate`: Whether `grid` was given for this field, not for the whole recipe.
     """
 
@@ -48,7 +47,6 @@ class FeatureField(Field):
     name: str  # type: ignore[misc]
     grid: FrameGrid
     feature: AudioFeature
-    windows: WindowSpec | None = None
     own_rate: bool = False
 
     @property
@@ -100,11 +98,13 @@ class FeatureField(Field):
 class MusicField(FeatureField):
     """A feature of a song; of slices, each by itself, but those of a song in one call.
 
+    `windows`: Slices, in frames of the recipe, of which rows are computed alone; None: of whole songs.
     `arithmetic`: Instructions that computed the rows; None: those of this machine's builds, see `expected`.
     """
 
     needs_music = True
 
+    windows: WindowSpec | None = None
     arithmetic: str | None = None
 
     @property

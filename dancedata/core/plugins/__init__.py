@@ -6,7 +6,7 @@ keys that a recipe may set. It has to define the abstract members, and may repla
 
 from __future__ import annotations
 
-from dancedata.core.plugins.audio_feature import AudioFeature
+from dancedata.core.plugins.audio_feature import AudioFeature, FileFeature, Placed
 from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
 from dancedata.core.plugins.metric import Better, Metric
 from dancedata.core.plugins.motion import ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
@@ -19,9 +19,11 @@ __all__ = [
     "ContactRule",
     "CopyAugmentation",
     "Dataset",
+    "FileFeature",
     "Float32Array",
     "KeyMotionFinder",
     "Metric",
+    "Placed",
     "Plugin",
     "Representation",
     "SampleAugmentation",

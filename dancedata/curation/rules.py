@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
-from dancedata.building.annotators.faults import LAYER, Faults
 from dancedata.building.plugins import RULES, Annotator, Seen, WindowRule
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.segments import Segment
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
+from dancedata.curation.annotators import LAYER, Faults
 from dancedata.curation.scores import MEASURES, VERSION, checked_limit
 
 _KEYS = ("limit", "leave_out", "splits")
