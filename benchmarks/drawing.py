@@ -93,7 +93,7 @@ def files(tree: Path, dataset: Path, source: Path, out: Path) -> dict[str, float
     from dancedata.store import open_store
 
     with open_store(dataset) as store:
-        clip = store.clips[0].id
+        clip = store.clips()[0].id
     found = {}
     for name, options in (
         ("page", ("--export", "page.html")),

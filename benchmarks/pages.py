@@ -47,7 +47,7 @@ def write_many(demo: Path, out: Path, n: int) -> Path:
     """Write the clips of the demo again and again, under other names."""
     out.mkdir()
     with open_store(demo) as store:
-        kept = [_stored(store, k) for k in range(len(store.clips))]
+        kept = [_stored(store, k) for k in range(len(store))]
         clips = [replace(kept[k % len(kept)], id=f"{kept[k % len(kept)].id}_{k:04d}") for k in range(n)]
         keys = ("name", "licence", "citation", "recipe", "versions", "source")
         about = {key: store.info[key] for key in keys if key in store.info}
@@ -58,7 +58,7 @@ def write_many(demo: Path, out: Path, n: int) -> Path:
 
 
 def _stored(store: Store, number: int) -> StoredClip:
-    clip = store.clips[number]
+    clip = store.clips()[number]
     starts = tuple(w.start for w in store.windows(clip.split) if w.clip == clip.id)
     song = np.asarray(clip.read_song("librosa35"))
     audio = {"librosa35": (AudioBlock(clip.music, song),)}

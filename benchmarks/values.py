@@ -129,7 +129,7 @@ def write_values(store: Any, file: h5py.File) -> None:
     """Write everything that the reader gives; of slices, which may be windows or clips of their own, the rows."""
     is_base = hasattr(store, "windows_of")  # which has other names for some
     stride = (store.window_grid if is_base else store._window_grid)().stride
-    for clip in store.clips:
+    for clip in store:
         windows = store.windows_of(clip.id) if is_base else store[clip.id].windows()
         parent = clip.source or clip.id
         if getattr(store, "scope", "track") == "window":

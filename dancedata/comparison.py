@@ -20,6 +20,7 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.clip_view import Clip
+from dancedata.store.queries import require_intact
 
 Row = Mapping[str, Any]
 
@@ -194,12 +195,12 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differen
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
         if one.info["self_sha256"] == two.info["self_sha256"]:
-            one.require_intact()
-            two.require_intact()
+            require_intact(one)
+            require_intact(two)
             return Differences()
         differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
-        pairs = {c.id: c for c in two.clips}
-        common = [(c, pairs[c.id]) for c in one.clips if c.id in pairs]
+        pairs = {c.id: c for c in two.clips()}
+        common = [(c, pairs[c.id]) for c in one.clips() if c.id in pairs]
         differences += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
         differences += _rows("rejects", one.rejects, two.rejects, atol)
         differences += _rows("quality", one.quality, two.quality, atol)
@@ -250,7 +251,7 @@ def _common_fields(one: Store, two: Store, *, columns: bool) -> list[str]:
 
 
 def _clips(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: float | None) -> Iterator[Difference]:
-    yield from _one_sided("clips", "clip", (c.id for c in one.clips), (c.id for c in two.clips))
+    yield from _one_sided("clips", "clip", one.clips().ids, two.clips().ids)
     changed: dict[str, list[str]] = {}
     example: dict[str, str] = {}
     for ours, theirs in common:
@@ -285,7 +286,7 @@ def _windows(one: Store, two: Store) -> Iterator[Difference]:
 
 
 def _starts(store: Store) -> dict[str, set[tuple[int, int]]]:
-    windows = {clip.id: store[clip.id].windows() for clip in store.clips}
+    windows = {clip.id: store[clip.id].windows() for clip in store}
     return {clip: {(w.start, w.length) for w in of_clip} for clip, of_clip in windows.items() if of_clip}
 
 

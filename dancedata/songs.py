@@ -36,6 +36,7 @@ from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Store, open_store
+from dancedata.store.queries import network_weights
 from dancedata.store.schema import DATASET_FILE
 from dancedata.store.songs import music_hashes
 
@@ -215,7 +216,7 @@ def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> Audi
     try:
         return feature.resolved(Cache(default_cache()).file_sha256)
     except (UsageError, SourceError) as error:
-        model = None if dataset is None else dataset.weights.get(job.name)
+        model = None if dataset is None else network_weights(dataset).get(job.name)
         if dataset is not None and model:
             name = shown(job.name)
             weights_fix = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
@@ -230,8 +231,8 @@ def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tup
     """
     if dataset is None:
         return None, ""
-    hashes = music_hashes(dataset.clips)
-    clips = [clip for clip in dataset.clips if not clip.source]
+    hashes = music_hashes(dataset.clips())
+    clips = [clip for clip in dataset.clips() if not clip.source]
     same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
     tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
     if len(tempos) > 1:

@@ -80,7 +80,7 @@ def main() -> None:
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     store = dancedata.open(args.data)
-    genres = sorted({clip.genre for clip in store.clips if clip.genre})
+    genres = sorted({clip.genre for clip in store if clip.genre})
     data = WindowDataset(
         store,
         fields=(FIELD, "librosa35", Primitives(n=args.segment)),
@@ -94,7 +94,7 @@ def main() -> None:
         genre = [genres.index(name) if name else -1 for name in batch["genre"]]
         return batch["librosa35"], batch["primitive_start"], torch.tensor(genre)
 
-    music = store.clips[-1].read("librosa35")
+    music = store.clips()[-1].read("librosa35")
     if args.song:
         music = dancedata.extract("librosa35", args.song, fps=store.fps)
     if len(music) < args.frames:
@@ -104,7 +104,7 @@ def main() -> None:
         return
     music = music[: args.frames]
     start = placed_on_beats(data, music, args.segment)
-    genre = args.genre or store.clips[-1].genre
+    genre = args.genre or store.clips()[-1].genre
     heard = torch.from_numpy(data.scaler("librosa35").normalize(music))[None]
     condition = (heard, torch.from_numpy(start)[None], torch.tensor([genres.index(genre) if genre else -1]))
     condition = tuple(value.to(accelerator.device) for value in condition)

@@ -235,7 +235,7 @@ def _read_description(path: Path) -> None:
     _put_side_files(path)
     with open_store(path.parent) as opened:
         _require(bool(opened.fields), "a store without fields")
-        for clip in map(lambda record: opened[record.id], opened.clips):
+        for clip in map(lambda record: opened[record.id], opened.clips()):
             for field in opened.fields:
                 clip.read(field)
     _show(path.parent)
@@ -303,7 +303,7 @@ def _read_tables(path: Path) -> None:
             for split in opened.splits:
                 windows = opened.windows(split)
                 for field in opened.fields:
-                    for clip in map(lambda record: opened[record.id], opened.clips):
+                    for clip in map(lambda record: opened[record.id], opened.clips()):
                         clip.read(field)
                     for window in windows:
                         opened.read(window, field)

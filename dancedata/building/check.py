@@ -156,10 +156,10 @@ def _check_built(path: Path) -> list[Problem]:
 def _shared(one: Store, other: Store) -> Iterator[Problem]:
     where = f"{one.path} and {other.path}"
     official = all(store.info.get("source", {}).get("split_rule") == "official" for store in (one, other))
-    songs = [songs_of(store.clips) for store in (one, other)]
+    songs = [songs_of(store.clips()) for store in (one, other)]
     by_samples = [_splits_by(store, lambda clip: music_hash(clip)) for store in (one, other)]
     label = [
-        {music_hash(clip): of_clip[clip.id] for clip in store.clips if clip.id in of_clip}
+        {music_hash(clip): of_clip[clip.id] for clip in store if clip.id in of_clip}
         for store, of_clip in zip((one, other), songs, strict=True)
     ]
     equal = {(label[0][key], label[1][key]) for key in by_samples[0].keys() & by_samples[1].keys()}
@@ -189,7 +189,7 @@ def _shared(one: Store, other: Store) -> Iterator[Problem]:
 def _splits_by(store: Store, key_of: Callable[[ClipRecord], str]) -> dict[str, set[str]]:
     """Return the splits of each key of the clips; clips without one do not count."""
     splits = defaultdict(set)
-    for clip in store.clips:
+    for clip in store:
         splits[key_of(clip)].add(clip.split)
     return {key: of_key for key, of_key in splits.items() if key}
 
@@ -229,7 +229,7 @@ def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
     field = _field_with_body(store)
     if field is None:
         return
-    for clip in (clip for clip in store.clips if (field.name in clip)):
+    for clip in (clip for clip in store if (field.name in clip)):
         try:
             sides = _sides(field, sampled(clip.read(field.name)))
         except DanceDataError:

@@ -19,6 +19,7 @@ from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import clips_by_terms, terms_text
+from dancedata.store.queries import network_weights, slice_length
 from dancedata.store.schema import sort_splits
 
 if TYPE_CHECKING:  # `info` needs neither stages nor recipes
@@ -210,20 +211,20 @@ def store_json(path: Path) -> dict[str, Any]:
 
 def _store_json(store: Store, path: Path) -> dict[str, Any]:
     keys = ("name", "fps", "windows", "splits", "licence", "citation")
-    heights = [c.height_m for c in store.clips if c.height_m is not None]
+    heights = [c.height_m for c in store if c.height_m is not None]
     return {
         "path": path_text(path),
         **{key: store.info[key] for key in keys if key in store.info},
         "rejects": reasons(store),
         "quality_flags": len(store.quality),
-        "slices": store.has_slices,
-        "source_rates": dict(sorted(Counter(c.source_rate for c in store.clips if c.source_rate).items())),
+        "slices": slice_length(store) is not None,
+        "source_rates": dict(sorted(Counter(c.source_rate for c in store if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
         "notes": list(store.info.get("source", {}).get("notes", [])),
         "fields": {name: _field_json(store, name) for name in store.fields},
         "bytes": _bytes(store),
         "recipe_sha256": recipe_hash(store.info["recipe"]) if "recipe" in store.info else None,
-        "weights": store.weights,
+        "weights": network_weights(store),
         **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
         **(
             {"licences": [{**(Licence("") if k is None else k).to_json(), "clips": n} for k, n in terms.items()]}
@@ -241,7 +242,7 @@ def _field_json(store: Store, name: str) -> dict[str, Any]:
         "groups": list(field.columns.names),
         "rate": str(field.rate),
         "dtype": field.dtype,
-        **({"without": sum(name not in clip for clip in store.clips)} if field.optional else {}),
+        **({"without": sum(name not in clip for clip in store)} if field.optional else {}),
         **({} if field.codebook is None else {"codebook": field.codebook.to_json()}),
         "axes": field.axes or None,
     }
@@ -319,7 +320,7 @@ def describe_clips(path: Path) -> str:
         rows = [
             {column.heading: column.show(getattr(clip, column.name)) for column in CLIP_COLUMNS if column.heading}
             | {"split": clip.split, "windows": len(store[clip.id].windows())}
-            for clip in store.clips
+            for clip in store.clips()
         ]
     head = list(dict.fromkeys([*_FIRST_COLUMNS, *(heading for row in rows[:1] for heading in row)]))
     return "\n".join(table(head, [[row[heading] for heading in head] for row in rows]))

@@ -51,10 +51,10 @@ class SourceMusic:
             raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
         if not source.is_dir():
             raise SourceError("the folder of the music does not exist", where=source)
-        originals = [clip for clip in store.clips if not clip.source]
+        originals = [clip for clip in store if not clip.source]
         recordings = _listed(store, source) or _named(originals, source)
-        files = {clip.id: recordings[clip.original] for clip in store.clips if clip.original in recordings}
-        return cls(source, files, music_hashes(store.clips))
+        files = {clip.id: recordings[clip.original] for clip in store if clip.original in recordings}
+        return cls(source, files, music_hashes(store))
 
     def missing(self, clips: list[Clip]) -> list[str]:
         """Return the songs, or clips whose song has no name, that have no audio file."""

@@ -55,13 +55,13 @@ class SourceRecord:
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
         left_out = store.info.get("source", {}).get("clips", {})
-        clips = {**left_out, **{clip.original: clip.made_of for clip in store.clips if clip.made_of}}
+        clips = {**left_out, **{clip.original: clip.made_of for clip in store if clip.made_of}}
         content = store.info.get("source", {}).get("content")
         return cls(
             clips=clips if clips and all(len(value) == 3 * DIGITS for value in clips.values()) else None,
             left_out=[Reject.from_json(row) for row in store.rejects],
             content=content if isinstance(content, Mapping) else {},
-            about={c.original: {name: getattr(c, name) for name in _ABOUT} for c in store.clips if not c.source},
+            about={c.original: {name: getattr(c, name) for name in _ABOUT} for c in store if not c.source},
         )
 
     def to_json(self, stored: Container[str]) -> dict[str, str]:

@@ -73,7 +73,7 @@ def _kinds(store: Store) -> set[str]:
 
 
 def _findings(store: Store, kinds: set[str]) -> Iterator[tuple[str, str]]:
-    for clip in store.clips:
+    for clip in store:
         if clip.source:
             continue  # the words of a copy are those of its clip
         segments = store.segments(clip.id)

@@ -253,7 +253,7 @@ def _parsed(recipe: RecipeLike, overrides: Overrides, cache: str | Path | None) 
 
 
 def _of_store(store: Store, progress: Progress) -> Quality:
-    clips, rows = [clip for clip in store.clips if not clip.source], []
+    clips, rows = [clip for clip in store if not clip.source], []
     with progress.stage("scoring clips", len(clips)) as advance:
         for clip in clips:
             motion = clip.motion()

@@ -31,6 +31,7 @@ from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.store.motion_fields import Pose
+from dancedata.store.queries import require_intact
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
@@ -209,7 +210,7 @@ def measure_clips(
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:
         read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
-        clip_set.store.require_intact(read, sha256=cache.file_sha256)
+        require_intact(clip_set.store, read, sha256=cache.file_sha256)
     common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
     readable, rejects, calls, cached = [], [], [], []
     for clip in clip_set.clips:

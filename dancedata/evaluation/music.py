@@ -32,6 +32,7 @@ from dancedata.scene.inputs.songs import MusicSources, Song
 from dancedata.store import Clip, Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.listed_file import FileHash
+from dancedata.store.queries import fields_with, require_intact, slice_length
 from dancedata.store.schema import Field
 
 #: Rate of beats where neither the protocol nor a store states one.
@@ -249,7 +250,7 @@ def stored_beats(
         return {}
     records = _records(store)
     # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
-    whole = [c for c in store.clips if c.music and not (c.source or c.slice_of or c.audio_start)]
+    whole = [c for c in store if c.music and not (c.source or c.slice_of or c.audio_start)]
     longest = {c.music: c.id for c in sorted(whole, key=lambda c: (c.n_frames, c.id))}
     sources: dict[str, tuple[str, Fraction]] = {}
     for clip in clip_set.clips:
@@ -259,7 +260,7 @@ def stored_beats(
             sources[clip.id] = record.id, clip.audio_start - record.audio_start
         elif clip.music in longest:
             sources[clip.id] = longest[clip.music], clip.audio_start
-    store.require_intact({source for source, _ in sources.values()}, sha256=sha256)
+    require_intact(store, {source for source, _ in sources.values()}, sha256=sha256)
     read = {s: music_of(store, name, s) for s in dict.fromkeys(s for s, _ in sources.values())}
     return {clip: read[s].from_second(begin) for clip, (s, begin) in sources.items()}
 
@@ -277,24 +278,24 @@ def _is_placed(song: str | None) -> bool:
 
 def _records(store: Store) -> dict[str, Clip]:
     """Return the clips of a store by id, and of each group the first one by the group's; no copies."""
-    clips = [c for c in store.clips if not c.source]
+    clips = [c for c in store if not c.source]
     return {c.group: c for c in reversed(clips) if c.group} | {c.id: c for c in clips}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
-    if store.slice_length not in (None, pieces.frames(store.grid)[0]):
+    if slice_length(store) not in (None, pieces.frames(store.grid)[0]):
         return None
-    if rule.by_piece and not store.has_slices:
+    if rule.by_piece and slice_length(store) is None:
         return None
-    fields = [field for field in store.fields_with(BEAT) if rule.grid in (None, field.grid)]
+    fields = [field for field in fields_with(store, BEAT) if rule.grid in (None, field.grid)]
     named = (field.name for feature in rule.features for field in fields if field.name.split(".")[0] == feature)
     return next(named, None)
 
 
 def about_slices(store: Store, rule: MusicRule) -> list[str]:
     """Return a warning if a store has beats of each slice alone, and a protocol takes those of whole songs."""
-    if rule.by_piece or not store.has_slices:
+    if rule.by_piece or slice_length(store) is None:
         return []
     return [
         "beats are those of each slice of the dataset by itself; the protocol takes those of whole songs: scores of "

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field
+from dancedata.store.queries import optional_fields
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
@@ -48,7 +49,7 @@ def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     from dancedata.store.motion_fields import motion_readers  # reads HDF5, which listing plug-ins need not
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
-    optional = job.store.optional_fields
+    optional = optional_fields(job.store)
     return dict(
         sorted(readers.items(), key=lambda item: (item[1].representation.positions_only, item[0] in optional))
     )

@@ -98,7 +98,7 @@ class SampleTable:
 
     def _samples(self, split: str) -> list[Sample]:
         left_out = self.job.without
-        clips = {c.id: c for c in self.job.store.clips if c.split == split and c.id not in left_out}
+        clips = {c.id: c for c in self.job.store.clips() if c.split == split and c.id not in left_out}
         if self.whole:
             return [(clip, None) for clip in clips.values()]
         return [(clips[window.clip], window) for window in self.job.store.windows(split, fields=self.fields)]

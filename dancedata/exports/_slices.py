@@ -20,6 +20,7 @@ from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 from dancedata.music.signal import pcm16
+from dancedata.store.queries import slice_length
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -204,13 +205,13 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
     windows = job.store.info["windows"]
-    if not job.store.has_slices and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
+    if slice_length(job.store) is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
         return
     clips = {clip.slice_of or clip.id for clip in job.clips(*splits)}
     names = []
     for row in job.store.rejects:
         clip, _, number = str(row.get("clip")).rpartition("_slice")
-        if job.store.has_slices and clip in clips and number.isdecimal():
+        if slice_length(job.store) is not None and clip in clips and number.isdecimal():
             names.append(f"{row['clip']} ({row.get('reason')})")
         elif row.get("clip") in clips and isinstance(row.get("window"), int):
             names.append(f"{row['clip']} from frame {row['window']} ({row.get('reason')})")

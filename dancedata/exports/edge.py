@@ -8,6 +8,7 @@ from dancedata.core.typing import override
 from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.files.atomic_folder import AtomicFolder
+from dancedata.store.queries import slice_length
 
 _BATCH = 64
 _GUIDE = """## Train
@@ -59,7 +60,7 @@ class Edge(SliceExport):
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")
-        if not job.store.has_slices:
+        if slice_length(job.store) is None:
             folder.note(
                 "the music was computed over whole songs, where EDGE's scripts take five seconds at a time: for "
                 "their numbers build the recipe aist++-edge-exact"

@@ -38,7 +38,7 @@ def card_pictures(store: Store, progress: Progress) -> dict[str, tuple[str, byte
 
 def _drawings(store: Store) -> dict[str, tuple[str, Callable[[], Axes]]]:
     """Return name, description and drawing of three pictures."""
-    clip = next((c.id for c in store.clips if not c.source), "")
+    clip = next((c.id for c in store if not c.source), "")
     if not clip:
         raise UsageError("a dataset without clips has no card", where=store.path)
     third = ("beats.png", ("speed, key motions and beats of a clip", partial(beats, store, clip)))

@@ -72,7 +72,7 @@ def compare(
     >>> import dancedata
     >>> from dancedata import plot
     >>> ds = dancedata.open("data/demo")
-    >>> plot.compare(ds.clips[0], ds.clips[1], names=("truth", "mine")).savefig("compare.pdf")
+    >>> plot.compare(ds.clips()[0], ds.clips()[1], names=("truth", "mine")).savefig("compare.pdf")
     """
     figures = figure_of(a, fps, body), figure_of(b, fps, body)
     distance = figures[0].distance_mm(figures[1]) / 10

@@ -104,7 +104,7 @@ def _squares(
         return {shown(name): _together([Dancer(figure_of(m))]) for name, m in zip(names, motions, strict=True)}
     store = source if isinstance(source, Store) else open_store(source)
     names_of = (
-        [clips] if isinstance(clips, str) else [clip.id for clip in store.clips[:_MOST]] if clips is None else clips
+        [clips] if isinstance(clips, str) else [clip.id for clip in store.clips()[:_MOST]] if clips is None else clips
     )
     if not names_of:
         raise UsageError("there is no path to draw", where=str(store.path))

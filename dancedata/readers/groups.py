@@ -119,7 +119,7 @@ class GroupDataset(WindowDataset):
 
     def _group_windows(self, dancers: WindowList, exactly: int | None, singles: bool, rejects: list[Reject]) -> None:
         """Reduce the windows of dancers to those of each group's first one; set windows, groups and rejects."""
-        tables = self.store.tables
+        tables = self.store._tables
         chosen = tables.in_split(self.split)
         single = np.flatnonzero(chosen & (tables.group_of < 0))
         first, count = (np.asarray(tables.groups.get(n, ()), dtype=np.int64) for n in ("first", "count"))
@@ -208,7 +208,7 @@ class GroupDataset(WindowDataset):
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
         values = super()._metadata(request, windows, changes)
-        tables = self.store.tables
+        tables = self.store._tables
         chosen = self._reader_of_groups().chosen(request)
         first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()
         rows = [[row + member for member in members.tolist()] for row, members in zip(first, chosen, strict=True)]
@@ -265,10 +265,10 @@ class GroupReader(BatchReader):
     """Reads batches of group windows: motion fields (B, P, L, D), shared ones (B, L, D), masks and members (B, P)."""
 
     def __init__(self, dataset: GroupDataset) -> None:
-        self._dataset, self._tables = dataset, dataset.store.tables
+        self._dataset, self._tables = dataset, dataset.store._tables
         store = dataset.store
         windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
-        rows = {n: store._window_rows(windows[n], n, mapped=store.mapped) for n in dataset.fields}
+        rows = {n: store._window_rows(windows[n], n, mapped=store._mapped) for n in dataset.fields}
         fields = [
             FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clamp)
             for n in dataset.fields

@@ -12,6 +12,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
+from dancedata.store.queries import fields_with
 from dancedata.store.schema import Field
 from dancedata.store.window_list import IntArray, WindowList
 
@@ -40,7 +41,7 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
     """Return the first field with both labels; None without one, or if a field has the name of a label."""
     if set(LABELS) & set(fields):
         return None
-    for field in _preferred(store.fields_with(*LABELS), fields):
+    for field in _preferred(fields_with(store, *LABELS), fields):
         if field.name in fields:
             return BeatLabels(field.name, tuple(field.columns.slice(label).start for label in LABELS))
     return None
@@ -95,7 +96,7 @@ def estimated_tempo(store: Store, clip: str, fields: Sequence[str]) -> float:
     Times that differ from the median by more than a quarter, where a beat was missed, do not count. The beats are
     those that `beat_starts` takes; nan without two that follow each other.
     """
-    if not store.fields_with("beat"):
+    if not fields_with(store, "beat"):
         return math.nan
     beats = _field_with(store, "beat", fields)
     column = beats.columns.slice("beat").start
@@ -116,7 +117,7 @@ def _preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field
 
 
 def _field_with(store: Store, group: str, fields: Sequence[str]) -> Field:
-    for field in _preferred(store.fields_with(group), fields):
+    for field in _preferred(fields_with(store, group), fields):
         return field
     raise UsageError(f"no field of the dataset has the column {group}", where=str(store.path),
                      found=f"fields {', '.join(store.fields)}",

@@ -13,6 +13,7 @@ from dancedata.keymotion.characteristic_primitives import Variant, borders, prim
 from dancedata.metrics.key_motion import KeyMotion
 from dancedata.readers.options import Primitives, clash
 from dancedata.store.dataset import Store
+from dancedata.store.queries import fields_with
 
 #: The name of primitives in samples.
 PRIMITIVES = "primitives"
@@ -67,7 +68,7 @@ def primitive_spec(
     if length % asked.n:
         raise clash(f"windows of {length} frames", asked, "a window is a whole number of local segments")
     whole_window = length == asked.n
-    names = [f.name for f in store.fields_with(kind="keymotion")]
+    names = [f.name for f in fields_with(store, kind="keymotion")]
     reads = asked.variant == "paper" and not whole_window
     if reads and not names:
         raise UsageError("the store does not hold key motions", where=str(store.path),

@@ -147,7 +147,7 @@ def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
 
 
 def _all_rows(store: Store, name: str, trim: bool) -> Iterable[npt.NDArray[Any]]:
-    for clip in (clip for clip in store.clips if (name in clip)):
+    for clip in (clip for clip in store if (name in clip)):
         first = store.grid.rows_down(clip.trim_start, of=store.field(name).grid) if trim else 0
         lead, rows = store[clip.id].rows_within(name)
         yield rows[max(0, first - lead) :]

@@ -88,7 +88,7 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
 
 def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
     """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
-    windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store.tables
+    windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store._tables
     in_split, rejects = tables.in_split(split), list[Reject]()
     missing = in_split & (np.bincount(windows.clip, minlength=tables.n_clips) == 0)
     if choice.where:
@@ -112,8 +112,8 @@ def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowLis
     # A protocol's split has clips of several stored splits.
     stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
     if choice.where:
-        among = np.logical_or.reduce([store.tables.in_split(name) for name in stored_splits])
-        _, unwanted = chosen_clips(store.tables, choice.where, among)
+        among = np.logical_or.reduce([store._tables.in_split(name) for name in stored_splits])
+        _, unwanted = chosen_clips(store._tables, choice.where, among)
         rejects += [reject for reject in unwanted if reject.clip in remaining]
         remaining -= {reject.clip for reject in unwanted}
     parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]
@@ -145,9 +145,9 @@ def _unmarked(
 def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, Clip]:
     """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
     prefix = f"{protocol}."
-    on_lists = [c for c in store.clips if any(name.startswith(prefix) for name in c.lists)] if protocol else []
+    on_lists = [c for c in store if any(name.startswith(prefix) for name in c.lists)] if protocol else []
     if not on_lists:
-        return {c.id: c for c in store.clips if c.split == split}
+        return {c.id: c for c in store if c.split == split}
     names = {name.removeprefix(prefix) for c in on_lists for name in c.lists if name.startswith(prefix)}
     if split not in names:
         raise UsageError(f"no clip of the store is in {protocol}'s split {split!r}", where=str(store.path),
@@ -161,7 +161,7 @@ def require_protocol(store: Store, protocol: str) -> None:
 
     UsageError if no clip is in a list of it.
     """
-    lists = {name for clip in store.clips for name in clip.lists if "." in name}
+    lists = {name for clip in store.clips() for name in clip.lists if "." in name}
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
     if protocol not in protocols:
         raise UsageError(f"no clip of the store is in a list of the protocol {protocol!r}", where=str(store.path),
@@ -170,13 +170,11 @@ def require_protocol(store: Store, protocol: str) -> None:
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
-    on_lists = {c.id for c in store.clips if any(name.startswith(f"{protocol}.") for name in c.lists)}
+    on_lists = {c.id for c in store if any(name.startswith(f"{protocol}.") for name in c.lists)}
     if protocol is None or not on_lists:
         return []
     detail = f"on no list of {protocol}"
-    return [
-        Reject("unassigned", c.id, detail=detail) for c in store.clips if c.split == split and c.id not in on_lists
-    ]
+    return [Reject("unassigned", c.id, detail=detail) for c in store if c.split == split and c.id not in on_lists]
 
 
 def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
@@ -224,7 +222,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
         return UsageError(f"no clip of split {split!r} has the values that where= asks for", where=str(store.path),
                           found=f"{counted(len(unlike), 'clip')}, the first is {unlike[0].clip}: {unlike[0].detail}",
                           fix="store.to_pandas() has the values of all clips")  # fmt: skip
-    longest = max((c.n_frames for c in store.clips), default=0)
+    longest = max((c.n_frames for c in store), default=0)
     reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
     return UsageError(f"split {split!r} has no windows of that length", where=str(store.path),
                       found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",

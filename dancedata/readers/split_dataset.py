@@ -96,7 +96,7 @@ class SplitDataset(EpochDataset):
         """Open the store and settle the fields. Subclasses then call `_choose` and `_prepare`."""
         super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
-        self._reference = (*self._store.reference, self._store.overlay, self._store.mapped)
+        self._reference = self._store.__reduce__()[1]
         if not isinstance(select, Select | None):
             raise UsageError("select is no Select", found=shown(select), fix="give Select({COLUMN: VALUES}, ...)")
         self._asked, self._scale = select or Select(), Scale.of(scale)
@@ -131,7 +131,7 @@ class SplitDataset(EpochDataset):
             where=require_where(self.store, asked.where),
         )
         parts = [select(self.store, split, self._choice) for split in self.splits]
-        self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
+        self._split_of_clip = np.zeros(self.store._tables.n_clips, dtype=np.int16)
         for number in reversed(range(len(parts))):
             self._split_of_clip[parts[number].windows.clip] = number
         joined = WindowList.joined(self.split, [part.windows for part in parts])
@@ -140,7 +140,7 @@ class SplitDataset(EpochDataset):
     def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
         """Return the splits to read: one, several, or "all"."""
         if split == "all" and self._asked.protocol is not None:
-            lists = {name for clip in self.store.clips for name in clip.lists}
+            lists = {name for clip in self.store.clips() for name in clip.lists}
             prefix = f"{self._asked.protocol}."
             return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
         if split == "all" and "all" not in self.store.splits:
@@ -374,7 +374,7 @@ class SplitDataset(EpochDataset):
         if numbers:
             return numbers
         # The columns, not the clips: there may be a million.
-        genres = set(self.store.tables.columns.get("genre", ()))
+        genres = set(self.store._tables.columns.get("genre", ()))
         return {name: k for k, name in enumerate(sorted(genres - {""}))}
 
     def _metadata(

@@ -162,7 +162,7 @@ class WindowDataset(SplitDataset):
             raise UsageError("the list of windows is empty", where=str(self.store.path), found=windows)
         for name in self._choice.fields:
             self.store._window_rows(windows, name)  # which checks them
-        self._split_of_clip = np.zeros(self.store.tables.n_clips, dtype=np.int16)
+        self._split_of_clip = np.zeros(self.store._tables.n_clips, dtype=np.int16)
         return Selection(windows, ())
 
     def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
@@ -249,7 +249,7 @@ class WindowDataset(SplitDataset):
         """Return the reader of batches, which each process makes when it first needs it."""
         if self._cached_reader is None:
             rows = {
-                name: self.store._window_rows(self.windows, name, mapped=self.store.mapped) for name in self.fields
+                name: self.store._window_rows(self.windows, name, mapped=self.store._mapped) for name in self.fields
             }
             fields = [
                 FieldReader(
@@ -258,7 +258,7 @@ class WindowDataset(SplitDataset):
                 for n in self.fields
             ]
             for name, values in rows.items():
-                if values.unmapped and self.store.mapped:
+                if values.unmapped and self.store._mapped:
                     _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
             self._cached_reader = BatchReader(
                 self.store,

@@ -13,6 +13,7 @@ from dancedata.execution.progress import Progress
 from dancedata.files.page_files import PageFiles
 from dancedata.remote.card_text import MARK, card_text
 from dancedata.store import Store, open_store
+from dancedata.store.queries import require_intact
 
 #: Largest card, megabytes.
 _MAX_MB = 5.0
@@ -64,7 +65,7 @@ def write_card(
             "refusing to overwrite a file that is not a card of dancedata", where=path, fix="choose another --to"
         )
     with open_store(store) as opened:
-        opened.require_intact()
+        require_intact(opened)
         drawn = {} if pictures is None else pictures(opened, Progress(quiet=not progress))
         words = {f"{quote(target.folder.name)}/{name}": what for name, (what, _) in drawn.items()}
         text = card_text(opened, words)

@@ -11,6 +11,7 @@ from dancedata.store import Store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.hub_head import OTHER, Publication, citations, head, strictest
 from dancedata.store.licence import clips_by_terms, terms_text
+from dancedata.store.queries import network_weights, required_fields
 
 #: Found in files that this module wrote, and only there.
 MARK = "<!-- written by dancedata report --card; changes are lost when it is written again -->"
@@ -65,8 +66,8 @@ def _files(place: Publication | None) -> dict[str, str]:
 def _splits(store: Store, splits: Sequence[str]) -> str:
     rows = []
     for split in splits:
-        clips = [clip for clip in store.clips if clip.split == split and not clip.source]
-        copies = sum(clip.split == split and bool(clip.source) for clip in store.clips)
+        clips = [clip for clip in store if clip.split == split and not clip.source]
+        copies = sum(clip.split == split and bool(clip.source) for clip in store)
         minutes = float(store.grid.seconds(sum(clip.n_frames for clip in clips)) / 60)
         songs = len({clip.music for clip in clips if clip.music})
         rows.append(
@@ -74,12 +75,12 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
                 _text(split),
                 len(clips),
                 copies,
-                len(store.windows(split, fields=store.required_fields)),
+                len(store.windows(split, fields=required_fields(store))),
                 songs,
                 f"{minutes:.1f}",
             )
         )
-    genres = sorted({clip.genre for clip in store.clips if clip.genre})
+    genres = sorted({clip.genre for clip in store if clip.genre})
     windows = store.info["windows"]
     about = (
         f"Windows of {windows['length']} frames every {windows['stride']}, at {store.info['fps']} frames per second; "
@@ -97,9 +98,9 @@ def _fields(store: Store) -> str:
         field = store.field(name)
         groups = ", ".join(f"{_text(g.name)} ({g.width})" for g in field.columns.groups)
         rows.append((f"`{name}`", field.kind, field.columns.width, str(field.rate), field.dtype, groups))
-    weights = "".join(f"- weights of `{name}`: {_text(text)}\n" for name, text in store.weights.items())
+    stated = "".join(f"- weights of `{name}`: {_text(text)}\n" for name, text in network_weights(store).items())
     table = _table(("field", "kind", "columns", "rows per second", "type", "groups"), rows)
-    return f"## Features\n\n{table}\n{weights}"
+    return f"## Features\n\n{table}\n{stated}"
 
 
 def _terms(store: Store, place: Publication | None) -> str:

@@ -111,7 +111,7 @@ def _recipe(store: Store) -> Iterator[Upload]:
 
 
 def _clips(store: Store) -> Iterator[dict[str, Any]]:
-    for clip in store.clips:
+    for clip in store:
         if not clip.source:
             terms = store.licences[clip.licence].to_json() if clip.licence >= 0 else {}
             about = {name: getattr(clip, name) for name in _ABOUT}

@@ -21,6 +21,7 @@ from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
 from dancedata.store import open_store
 from dancedata.store.hub_head import Publication
+from dancedata.store.queries import require_intact
 
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
@@ -141,7 +142,7 @@ def push(
         if rights is None and not recipe_only:
             require_permission(opened, to=to)
         require_whole(opened.path)
-        opened.require_intact()
+        require_intact(opened)
         digits = opened.info["self_sha256"][:_DIGITS]
         name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
         read_at = address.at(name)

@@ -16,6 +16,7 @@ from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import Together
 from dancedata.scene.pieces import Piece
 from dancedata.store import Clip, Store
+from dancedata.store.queries import group_sizes
 
 #: Two dancers look at each other where both face the other within this angle, degrees.
 FACING_DEG = 45
@@ -83,8 +84,7 @@ class MeasuredGroups:
         `windows`: Windows of the group.
         """
         first = dancers[0]
-        table = store.tables.groups
-        sizes = dict(zip(table["id"], np.asarray(table["n_source"]).tolist(), strict=True))
+        sizes = group_sizes(store)
         row = GroupRow(
             first.group, first.split, tuple(c.id for c in dancers), tuple(c.member for c in dancers),
             tuple(c.role for c in dancers), sizes.get(first.group, len(dancers)), first.n_frames, windows,

@@ -170,10 +170,10 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
 
     Raises DataError, StoreError: if a clip cannot be read.
     """
-    windows = {clip.id: store[clip.id].windows() for clip in store.clips}
+    windows = {clip.id: store[clip.id].windows() for clip in store}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
     measured.space = space = Space.of(store, windows)
-    measured.clips = {clip.id: ClipNumbers() for clip in store.clips if not clip.source}
+    measured.clips = {clip.id: ClipNumbers() for clip in store if not clip.source}
     units = measured_units(store)
     with (progress or Progress(quiet=True)).stage("measuring clips", len(units)) as advance:
         for dancers in units:

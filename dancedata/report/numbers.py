@@ -42,6 +42,7 @@ from dancedata.store import Clip, Store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.free_columns import free_columns
 from dancedata.store.licence import clips_by_terms, terms_text
+from dancedata.store.queries import network_weights
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
@@ -77,7 +78,7 @@ def document(measured: Measured, scales: Scales) -> Document:
         segments=layer_numbers(store),
         columns=free_columns(store),
         ranking=_ranking(measured),
-        clips=tuple(_row(measured, clip) for clip in store.clips if not clip.source),
+        clips=tuple(_row(measured, clip) for clip in store if not clip.source),
     )
 
 
@@ -92,13 +93,13 @@ def _about(store: Store) -> About:
         description=store.info.get("recipe", {}).get("description", ""),
         notes=tuple(store.info.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
-        weights=store.weights,
+        weights=network_weights(store),
         licences=tuple(terms_text(clips_by_terms(store))),
     )
 
 
 def _totals(measured: Measured) -> Totals:
-    clips = measured.store.clips
+    clips = measured.store.clips()
     originals = [c for c in clips if not c.source]
     return Totals(
         clips=len(originals),
@@ -117,8 +118,8 @@ def _totals(measured: Measured) -> Totals:
 
 def _contents(measured: Measured, scales: Scales) -> Contents:
     store = measured.store
-    originals = [c for c in store.clips if not c.source]
-    songs = songs_of(store.clips)
+    originals = [c for c in store if not c.source]
+    songs = songs_of(store.clips())
     tempos = {s: [c.tempo_bpm for c in originals if c.split == s and c.tempo_bpm is not None] for s in store.splits}
     lengths = {s: [float(store.grid.seconds(c.n_frames)) for c in originals if c.split == s] for s in store.splits}
     genres = _windows_by(measured, lambda c: c.genre)
@@ -144,7 +145,7 @@ def _contents(measured: Measured, scales: Scales) -> Contents:
 def _windows_by(measured: Measured, key: Callable[[Clip], str]) -> Counts:
     """Count the windows by a name of their clip, then by split; copies count, as a trainer draws them too."""
     counts: dict[str, Counter[str]] = {}
-    for clip in measured.store.clips:
+    for clip in measured.store.clips():
         counts.setdefault(key(clip) or UNKNOWN, Counter())[clip.split] += measured.windows.get(clip.id, 0)
     splits = measured.store.splits
     place = {split: number for number, split in enumerate(splits)}
@@ -196,7 +197,7 @@ def _music(measured: Measured, scales: Scales) -> Music:
     reader = measured.reader
     tempos = tuple(
         Tempo(c.id, c.tempo_bpm, tempo)
-        for c in measured.store.clips
+        for c in measured.store.clips()
         if not c.source and c.tempo_bpm is not None and (tempo := measured.clips[c.id].tempo_found) is not None
     )
     return Music(
@@ -238,7 +239,7 @@ def _over_clips(measured: Measured, value: ClipValue) -> FiveNumbers:
 def _of_clips(measured: Measured, edges: tuple[float, ...], value: ClipValue) -> ClipHistogram:
     store = measured.store
     by_split: dict[str, list[float]] = {split: [] for split in store.splits}
-    for clip in store.clips:
+    for clip in store:
         if clip.id in measured.clips and (v := value(measured.clips[clip.id])) is not None:
             by_split[clip.split].append(v)
     counts = counted_between(by_split, edges)
@@ -263,7 +264,7 @@ def splits(store: Store) -> Splits:
     A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
     Songs are one by their name, by their samples, or by their sound.
     """
-    songs = songs_of(store.clips)
+    songs = songs_of(store.clips())
     alike = None if sound_field(store) is None else alike_songs(store, songs)
     return Splits(
         compared_by_sound=alike is not None,
@@ -274,7 +275,7 @@ def splits(store: Store) -> Splits:
 
 
 def _shared(store: Store, key: Callable[[Clip], str], alike: Sequence[AlikeSongs] = ()) -> Shared:
-    names = {split: {key(c) for c in store.clips if c.split == split and key(c)} for split in store.splits}
+    names = {split: {key(c) for c in store if c.split == split and key(c)} for split in store.splits}
     both = {(a, b): sorted(names[a] & names[b]) for a in store.splits for b in store.splits}
     for pair in alike:
         for a, b in both:
@@ -341,7 +342,7 @@ def _ranking(measured: Measured) -> tuple[Suspect, ...]:
 
 def _suspects(measured: Measured, why: str) -> list[Suspect]:
     suspects = []
-    for clip in measured.store.clips:
+    for clip in measured.store.clips():
         if clip.source:
             continue
         flags_per_second = clip.n_flags / float(measured.store.grid.seconds(clip.n_frames))

@@ -35,6 +35,7 @@ from dancedata.scene.pose_space import Space, poses_of
 from dancedata.scene.scene_list import Item
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.queries import require_intact
 
 #: Poses at a time whose distances are computed.
 _BLOCK = 1000
@@ -63,7 +64,7 @@ def write_samples_report(
     if to is not None:
         target = PageFiles.of(Path(to), [Path(against)], max_mb=max_mb, overwrite=overwrite)
     with open_store(against) as store:
-        store.require_intact()
+        require_intact(store)
         beats = {clip: of_clip.beats.seconds for clip, of_clip in scores.music.items()}
         scenes = MotionScenes(scores.inputs, Path(scores.source).name, None, store.skeleton, beats)
         report, dancers = _compared(scenes, measure(store, Progress(quiet=not progress)), scores)

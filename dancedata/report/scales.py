@@ -37,7 +37,7 @@ class Scales:
     @classmethod
     def of(cls, datasets: Sequence[Measured]) -> Scales:
         """Choose borders that hold the values of all datasets."""
-        clips = [(m, c) for m in datasets for c in m.store.clips if not c.source]
+        clips = [(m, c) for m in datasets for c in m.store.clips() if not c.source]
 
         def of_clips(value: ClipValue) -> list[float]:
             return [v for m in datasets for v in clip_values(m, value)]
@@ -63,7 +63,7 @@ def music_gaps(measured: Measured) -> dict[str, float]:
     grid = measured.store.grid
     return {
         c.id: music - float(grid.seconds(c.n_frames))
-        for c in measured.store.clips
+        for c in measured.store.clips()
         if not c.source and (music := measured.clips[c.id].music_s) is not None
     }
 

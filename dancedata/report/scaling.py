@@ -78,5 +78,5 @@ def _other_rows(store: Store, name: str) -> Iterator[npt.NDArray[Any]]:
     """Yield the rows of all splits except train."""
     for split in store.splits:
         if split != "train":
-            clips = (clip for clip in store.clips if clip.split == split and not clip.source)
+            clips = (clip for clip in store if clip.split == split and not clip.source)
             yield from (clip.read(name) for clip in clips if (name in clip))

@@ -26,6 +26,7 @@ from dancedata.report.stills import still
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.pose_space import frontal
 from dancedata.store import Store, open_store
+from dancedata.store.queries import require_intact
 
 #: Number of clips of a page.
 Clips = int | Literal["all", "none"]
@@ -152,12 +153,12 @@ def write_report(
         options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)
     reporter = Progress(quiet=not progress)
     with open_store(store) as opened_store:
-        opened_store.require_intact()
+        require_intact(opened_store)
         measured = measure(opened_store, reporter)
         if against is None:
             return _report(measured.reader, document(measured, Scales.of([measured])), None, None, options)
         with open_store(against) as other:
-            other.require_intact()
+            require_intact(other)
             beside = measure(other, reporter)
             scales = Scales.of([measured, beside])
             compared = None if differences is None else differences(opened_store.path, other.path)

@@ -95,7 +95,7 @@ def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool
     >>> import dancedata
     >>> from dancedata.scene.motion_page import view_motions
     >>> ds = dancedata.open("data/aistpp")
-    >>> view_motions({"truth": ds.clips[0].motion(), "mine": ds.clips[1].motion()}, wall=True).title
+    >>> view_motions({"truth": ds.clips()[0].motion(), "mine": ds.clips()[1].motion()}, wall=True).title
     'truth, mine'
     """
     scenes = motion_scenes_of(motions, music)

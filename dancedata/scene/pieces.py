@@ -15,6 +15,7 @@ from dancedata.scene.scenes import drawable_fields, rhythm_fields
 from dancedata.store import Clip, Store
 from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import ColumnsReader
+from dancedata.store.queries import required_fields
 from dancedata.store.schema import Field
 
 #: Names of the groups of columns with contact labels.
@@ -76,7 +77,7 @@ class ClipReader:
         """Choose the fields: motion with contacts before other motion, and the first of the others that fit."""
         readers = drawable_fields(store)
         # Of fields that every clip has, where one can be drawn: clips without the field have no figures.
-        readers = {name: reader for name, reader in readers.items() if name in store.required_fields} or readers
+        readers = {name: reader for name, reader in readers.items() if name in required_fields(store)} or readers
         with_contacts = (n for n in readers if set(_CONTACTS) & set(readers[n].representation.columns.names))
         motion = next(with_contacts, next(iter(readers), None))
         fields = [store.field(name) for name in store.fields]
@@ -108,7 +109,7 @@ class ClipReader:
             return None, None
         if self.store[clip.id].music_offset < 0:
             lead, rows = self.store[clip.id].rows_within(field.name)
-            tables = self.store.tables
+            tables = self.store._tables
             n_rows = int(tables.spans[field.name].available[tables.find(clip.id)])
         else:
             lead, rows = 0, clip.read_song(field.name)
@@ -118,7 +119,7 @@ class ClipReader:
 
 def measured_units(store: Store) -> list[Sequence[Clip]]:
     """Return the clips and groups that are measured: no copies, and of slices those that do not overlap."""
-    units = [dancers for dancers in store.clips.units() if not dancers[0].source]
+    units = [dancers for dancers in store.clips().units() if not dancers[0].source]
     slices = [dancers[0] for dancers in units if dancers[0].slice_of]
     ends: dict[str, int] = {}
     overlapping = set()

@@ -153,7 +153,7 @@ class Space:
     @classmethod
     def of(cls, store: Store, windows: Mapping[str, Sequence[Window]]) -> Space:
         """Choose the steps from the size of a dataset."""
-        originals = [clip for clip in store.clips if not clip.source]
+        originals = [clip for clip in store if not clip.source]
         n_frames = sum(clip.n_frames for clip in originals)
         n_windows = sum(len(windows[clip.id]) for clip in originals)
         return cls(store.grid, max(1, -(-n_frames // _POSES)), max(1, -(-n_windows // _WINDOWS)))
@@ -194,7 +194,7 @@ class Space:
 
 def measured_poses(store: Store) -> Poses:
     """Measure the poses of a dataset alone; a report measures them with everything else."""
-    reader, windows = ClipReader.of(store), {clip.id: store[clip.id].windows() for clip in store.clips}
+    reader, windows = ClipReader.of(store), {clip.id: store[clip.id].windows() for clip in store}
     space = Space.of(store, windows)
     for clip in (clip for dancers in measured_units(store) for clip in dancers):
         piece = reader.piece(clip)

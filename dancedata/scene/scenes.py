@@ -25,6 +25,7 @@ from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.dataset import reopen
 from dancedata.store.motion_fields import ColumnsReader, motion_reader, pose_readers
+from dancedata.store.queries import fields_with, group_sizes, reference, required_fields
 from dancedata.store.schema import DATASET_FILE, Field
 
 _ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
@@ -45,7 +46,7 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
     """Return the audio fields that have beats, librosa35 first: two datasets are then compared by the same beats."""
-    names = [field.name for field in store.fields_with(BEAT)]
+    names = [field.name for field in fields_with(store, BEAT)]
     return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
@@ -88,7 +89,7 @@ class Scenes(SceneList):
         self.place, self.grid, self.body = str(store.path), store.grid, store.skeleton
         self.readers = drawable_fields(store)
         self.fields = tuple(self.readers)
-        common = [name for name in self.readers if name in store.required_fields]
+        common = [name for name in self.readers if name in required_fields(store)]
         self.field = next(iter([*common, *self.readers]), None) if field is None else self._drawable(field)
         self._rhythm_field = next(iter(rhythm_fields(store)), None)
         self._identity = self._file_identity()
@@ -97,7 +98,7 @@ class Scenes(SceneList):
     def items(self) -> tuple[Item, ...]:
         """The groups and clips in stored order."""
         items: list[Item] = []
-        for number, unit in enumerate(self.store.clips.units()):
+        for number, unit in enumerate(self.store.clips().units()):
             dancers = [clip.record for clip in unit]
             members = tuple(Item(number, clip, 0, clip.n_frames, source=clip.source) for clip in dancers)
             items.append(self._group(members) if dancers[0].group else members[0])
@@ -150,7 +151,7 @@ class Scenes(SceneList):
         return {
             "name": shown(meta.get("name", self.store.path.name), MAX_NAME), "fps": float(self.grid.rate),
             "rate": str(self.grid), **total,
-            "made": self.store.reference[1],
+            "made": reference(self.store)[1],
             "licence": shown(meta.get("licence", ""), 600), "citation": shown(meta.get("citation", ""), 600),
         }  # fmt: skip
 
@@ -159,7 +160,7 @@ class Scenes(SceneList):
         try:
             if self._file_identity() == self._identity:
                 return False
-            reopen(*self.store.reference)
+            reopen(*reference(self.store))
         except (OSError, StoreError):
             return True
         self._identity = self._file_identity()
@@ -298,8 +299,7 @@ class Scenes(SceneList):
     @cached_property
     def _sizes(self) -> dict[str, int]:
         """Dancers of each group in the source."""
-        groups = self.store.tables.groups
-        return dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
+        return group_sizes(self.store)
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

@@ -21,6 +21,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.formats.segment_files import write_segment_file
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Clip, Store, open_store
+from dancedata.store.queries import overlay
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.table_writer import write_segments
@@ -96,7 +97,7 @@ def _write(store: Store, file: Path, layer: str | None) -> None:
     if file.suffix.lower() not in SUFFIXES or file.exists():
         raise UsageError("the file exists already" if file.exists() else "not a file of segments", where=file,
                          allowed="a new .csv or .jsonl", fix="choose another --to")  # fmt: skip
-    clips = [(clip.id, found) for clip in store.clips if (found := store.segments(clip.id, layer))]
+    clips = [(clip.id, found) for clip in store if (found := store.segments(clip.id, layer))]
     try:
         with atomic_file(file) as temporary:
             write_segment_file(temporary, clips, suffix=file.suffix)
@@ -112,7 +113,7 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
         check_out(folder, overwrite=True)
         with open_store(folder, segments=file) as laid, open_store(folder) as store:
             augment, lexicons = _recipe(store)
-            of_file = laid.overlay.segments
+            of_file = overlay(laid).segments
             stored_layers: dict[tuple[Any, ...], Layer] = {
                 (layer_id(layer), layer.kind): layer for layer in store.layers
             }
@@ -125,19 +126,19 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
                         *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
                         *_of_clip(stated, store, clip, augment),
                     ])
-                    for clip in store.clips if clip.split == split
+                    for clip in store if clip.split == split
                 ]
                 for split in store.splits
             }  # fmt: skip
             with new_dataset(folder) as out:
                 _link(folder, out, store)
                 _write_dataset(out, store, clips)
-            return (*laid.overlay.notes, *_lost(stated, store))
+            return (*overlay(laid).notes, *_lost(stated, store))
 
 
 def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
     """Return a note on the segments that mirrored copies go without."""
-    copied = {clip.source for clip in store.clips if clip.id == f"{clip.source}__mirror" and clip.id not in stated}
+    copied = {clip.source for clip in store if clip.id == f"{clip.source}__mirror" and clip.id not in stated}
     lost = [s.layer.name for clip in copied for s in stated.get(clip, ()) if not s.can_be_mirrored]
     if not lost:
         return []

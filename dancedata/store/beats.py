@@ -12,6 +12,7 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import beat_rows_late
+from dancedata.store.queries import fields_with
 from dancedata.store.row_queries import RowQueries
 
 #: Group of the column with the beats.
@@ -45,7 +46,7 @@ def field_beats(rows: npt.NDArray[Any], field: AudioField) -> MusicBeats:
 
 def clip_beats(store: RowQueries, clip_id: str, field: str = "") -> npt.NDArray[np.float64]:
     """Return the instants of a clip's stored beats, (M,) seconds from its first frame; see `Clip.beats`."""
-    fields = {f.name: f for f in store.fields_with(BEAT)}
+    fields = {f.name: f for f in fields_with(store, BEAT)}
     name = field or next(iter(fields), "")
     if name not in fields:
         raise UsageError("no beats are stored" if not field else f"field {field!r} has no beats",

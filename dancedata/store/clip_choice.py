@@ -32,11 +32,11 @@ def require_where(store: RowQueries, where: Mapping[str, Any] | None) -> dict[st
         return {}
     if not isinstance(where, Mapping):
         raise UsageError("where is not a mapping", found=quoted(where, 60), allowed='such as {"x/level": (3, 4)}')
-    types = {**_TYPES, **store.tables.types}
+    types = {**_TYPES, **store._tables.types}
     chosen = {}
     for name, value in where.items():
         if name not in types:
-            fix = did_you_mean(str(name), [*store.tables.types, "clip", *_CHOOSABLE])
+            fix = did_you_mean(str(name), [*store._tables.types, "clip", *_CHOOSABLE])
             raise UsageError(f"where: no column {quoted(name, 60)}", where=str(store.path), fix=fix)
         values = tuple(value) if isinstance(value, (tuple, list, set, frozenset)) else (value,)
         allowed = _COMPARED[types[name]]

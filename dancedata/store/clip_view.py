@@ -15,7 +15,6 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
-from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.segment_queries import SegmentQueries
 
@@ -156,37 +155,11 @@ class Clip(ClipRecord):
 class Clips(Sequence[Clip]):
     """Clips of a store, in stored order; each is made on access, so that a million of them take an array.
 
-    ``ds.clips`` are all, ``ds.clips("train", genre=("gBR", "gPO"))`` those of a split with some values.
+    Made by `Store.clips`.
     """
 
-    def __init__(self, store: SegmentQueries, rows: Sequence[int] | npt.NDArray[np.int64] | None = None) -> None:
-        self._store, self._tables = store, store.tables
-        self._rows = range(self._tables.n_clips) if rows is None else rows
-
-    def __call__(self, split: str | None = None, **where: Any) -> Clips:
-        """Return those of a split, and with values in columns of ``to_pandas()``.
-
-        Parameters
-        ----------
-        split
-            One of ``ds.splits``; default: all.
-        **where
-            One value or several that a clip may have, by column, ``genre=("gBR", "gPO")``; of a column of lists,
-            lists that have one of them. Free columns, ``**{"x/level": 3}``, and `clip`, the id.
-
-        Raises
-        ------
-        UsageError
-            For an unknown split or column, or values of another type.
-        """
-        keep = np.ones(self._tables.n_clips, dtype=np.bool_)
-        if split is not None:
-            self._store._rows_of_split(split)
-            keep &= self._tables.in_split(split)
-        for name, values in require_where(self._store, where).items():
-            keep &= clips_with(self._tables, name, values)
-        rows = np.asarray(self._rows, dtype=np.int64)
-        return Clips(self._store, rows[keep[rows]])
+    def __init__(self, store: SegmentQueries, rows: range | npt.NDArray[np.int64]) -> None:
+        self._store, self._tables, self._rows = store, store._tables, rows
 
     def __len__(self) -> int:
         return len(self._rows)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -15,11 +14,13 @@ from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.core.text import shown
 from dancedata.execution.addresses import Origin, local_folder, origin_of
 from dancedata.files.regular_file import sha256_file
+from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
+from dancedata.store.queries import reference
 from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
@@ -72,10 +73,10 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     folder = local_folder(path).absolute()
     description, listed = open_listed(folder)
     store = Store(folder, description, listed)
-    store.mapped = mapped
+    store._mapped = mapped
     if files:
-        store.overlay = SegmentOverlay.read(
-            [Path(f).expanduser() for f in files], store.reference[1], store._seconds_of
+        store._overlay = SegmentOverlay.read(
+            [Path(f).expanduser() for f in files], store._description.self_sha256, store._seconds_of
         )
     return store
 
@@ -100,23 +101,14 @@ class Store(SegmentQueries):
         The same rate as a `FrameGrid`.
     skeleton
         The motion's skeleton.
-    meta
+    info
         dataset.json.
-    overlay
-        Segments of files that were named when it was opened.
-    mapped
-        Whether readers copy rows from mapped files.
     """
 
-    mapped = True
+    _mapped = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, (*self.reference, self.overlay, self.mapped)
-
-    @cached_property
-    def reference(self) -> tuple[str, str]:
-        """Arguments for `reopen`: the path, and a hash of dataset.json."""
-        return str(self.path), self._description.self_sha256
+        return reopen, (*reference(self), self._overlay, self._mapped)
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
@@ -139,17 +131,37 @@ class Store(SegmentQueries):
         """
         numbers: Iterable[int] = range(len(self._shard_readers))
         if clips is not None:
-            numbers = set(self.tables.shard_of([self._row(clip) for clip in clips]).tolist())
+            numbers = set(self._tables.shard_of([self._row(clip) for clip in clips]).tolist())
         for name in (TABLES_FILE, SEGMENTS_FILE):
             if name in self._files:
                 self._files[name].require_bytes(sha256)
         for number in numbers:
             self._shard_readers[number].require_bytes(sha256)
 
-    @property
-    def clips(self) -> Clips:
-        """All clips: split by split, in stored order; ``ds.clips("train", genre="gBR")`` are some of them."""
-        return Clips(self)
+    def clips(self, split: str | None = None, **where: Any) -> Clips:
+        """Return the clips of a split with some values, ``ds.clips("train", genre=("gBR", "gPO"))``; default: all.
+
+        Parameters
+        ----------
+        split
+            One of ``ds.splits``; default: all, split by split, in stored order.
+        **where
+            One value or several that a clip may have, by column of ``to_pandas()``; of a column of lists, lists that
+            have one of them. Free columns, ``**{"x/level": 3}``, and `clip`, the id.
+
+        Raises
+        ------
+        UsageError
+            For an unknown split or column, or values of another type.
+        """
+        rows = range(self._tables.n_clips)
+        chosen = rows if split is None else rows[self._rows_of_split(split).clips]
+        if not where:
+            return Clips(self, chosen)
+        keep = np.ones(len(rows), dtype=np.bool_)
+        for name, values in require_where(self, where).items():
+            keep &= clips_with(self._tables, name, values)
+        return Clips(self, np.flatnonzero(keep[chosen.start : chosen.stop]) + chosen.start)
 
     @property
     def origin(self) -> Origin | None:
@@ -169,7 +181,7 @@ class Store(SegmentQueries):
 
     def __len__(self) -> int:
         """Return the number of clips."""
-        return len(self.clips)
+        return self._tables.n_clips
 
     def __bool__(self) -> bool:
         """Return True, also without clips."""
@@ -177,15 +189,15 @@ class Store(SegmentQueries):
 
     def __iter__(self) -> Iterator[Clip]:
         """Yield the clips, split by split, in stored order."""
-        return iter(self.clips)
+        return iter(self.clips())
 
     def __getitem__(self, clip_id: str) -> Clip:
         """Return a clip by id, ``ds["ID"]["edge151"]`` are its rows of a field; UsageError with the closest id."""
-        return Clip.of(self, self.tables.record(self._row(clip_id)))
+        return Clip.of(self, self._tables.record(self._row(clip_id)))
 
     def __contains__(self, clip_id: object) -> bool:
         """Return whether there is a clip of this id."""
-        return self.tables.find(str(clip_id)) is not None
+        return self._tables.find(str(clip_id)) is not None
 
     def to_pandas(self, table: str = "clips") -> DataFrame:
         """Return a table as a pandas DataFrame, for filters, plots, CSV and parquet (``df.to_parquet``).
@@ -207,7 +219,7 @@ class Store(SegmentQueries):
         """
         from dancedata.store.tables_out import table_of
 
-        return table_of(self, self.clips, table)
+        return table_of(self, self.clips(), table)
 
     def scaler(
         self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax", covers: Augment = ()
@@ -260,7 +272,7 @@ class Store(SegmentQueries):
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
     store = open_store(path, mapped=mapped)
-    store.overlay = overlay or store.overlay
-    if store.reference[1] != sha256:
+    store._overlay = overlay or store._overlay
+    if store._description.self_sha256 != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")
     return store

@@ -46,8 +46,8 @@ class FreeColumn:
 
 def free_columns(store: Store) -> tuple[FreeColumn, ...]:
     """Return the free columns of a dataset, by name."""
-    types = store.tables.types
-    clips = [clip for clip in store.clips if not clip.source] if types else []
+    types = store._tables.types
+    clips = [clip for clip in store if not clip.source] if types else []
     return tuple(_column(name, kind, clips) for name, kind in sorted(types.items()))
 
 

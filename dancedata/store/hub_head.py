@@ -12,6 +12,7 @@ from dancedata.core.text import shown
 from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.licence import clips_by_terms
+from dancedata.store.queries import required_fields
 
 #: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
 _LICENCES = (
@@ -103,7 +104,7 @@ def head(
     `viewer`: Whether a hub can show the files as a table.
     """
     name, licence = strictest(store)
-    n = sum(len(store.windows(split, fields=store.required_fields)) for split in splits) or len(store.clips)
+    n = sum(len(store.windows(split, fields=required_fields(store))) for split in splits) or len(store)
     kinds = {store.field(field).kind for field in store.fields}
     tags = ["dance", "human-motion", "motion-capture", "dancedata"]
     tags += ["music", "music-to-dance"] if "audio" in kinds else []

@@ -18,7 +18,7 @@ def clips_by_terms(store: Store) -> dict[Licence | None, int]:
     """Return the number of clips, without copies, of each of `Store.licences`; None: those of the dataset."""
     if not store.licences:
         return {}
-    numbers = Counter(clip.licence for clip in store.clips if not clip.source)
+    numbers = Counter(clip.licence for clip in store if not clip.source)
     terms = {k: licence for k, licence in enumerate(store.licences)}
     return {terms.get(k): numbers[k] for k in sorted(numbers, key=lambda k: (k < 0, k))}
 

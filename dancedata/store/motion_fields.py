@@ -20,6 +20,7 @@ from dancedata.core.plugins import ContactRule, Representation, SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.store.queries import fields_with
 from dancedata.store.row_queries import RowQueries
 from dancedata.store.scaling import Scaling
 from dancedata.store.schema import Field
@@ -234,7 +235,7 @@ def pose_readers(store: RowQueries) -> dict[str, ColumnsReader]:
 def motion_readers(store: RowQueries) -> dict[str, ColumnsReader]:
     """Return a reader of each motion field whose plug-in is installed, in the order of the dataset."""
     readers = {}
-    for field in store.fields_with(kind="motion"):
+    for field in fields_with(store, kind="motion"):
         with suppress(UsageError):  # `motion_reader` of this field raises the reason
             readers[field.name] = _reader(store, field)
     return readers

@@ -55,7 +55,7 @@ class RowQueries(StoreTables):
             and rows.
         """
         self._rows_of_split(split)
-        tables = self.tables
+        tables = self._tables
         requested = self._window_grid(length_s=length_s, length=length, stride_s=stride_s, stride=stride)
         stored = WindowGrid(self._description.length, self._description.stride)
         window_fields = [self.field(name) for name in names("fields", fields or tuple(self._fields))]
@@ -82,7 +82,7 @@ class RowQueries(StoreTables):
         UsageError for an unknown clip or field.
         """
         f = self.field(field)
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         return not f.optional or bool(tables.having(f)[row])
 
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
@@ -91,7 +91,7 @@ class RowQueries(StoreTables):
 
     def _windows_of(self, clip_id: str) -> tuple[Window, ...]:
         """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         starts = tables.window_start[tables.positions_of(row)].tolist()
         return tuple(Window(clip_id, start, tables.window_length) for start in starts)
 
@@ -105,7 +105,7 @@ class RowQueries(StoreTables):
         Raises UsageError: for an unknown clip.
         """
         window_fields = [self.field(name) for name in fields or self._fields]
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
         return window_starts(tables, row, self._description, window_grid, window_fields, trim)
 
@@ -114,7 +114,7 @@ class RowQueries(StoreTables):
 
         Returns the row at which they begin, counted from frame 0, and the rows.
         """
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         lead = tables.spans[field].lead(row) if field in tables.spans else 0
         if not lead:
             return 0, self._read_clip(clip_id, field)
@@ -156,7 +156,7 @@ class RowQueries(StoreTables):
                 fix='take one of ds.windows("train"); a whole clip is ds[ID].read(FIELD)',
             )
         f = self.field(field)
-        tables, row = self.tables, self._row(window.clip)
+        tables, row = self._tables, self._row(window.clip)
         first, length = locate_view(tables, row, window, f, self.grid)
         return RowSpan(self._shard_readers[int(tables.shard_of(row))], first, length)
 
@@ -173,7 +173,7 @@ class RowQueries(StoreTables):
             lengths = sorted({int(n) for n in windows.length})
             raise StoreError("the windows of a split differ in length", where=str(self.path), found=lengths)
         n_rows = self.grid.rows(int(windows.length[0]), of=f.grid)
-        tables, row = self.tables, self._rows_of(windows)
+        tables, row = self._tables, self._rows_of(windows)
         first, bad = locate_windows(tables, row, windows, f, self.grid)
         if bad.any():
             self._locate(windows[int(np.argmax(bad))], field)
@@ -182,15 +182,15 @@ class RowQueries(StoreTables):
     def _clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
         """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""
         rows = self._rows_of(windows).tolist()
-        return {name: self.tables.values(name, rows) for name in names}
+        return {name: self._tables.values(name, rows) for name in names}
 
     def _shards_of(self, windows: WindowList) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
         """Return the shards of the dataset, and the number (W,) of each window's shard among them."""
-        return self._shard_readers, self.tables.shard_of(self._rows_of(windows)).astype(np.int32)
+        return self._shard_readers, self._tables.shard_of(self._rows_of(windows)).astype(np.int32)
 
     def _rows_of(self, windows: WindowList) -> Whole:
         """Return the rows (W,) of the clips of windows, which may be those of another opened dataset."""
-        if windows.clip_ids is self.tables.ids:
+        if windows.clip_ids is self._tables.ids:
             return windows.clip
         used, number = np.unique(windows.clip, return_inverse=True)
         return np.array([self._row(windows.clip_ids[k]) for k in used.tolist()], dtype=np.int64)[number]
@@ -211,7 +211,7 @@ class RowQueries(StoreTables):
 
         Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
         """
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         start = tables.record(row).audio_start
         if start:
             return start  # exact, where rows begin at a fraction of one
@@ -222,7 +222,7 @@ class RowQueries(StoreTables):
 
     def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
         f = self.field(field)
-        tables, row = self.tables, self._row(clip_id)
+        tables, row = self._tables, self._row(clip_id)
         require_field(tables, row, f)
         spans = tables.spans[field]
         rows, lead = int(spans.available[row]), spans.lead(row)

@@ -75,7 +75,7 @@ class Samples:
     @cached_property
     def _groups(self) -> dict[str, list[Clip]]:
         groups: dict[str, list[Clip]] = {}
-        for clip in self.store.clips:
+        for clip in self.store.clips():
             if clip.group:
                 groups.setdefault(clip.group, []).append(clip)
         return groups
@@ -83,7 +83,7 @@ class Samples:
     @cached_property
     def _shortened(self) -> dict[str, str]:
         """Names of clips and groups by those of ids that do not give them back: shortened, or composed."""
-        names = (name for clip in self.store.clips for name in (clip.id, clip.group) if name)
+        names = (name for clip in self.store.clips() for name in (clip.id, clip.group) if name)
         return {safe: name for name in names if SampleId.parse(safe := safe_name(name)).clip != name}
 
     def _clips(self, of: SampleId) -> tuple[Clip, ...]:
@@ -122,7 +122,7 @@ class Samples:
         sample = self.find(name)
         if sample is None:
             clip = SampleId.parse(name).clip
-            ids = [*(c.id for c in self.store.clips), *self._groups]
+            ids = [*(c.id for c in self.store.clips()), *self._groups]
             raise DataError(f"the dataset has no clip {clip!r}", reason="no_clip", where=str(name),
                             fix=nearest(clip, ids, "clip", self.store.path))  # fmt: skip
         return sample

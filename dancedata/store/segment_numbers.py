@@ -93,7 +93,7 @@ def layer_numbers(store: Store) -> tuple[LayerNumbers, ...]:
 def _rows(store: Store) -> tuple[list[_Rows], int]:
     """Return the segments of each layer, of clips that are not copies, and the number of frames of these clips."""
     parts: list[list[tuple[int, int, int, str, tuple[str, ...]]]] = [[] for _ in store.layers]
-    tables, table = store.tables, store._segment_table
+    tables, table = store._tables, store._segment_table
     source = tables.columns.get("source")
     own = np.array([source is None or not source[row] for row in range(tables.n_clips)], dtype=np.bool_)
     n_frames = int(np.asarray(tables.n_frames)[own].sum())

@@ -26,7 +26,7 @@ class SegmentQueries(RowQueries):
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         """Layers of segments, by their numbers; those of laid-over files are the last."""
-        return self._description.layers + self.overlay.layers
+        return self._description.layers + self._overlay.layers
 
     @overload
     def segments(self, of: str | ClipRecord, layer: str | None = None) -> list[Segment]: ...
@@ -49,15 +49,15 @@ class SegmentQueries(RowQueries):
             return [placed.loaded() for placed in self._segment_rows_in(of, layer)]
         clip_id = of.id if isinstance(of, ClipRecord) else of
         table, row = self._segment_table, self._row(clip_id)
-        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self.tables.ids)
-        segments = self.overlay.over(clip_id, stored)
+        stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self._tables.ids)
+        segments = self._overlay.over(clip_id, stored)
         return [segment for segment in segments if layer in (None, segment.layer.name)]
 
     def _segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
         """Return the same as `segments` of a window, except that each segment is read when it is asked for."""
         row = self._row(window.clip)
-        group = int(self.tables.group_of[row])
-        first = int(self.tables.groups["first"][group]) if group >= 0 else row
+        group = int(self._tables.group_of[row])
+        first = int(self._tables.groups["first"][group]) if group >= 0 else row
         segments = self._placed(row, window, layer)
         if first != row:
             segments += [placed for placed in self._placed(first, window, layer) if placed.whole]
@@ -76,13 +76,13 @@ class SegmentQueries(RowQueries):
 
     def _seconds_of(self, clip_id: str) -> Fraction | None:
         """Return the length of a clip in seconds; None if there is no such clip."""
-        row = self.tables.find(clip_id)
-        return None if row is None else self.grid.seconds(int(self.tables.n_frames[row]))
+        row = self._tables.find(clip_id)
+        return None if row is None else self.grid.seconds(int(self._tables.n_frames[row]))
 
     def _placed(self, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
-        tables, table = self.tables, self._segment_table
+        tables, table = self._tables, self._segment_table
         clip = tables.ids[row]
-        if clip in self.overlay.segments:
+        if clip in self._overlay.segments:
             n_frames = int(tables.n_frames[row])
             in_window = [
                 PlacedRow.of_segment(s, *s.frames(self.grid, n_frames), window) for s in self.segments(clip, layer)
@@ -113,7 +113,7 @@ class SegmentQueries(RowQueries):
         numbers = [k for k, layer in enumerate(layers) if layer.name == QUALITY]
         if table is None or not numbers:
             return
-        columns, ids = table.columns, self.tables.ids
+        columns, ids = table.columns, self._tables.ids
         for k in np.flatnonzero(np.isin(columns["layer"], numbers)).tolist():
             value = float(columns["value"][k])
             flag: dict[str, Any] = {"clip": ids[int(columns["clip"][k])]}

@@ -12,6 +12,7 @@ from dancedata.core.text import listed, shown
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
+from dancedata.store.queries import fields_with
 from dancedata.store.schema import Field
 
 T = TypeVar("T")
@@ -130,7 +131,7 @@ class _Recording:
 
 def sound_field(store: Store) -> Field | None:
     """Return the audio field whose columns show how a song sounds, MFCC and chroma; None without one."""
-    return next((f for f in store.fields_with() if len(_sound_columns(f)) > 12), None)
+    return next((f for f in fields_with(store) if len(_sound_columns(f)) > 12), None)
 
 
 def _sound_columns(field: Field) -> list[int]:
@@ -178,8 +179,8 @@ def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = 
     fields = next(
         (
             (a, b)
-            for a in one.fields_with()
-            for b in other.fields_with()
+            for a in fields_with(one)
+            for b in fields_with(other)
             if len(_sound_columns(a)) > 12 and (a.name, a.columns.labels) == (b.name, b.columns.labels)
             if _compared_rate(a) == _compared_rate(b)
         ),
@@ -188,7 +189,7 @@ def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = 
     if fields is None:
         return "they have no field with MFCC and chroma in common, as librosa35"
     stores = (one, other)
-    songs = [songs_of(store.clips) for store in stores]
+    songs = [songs_of(store.clips()) for store in stores]
     chosen = [_clips_of_song(store, of_store) for store, of_store in zip(stores, songs, strict=True)]
     if len(chosen[0]) * len(chosen[1]) > MAX_PAIRS:
         return f"there are more than {MAX_PAIRS:,} pairs"
@@ -212,9 +213,9 @@ def _compared_rate(field: Field) -> float:
 
 def _clips_of_song(store: Store, songs: Mapping[str, str]) -> dict[tuple[str, str | None], list[Clip]]:
     """Return a clip for every song and signal, or all slices of the clip that has most."""
-    hashes = music_hashes(store.clips)
+    hashes = music_hashes(store.clips())
     candidates: dict[tuple[str, str | None], dict[str, list[Clip]]] = defaultdict(dict)
-    for clip in store.clips:
+    for clip in store:
         if clip.id in songs and not clip.source:
             candidates[songs[clip.id], hashes.get(clip.id)].setdefault(clip.original, []).append(clip)
     return {key: max(by_original.values(), key=len) for key, by_original in candidates.items()}
@@ -229,7 +230,7 @@ def _recordings(
 ) -> Iterator[_Recording]:
     """Yield the songs of a dataset that are long enough to be compared."""
     splits = defaultdict(set)
-    for clip in store.clips:
+    for clip in store:
         if clip.id in songs:
             splits[songs[clip.id]].add(clip.split)
     rate, columns = _compared_rate(field), _sound_columns(field)

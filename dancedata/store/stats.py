@@ -89,7 +89,7 @@ def field_stats(f: Field, length: int, shards: Iterable[ShardRows], opened: Open
 
 def stored_stats(store: RowQueries, f: Field) -> dict[str, Any]:
     """Return the entry of a field by the rows of a dataset: of shared ones what does not depend on their times."""
-    readers, length = store._shards("train"), store.grid.rows(store.tables.window_length, of=f.grid)
+    readers, length = store._shards("train"), store.grid.rows(store._tables.window_length, of=f.grid)
     numbers = field_stats(f, length, train_rows(store, f), lambda k: nullcontext(partial(readers[k].rows, f.name)))
     # How often equal rows of several songs count is not stored.
     return {key: value for key, value in (numbers or {}).items() if f.per_clip or key in ("min", "max", "scaler")}
@@ -97,7 +97,7 @@ def stored_stats(store: RowQueries, f: Field) -> dict[str, Any]:
 
 def train_rows(store: RowQueries, f: Field) -> Iterator[ShardRows]:
     """Yield what `covered` takes of the train shards of a dataset: timelines of several shards by a hash of rows."""
-    tables, train = store.tables, store._rows_of_split("train")
+    tables, train = store._tables, store._rows_of_split("train")
     has_rows = tables.having(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][has_rows]
     starts = tables.rows_of(f, store.grid)[train.windows][has_rows]

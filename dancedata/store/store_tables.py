@@ -13,7 +13,7 @@ from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.store.dataset_json import Description, SplitRows
 from dancedata.store.listed_file import ListedFile, SideFiles
-from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, Kind, sort_splits
+from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.table_file import SegmentTable, read_segments, read_tables
@@ -37,7 +37,7 @@ class StoreTables:
         self._side_files = SideFiles(path, description)
         self._files = files
         self._shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
-        self.overlay = SegmentOverlay()
+        self._overlay = SegmentOverlay()
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
@@ -45,30 +45,6 @@ class StoreTables:
             fix = did_you_mean(str(name), self._fields)
             raise UsageError(f"no field named {shown(name)!r}", where=str(self.path), fix=fix)
         return self._fields[name]
-
-    @property
-    def required_fields(self) -> tuple[str, ...]:
-        """Names of the fields that every clip has."""
-        return tuple(name for name, f in self._fields.items() if not f.optional)
-
-    @property
-    def optional_fields(self) -> tuple[str, ...]:
-        """Names of the fields that a clip may not have."""
-        return tuple(name for name, f in self._fields.items() if f.optional)
-
-    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
-        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
-        return tuple(f for f in self._fields.values() if f.kind == kind and set(groups) <= set(f.columns.names))
-
-    @property
-    def has_slices(self) -> bool:
-        """Whether clips are slices, see `ClipRecord.slice_of`."""
-        return "slice_of" in self.tables.columns
-
-    @property
-    def slice_length(self) -> int | None:
-        """Frames of the slices; None where clips are whole."""
-        return int(self.tables.n_frames[0]) if self.has_slices else None
 
     @property
     def licences(self) -> tuple[Licence, ...]:
@@ -81,7 +57,7 @@ class StoreTables:
         return self._side_files.rejects
 
     @cached_property
-    def tables(self) -> Tables:
+    def _tables(self) -> Tables:
         """The tables of the dataset, read on first use; StoreError if they do not fit it."""
         return read_tables(self._files[TABLES_FILE], self._description)
 
@@ -89,7 +65,7 @@ class StoreTables:
     def _segment_table(self) -> SegmentTable | None:
         """Columns of the segments, read on first use; None without any."""
         file = self._files.get(SEGMENTS_FILE)
-        return None if file is None else read_segments(file, self.tables.n_clips, self._description)
+        return None if file is None else read_segments(file, self._tables.n_clips, self._description)
 
     def _rows_of_split(self, split: str) -> SplitRows:
         """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""
@@ -103,8 +79,8 @@ class StoreTables:
 
     def _row(self, clip_id: str) -> int:
         """Return the row of a clip; UsageError with the closest id if there is none."""
-        row = self.tables.find(clip_id) if isinstance(clip_id, str) else None
+        row = self._tables.find(clip_id) if isinstance(clip_id, str) else None
         if row is None:
-            fix = nearest(str(clip_id), list(self.tables.ids), "clip", self.path)
+            fix = nearest(str(clip_id), list(self._tables.ids), "clip", self.path)
             raise UsageError(f"no clip named {shown(clip_id)!r}", where=str(self.path), fix=fix)
         return row

@@ -11,6 +11,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.core.text import shown
 from dancedata.store.clip_columns import FREE, ClipRecord
+from dancedata.store.queries import optional_fields, required_fields
 from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> D
 
 def free_types(store: SegmentQueries) -> dict[str, str]:
     """Return the types of the free columns, by name with the prefix."""
-    return dict(store.tables.types)
+    return dict(store._tables.types)
 
 
 def clip_row(store: SegmentQueries, clip: ClipRecord, free: Iterable[str]) -> dict[str, Any]:
@@ -42,7 +43,7 @@ def clip_row(store: SegmentQueries, clip: ClipRecord, free: Iterable[str]) -> di
     names = [each.name for each in fields(ClipRecord) if each.name not in {*row, "columns"}]
     row |= {name: _plain(getattr(clip, name)) for name in names}
     row["licence"] = _licence(store, clip)
-    row |= {"without": list(store._without(clip.id, store.fields))} if store.optional_fields else {}
+    row |= {"without": list(store._without(clip.id, store.fields))} if optional_fields(store) else {}
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
 
 
@@ -63,7 +64,7 @@ def _clips(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[
 
 
 def _windows(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
-    fields = store.required_fields  # windows of clips without an optional field as well
+    fields = required_fields(store)  # windows of clips without an optional field as well
     return (
         window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
     )

@@ -79,7 +79,7 @@ def verify_store(path: str | Path) -> list[Problem]:
         with Store(folder, description, files) as store:
             in_tables = list(verify_tables(store, description))
             problems += in_tables
-            tables = None if in_tables else store.tables
+            tables = None if in_tables else store._tables
             records += tables.records() if tables is not None else ()
             for number, entry in enumerate(description.shards):
                 if entry.file not in damaged:  # a shard that differs is not parsed
@@ -242,7 +242,7 @@ def _check_splits(folder: Path, description: Description, records: Sequence[Clip
 
 def _find_alike_songs(folder: Path, description: Description) -> Iterator[Problem]:
     with open_store(folder) as store:
-        songs = songs_of(store.clips)
+        songs = songs_of(store.clips())
         alike = alike_songs(store, songs)
     if alike is None:
         why = f"there are more than {MAX_PAIRS:,} pairs"

@@ -57,7 +57,7 @@ def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
     """Yield the problems of the tables and segments of a dataset."""
     where = str(store.path / TABLES_FILE)
     try:
-        tables = store.tables
+        tables = store._tables
         messages = [
             *_check_attributes(store, description),
             *_check_clips(tables, description),

@@ -370,8 +370,8 @@ def _check_copies(spec: Copy, motion: str, transforms: Sequence[Any], folder: Pa
     errors = [str(p) for p in verify_store(out) if p.severity == "error"]
     require(not errors, f"a dataset with copies is sound: {errors}")
     with open_store(out) as store:
-        train = [c.id for c in store.clips if c.split == "train" and not c.source]
-        copies = {c.source: c.id for c in store.clips if c.source}
+        train = [c.id for c in store if c.split == "train" and not c.source]
+        copies = {c.source: c.id for c in store if c.source}
         require(bool(train), "the example has clips to train on")
         require(copies == {c: spec.clip_id(c) for c in train}, "every train clip, and no other, has a copy")
         counts = {c: len(store[c].windows()) for pair in copies.items() for c in pair}

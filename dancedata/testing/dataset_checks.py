@@ -113,7 +113,7 @@ def _check_build(recipe: Any, scan: Scan, source: Path, out: Path) -> None:
     require(not errors, f"the example's dataset is sound: {errors}")
     field = recipe.motion[0]
     with open_store(out) as store:
-        built = {clip.original for clip in store.clips}
+        built = {clip.original for clip in store}
         require(built == {ref.id for ref in scan.clips}, "every clip of the example is built")
         for split in store.splits:
             rows = store.read(store.windows(split)[0], field.name)

@@ -61,7 +61,7 @@ def store_html(store: Store) -> str:
         f"<div><p>{head}</p>"
         f"{_table(('split', *kinds, 'minutes'), splits)}"
         f"{_table(('field', 'kind', 'columns', 'rows per second'), fields)}"
-        f"<p>{_text(store.info.get('licence', ''))}</p>{clips_html(store.clips[:MOST_CLIPS], len(store.clips))}</div>"
+        f"<p>{_text(store.info.get('licence', ''))}</p>{clips_html(store.clips()[:MOST_CLIPS], len(store))}</div>"
     )
 
 

@@ -277,7 +277,7 @@ def samples(camera: Camera, data: Data, theme: str, size: tuple[int, int] = (128
     if not page.exists():
         folder.mkdir()
         with dancedata.open(data.demo) as store:
-            for number, clip in enumerate([clip for clip in store.clips if clip.split == "test"][:6]):
+            for number, clip in enumerate(store.clips("test")[:6]):
                 columns = uniform_filter1d(clip.read("edge151"), 3 + 4 * number, axis=0, mode="nearest")
                 if number == 1:
                     columns[:, 6] += np.linspace(0, 1, len(columns))

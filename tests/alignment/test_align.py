@@ -176,8 +176,8 @@ def test_auto_is_found_recorded_and_the_rest_rejected(auto: Path, tmp_path: Path
     store = built.open()
     assert verify_store(tmp_path / "out") == []
     offsets = {row.name: row for row in align(auto, cache).rows}
-    assert {clip.id for clip in store.clips} == set(PLANTED)
-    for clip in store.clips:
+    assert {clip.id for clip in store} == set(PLANTED)
+    for clip in store:
         assert clip.audio_start == offsets[clip.id].start_of(offsets[clip.id].clips[0])
         assert float(clip.audio_start) == pytest.approx(PLANTED[clip.id] / 1000, abs=FRAME_S)
         assert clip.audio_start_by.startswith("align 1: ")

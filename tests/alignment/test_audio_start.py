@@ -148,7 +148,7 @@ def test_music_that_begins_later_is_drawn_and_reported(tmp_path: Path, build: An
     assert np.abs(rhythm.beats * 30 + 1 - beats).max() <= 0.5
     assert (rhythm.onset[:lead] == 0).all()
     assert len(rhythm.onset) == lead + len(rows) - 1
-    piece = ClipReader.of(store).piece(store.clips[0])
+    piece = ClipReader.of(store).piece(store.clips()[0])
     assert piece is not None
     assert piece.beats is not None
     assert (piece.beats.frames == beats).all()
@@ -192,7 +192,7 @@ def two_splits(tmp_path: Path, song: np.ndarray, monkeypatch: Any) -> Path:
 def test_what_reads_whole_songs_reads_them(tmp_path: Path, build: Any, two_splits: Path, start: str) -> None:
     store = build(start)
     assert verify_store(tmp_path / "out") == []
-    assert len(alike_songs(store, songs_of(store.clips)) or ()) == 0
+    assert len(alike_songs(store, songs_of(store.clips())) or ()) == 0
     (two_splits / "a.wav").write_bytes((two_splits / "b.wav").read_bytes())
     shutil.copytree(tmp_path / "source", tmp_path / "other" / "source")
     other = build(start, tmp_path / "other")

@@ -151,7 +151,7 @@ def test_copies_are_those_of_faster_motion_and_music(built: tuple[Any, Any], sou
     recipe, store = built
     assert [p for p in verify_store(store.path) if p.severity == "error"] == []
     refs = {ref.id: ref for ref in recipe.dataset.scan(source).clips}
-    train = [clip for clip in store.clips if clip.split == "train" and not clip.source]
+    train = [clip for clip in store if clip.split == "train" and not clip.source]
     assert train
     for clip in train:
         for name, speed in (("tempo", Fraction(5, 4)), ("tempo.slow", Fraction(9, 10))):
@@ -190,14 +190,14 @@ def test_plan_parts_and_jobs_see_the_same_copies(source: Path, tmp_path: Path) -
     assert all(sha256_file(tmp_path / "a" / s) == sha256_file(tmp_path / "b" / s) for s in shards[0])
     store = dancedata.open(tmp_path / "a")
     # Stretched copies of a song are not counted as songs, nor shared by another split.
-    songs = songs_of(store.clips)
-    assert all(songs[clip.id] == songs[clip.source] for clip in store.clips if clip.source)
+    songs = songs_of(store.clips())
+    assert all(songs[clip.id] == songs[clip.source] for clip in store if clip.source)
     assert {split: own["songs"] for split, own in store.info["splits"].items()} == {
         split: own["songs"] for split, own in plan["splits"].items()
     }
     assert splits(store).songs.counts["train"]["train"] == plan["splits"]["train"]["songs"] == 1
     for split, counts in plan["splits"].items():
-        mine = [clip for clip in store.clips if clip.split == split]
+        mine = list(store.clips(split))
         assert counts == {
             "clips": len(mine),
             "windows": len(store.windows(split)),
@@ -212,7 +212,7 @@ def test_copies_too_short_for_a_window_are_rejects(source: Path, cache: Path, tm
     recipe = parse_recipe(document(augment={"tempo": {"speeds": [1.25]}}, **keys))
     build(recipe, source, tmp_path / "out", cache=cache)
     store = dancedata.open(tmp_path / "out")
-    train = [clip.id for clip in store.clips if clip.split == "train"]
+    train = [clip.id for clip in store if clip.split == "train"]
     assert {(r["clip"], r["reason"]) for r in store.rejects} == {(f"{clip}__tempo", "too_short") for clip in train}
 
 

@@ -177,7 +177,7 @@ def test_another_parameter_of_the_audio_recomputes_no_motion(
     assert loads == []
     assert len(extracts) == 2
     with dancedata.open(out) as new, dancedata.open(built) as old:
-        clip = new.clips[0].id
+        clip = new.clips()[0].id
         assert np.array_equal(new[clip].read("edge151"), old[clip].read("edge151"))
         assert not np.array_equal(new[clip].read("librosa35"), old[clip].read("librosa35"))
 

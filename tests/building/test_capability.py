@@ -52,8 +52,8 @@ def stores(tmp_path_factory: pytest.TempPathFactory) -> tuple[Store, Store]:
 def test_motion_of_all_clips_and_copies_goes_through_the_transform(stores: tuple[Store, Store]) -> None:
     smoothed, plain = stores
     assert verify_store(smoothed.path) == []
-    assert any(clip.group for clip in smoothed.clips)
-    for clip in smoothed.clips:
+    assert any(clip.group for clip in smoothed.clips())
+    for clip in smoothed.clips():
         pelvis, before = (store[clip.id].read("joints")[:, :3] for store in stores)
         assert 0 < np.abs(np.diff(pelvis, n=2, axis=0)).sum() < np.abs(np.diff(before, n=2, axis=0)).sum()
     assert plain.info["recipe"]["transforms"] == []
@@ -63,8 +63,8 @@ def test_a_field_sees_all_dancers_of_clips_and_of_copies_at_their_speed(stores: 
     store, plain = stores
     assert store.info["recipe"]["fields"] == {"apart": {"fps": "10", "optional": False, FILE_KEY: ANY}}
     assert (store.field("apart").kind, "apart" in plain.fields) == ("motion", False)
-    for clip in store.clips:
-        together = [c for c in store.clips if c.group == clip.group and clip.group] or [clip]
+    for clip in store:
+        together = [c for c in store if c.group == clip.group and clip.group] or [clip]
         pelvis = np.stack([store[c.id].read("joints")[::3, :3] for c in together])
         rows, apart = clip.read("apart"), np.linalg.norm(pelvis - pelvis.mean(axis=0), axis=-1)
         assert rows.shape == (len(pelvis[0]), 1)
@@ -74,7 +74,7 @@ def test_a_field_sees_all_dancers_of_clips_and_of_copies_at_their_speed(stores: 
 
 def test_segments_of_copies_are_at_their_speed(stores: tuple[Store, Store]) -> None:
     store, _ = stores
-    copied = [clip for clip in store.clips if clip.id.endswith("__tempo")]
+    copied = [clip for clip in store if clip.id.endswith("__tempo")]
     marked = [clip for clip in copied if store.segments(clip.id, "leaps")]
     assert marked
     for clip in marked:
@@ -86,8 +86,8 @@ def test_segments_of_copies_are_at_their_speed(stores: tuple[Store, Store]) -> N
 def test_windows_that_the_rule_names_are_left_out(stores: tuple[Store, Store]) -> None:
     store, plain = stores
     assert {r["reason"] for r in store.rejects} == {"filtered"} | {r["reason"] for r in plain.rejects}
-    for clip in store.clips:
-        group = [c.id for c in store.clips if c.group == clip.group and c.group] or [clip.id]
+    for clip in store:
+        group = [c.id for c in store if c.group == clip.group and c.group] or [clip.id]
         long = [s for name in group for s in store.segments(name, "leaps") if s.value > 0.2]
         for window in plain[clip.id].windows():
             first, end = (store.grid.seconds(frame) for frame in (window.start, window.start + 30))

@@ -58,7 +58,7 @@ def test_check_finds_what_a_build_leaves_out(mixed: Path, tmp_path: Path) -> Non
     result = dancedata.build(RECIPE, mixed, tmp_path / "out", cache=tmp_path / "cache", progress=False, jobs=1)
     with result.open() as store:
         built = {(row.get("clip") or row["file"], row["reason"]) for row in store.rejects}
-        assert {clip.id for clip in store.clips} == {"mixamo", "xsens", "segments", "smpl"}
+        assert {clip.id for clip in store} == {"mixamo", "xsens", "segments", "smpl"}
     problems = dancedata.check(mixed, recipe=RECIPE, progress=False)
     found = {(p.where, p.message.partition(":")[0]) for p in problems if p.where != str(mixed)}
     assert found == built

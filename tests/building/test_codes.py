@@ -242,10 +242,10 @@ def test_a_plan_counts_what_a_build_stores(
 def test_a_dancer_with_a_bad_file_is_not_stored(source: Path, build: Callable[..., Store], incomplete: str) -> None:
     np.save(source / "tokens" / "g_p1.npy", np.full(3 * ROWS, 9999))
     kept = ["a"] if incomplete == "set_aside" else ["a", "g_p0"]
-    assert [clip.id for clip in build(groups={"incomplete": incomplete}).clips] == kept
+    assert [clip.id for clip in build(groups={"incomplete": incomplete}).clips()] == kept
     save(source, "g_p1", ROWS - 9)
     store = build(groups={"incomplete": incomplete})
-    assert [clip.id for clip in store.clips] == kept
+    assert [clip.id for clip in store] == kept
     assert ("g_p1", "feature_length") in [(row.get("clip"), row["reason"]) for row in store.rejects]
 
 

@@ -101,9 +101,9 @@ def test_copies_of_changed_motion_and_rows(corpus: Path, run_build, transforms: 
     )  # fmt: skip
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
     one, all_of_it = dancedata.open(tmp_path / "plain"), dancedata.open(tmp_path / "out")
-    train = [c.id for c in one.clips if c.split == "train"]
+    train = [c.id for c in one.clips() if c.split == "train"]
     copies = {f"{clip}__{name}": clip for clip in train for name in ("mirror", "speckle", "shift", "shift.far")}
-    assert {c.id: c.source for c in all_of_it.clips if c.source} == copies
+    assert {c.id: c.source for c in all_of_it.clips() if c.source} == copies
     # Clips are those of a build without copies, from the cache; only shift is encoded.
     assert len(set((tmp_path / "cache").rglob("*.npy")) - entries) == 2 * 3 * len(train)
     for window in one.windows("train"):
@@ -140,13 +140,13 @@ def test_plan_and_parts_count_copies(corpus: Path, tmp_path: Path) -> None:
 
 
 def test_a_copy_that_cannot_be_made_is_a_reject(corpus: Path, run_build, built: Path, tmp_path: Path) -> None:
-    broken = next(c.id for c in dancedata.open(built).clips if c.split == "train")
+    broken = next(c.id for c in dancedata.open(built).clips() if c.split == "train")
     changes = (*SMALL, f"augment={{shift: {{broken: {broken}}}}}")
     run_build(corpus, tmp_path / "out", "aist++", changes, progress=Progress(quiet=True))
     store = dancedata.open(tmp_path / "out")
     assert [r["reason"] for r in store.rejects if r.get("clip") == f"{broken}__shift"] == ["wall"]
-    assert broken in {c.id for c in store.clips}
-    assert f"{broken}__shift" not in {c.id for c in store.clips}
+    assert broken in {c.id for c in store}
+    assert f"{broken}__shift" not in {c.id for c in store}
     with raises_message(DataError, r"ignore_list\.txt", reason="wall"):
         run_build(corpus, tmp_path / "strict", "aist++", changes, strict=True)
 

@@ -70,7 +70,7 @@ def plain(build: Any) -> Store:
 
 
 def starts(store: Store) -> dict[str, list[int]]:
-    return {clip.id: [window.start for window in store[clip.id].windows()] for clip in store.clips}
+    return {clip.id: [window.start for window in store[clip.id].windows()] for clip in store}
 
 
 def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> None:
@@ -108,7 +108,7 @@ def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out
 
 def test_clips_are_left_out(build: Any) -> None:
     store = build(rules={"curate": {"floor_drift": 0.1, "spikes": {"leave_out": "clip", "limit": 0.1}}})
-    assert sorted(clip.id for clip in store.clips) == ["clean", "held"]
+    assert sorted(clip.id for clip in store) == ["clean", "held"]
     assert sorted((r["clip"], *sorted(r["numbers"])) for r in store.rejects) == [
         ("sinks", "floor_drift", "limit"), ("spike", "limit", "spikes")
     ]  # fmt: skip
@@ -145,7 +145,7 @@ def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain
         "clean": [], "held": ["repaired_gap"], "sinks": ["repaired_floor"], "spike": ["repaired_spike"]
     }  # fmt: skip
     position = store.fields["edge151"].slice("translation")
-    for clip in plain.clips:
+    for clip in plain.clips():
         before = plain[clip.id].read("edge151")
         after, original = (store[clip.id].read(name) for name in ("edge151", "edge151.original"))
         assert np.array_equal(before, original)

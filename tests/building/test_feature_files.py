@@ -116,7 +116,7 @@ def test_rows_at_their_own_rate(source: Path, build: Callable[..., Store], scope
     for start, window in zip(starts_of(store), store.windows("train"), strict=True):
         first = start * 25 // 30
         np.testing.assert_array_equal(store.read(window, "file.muq"), ramp(150)[first : first + 50])
-    assert store.clips[0].music == "m"
+    assert store.clips()[0].music == "m"
     sample = WindowDataset(store, fields=("file.muq",), scale=None)[1]
     np.testing.assert_array_equal(sample["file.muq"], ramp(150)[25:75])
 
@@ -205,7 +205,7 @@ def test_what_sets_a_clip_aside(source: Path, build: Callable[..., Store], case:
         np.save(source / "muq" / "b.npy", content, allow_pickle=True)
     feature = {"fps": 25, **keys}
     store = build(feature, {"clips": ["a", "b"]})
-    assert [clip.id for clip in store.clips] == ["a"]
+    assert [clip.id for clip in store] == ["a"]
     (reject,) = store.rejects
     assert (reject["reason"], reject["clip"]) == (reason, "b")
     if case not in ("nan", "overflow"):  # which a plan does not read

@@ -22,6 +22,7 @@ from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.readers import GroupDataset
 from dancedata.store import Store, verify_store
+from dancedata.store.queries import group_sizes
 from tests.messages import raises_message
 from tests.takes import keys_of, take_of
 
@@ -100,7 +101,7 @@ def build(source: Path, out: Path, cache: Path, **keys: Any) -> Store:
 
 def roots(store: Store, group: str, field: str = "joints") -> np.ndarray:
     """Roots of a group's dancers, (P, T, 3)."""
-    clips = [clip for clip in store.clips if clip.group == group]
+    clips = [clip for clip in store if clip.group == group]
     return np.stack([clip.read(field)[:, :3] for clip in clips]).astype(np.float64)
 
 
@@ -114,13 +115,13 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
     write(source, "b", 2)
     store = build(source, tmp_path / "out", cache, audio={"librosa35": {}})
     assert verify_store(tmp_path / "out") == []
-    assert [(c.id, c.group, c.member, c.role) for c in store.clips] == [
+    assert [(c.id, c.group, c.member, c.role) for c in store] == [
         ("a_p0", "a", 0, ""), ("a_p1", "a", 1, ""), ("a_p2", "a", 2, ""),
         ("b_p0", "b", 0, "leader"), ("b_p1", "b", 1, "follower"),
     ]  # fmt: skip
     assert store["b_p1"].columns == {"video": "b", "level": 1}
     # The largest trim of the group, at the store's rate; the rows of one song.
-    assert {c.trim_start for c in store.clips if c.group == "a"} == {1}
+    assert {c.trim_start for c in store if c.group == "a"} == {1}
     assert len({store._locate(store[c].windows()[0], "librosa35").first for c in ("a_p0", "a_p1", "a_p2")}) == 1
     source_roots = np.load(source / "a.npz")["trans"][:, ::2]
     offset = np.asarray(SMPL24.offsets)[0] if np.ndim(SMPL24.offsets) == 2 else 0.0
@@ -130,7 +131,7 @@ def test_a_group_is_built_whole(tmp_path: Path, cache: Path) -> None:
     assert [line.split()[:3] for line in describe_store(tmp_path / "out").split("\n")[3:5]] == [
         ["split", "clips", "groups"], ["train", "5", "2"],
     ]  # fmt: skip
-    tables = store.tables
+    tables = store._tables
     assert [int(n) for n in tables.groups["n_source"]] == [3, 2]
     assert len(tables.songs["id"]) == 2
 
@@ -143,13 +144,13 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
     trans[1, 7] = np.nan
     write(source, "a", 3, trans=trans)
     store = build(source, tmp_path / "out", cache)
-    assert {clip.group for clip in store.clips} == {"b"}
+    assert {clip.group for clip in store} == {"b"}
     reasons = {row["clip"]: row["reason"] for row in store.rejects}
     assert reasons == {"a_p0": "incomplete_group", "a_p1": "nan", "a_p2": "incomplete_group"}
     kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
     assert {row["clip"]: row["reason"] for row in kept.rejects} == {"a_p1": "nan"}
-    assert [c.member for c in kept.clips if c.group == "a"] == [0, 2]
-    assert [int(n) for n in kept.tables.groups["n_source"]] == [3, 2]
+    assert [c.member for c in kept.clips() if c.group == "a"] == [0, 2]
+    assert list(group_sizes(kept).values()) == [3, 2]
     # Without the bad dancer from the start, the rows are the same.
     alone = {key: value[[0, 2]] for key, value in np.load(source / "a.npz").items()}
     write(tmp_path / "without", "a", 2, **alone)
@@ -165,7 +166,7 @@ def test_dancers_are_cut_to_the_shortest_within_a_tolerance(
     write(source, "a", 2, lengths=np.array([360, 360 - shorter]))
     write(source, "b", 2)
     store = build(source, tmp_path / "out", cache)
-    lengths = {clip.n_frames for clip in store.clips if clip.group == "a"}
+    lengths = {clip.n_frames for clip in store if clip.group == "a"}
     assert lengths == ({frames} if frames else set())
     if not frames:
         assert {row["reason"] for row in store.rejects} == {"length_mismatch"}
@@ -178,7 +179,7 @@ def test_copies_are_of_one_world(tmp_path: Path, cache: Path, augmentation: str)
     parameters: dict[str, Any] = {"speeds": [1.1]} if augmentation == "tempo" else {}
     store = build(source, tmp_path / "out", cache, augment={augmentation: parameters or True})
     copy = f"a__{augmentation}"
-    assert [c.id for c in store.clips if c.group == copy] == [f"a_p{k}__{augmentation}" for k in range(3)]
+    assert [c.id for c in store if c.group == copy] == [f"a_p{k}__{augmentation}" for k in range(3)]
     assert verify_store(tmp_path / "out") == []
     for field in ("joints",):
         before, after = distances(roots(store, "a", field)), distances(roots(store, copy, field))
@@ -246,7 +247,7 @@ def test_a_spike_of_one_dancer_is_repaired_or_leaves_out_the_windows_of_all(tmp_
     spoilt[1, 180, 1] += 0.3
     write(tmp_path / "source", "a", 2, poses=poses, trans=spoilt)
     curated = build(tmp_path / "source", tmp_path / "out", cache, rules={"curate": {"spikes": True}})
-    windows = {clip.id: [w.start for w in curated[clip.id].windows()] for clip in curated.clips}
+    windows = {clip.id: [w.start for w in curated[clip.id].windows()] for clip in curated.clips()}
     assert windows == {"a_p0": [0, 30, 120], "a_p1": [0, 30, 120]}
     assert {(r["clip"], r["window"]) for r in curated.rejects} == {(c, s) for c in windows for s in (60, 90)}
     assert "of partner a_p1" in next(r["detail"] for r in curated.rejects if r["clip"] == "a_p0")

@@ -60,7 +60,7 @@ def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
         assert [(f["clip"], f["kind"]) for f in store.quality] == [
             ("own", "implausible_body"), ("smpl", "implausible_root"),
         ]  # fmt: skip
-        assert [clip.n_flags for clip in store.clips] == [1, 1]
+        assert [clip.n_flags for clip in store] == [1, 1]
     for text in (run("check", source, "--recipe", mine, "-q").output, run("check", out).output):
         assert f"note: own: implausible_body: {body}" in text
         assert f"note: smpl: implausible_root: {ROOT}" in text

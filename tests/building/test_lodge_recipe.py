@@ -63,10 +63,10 @@ def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodg
     still = [r for r in store.rejects if r["reason"] == "still" and r["clip"] == names[0]]
     assert [r["window"] for r in still] == [k for k in starts if k not in wanted]
     assert all(r["numbers"]["std"] <= 0.07 for r in still)
-    assert names[1] not in [c.id for c in store.clips]
+    assert names[1] not in [c.id for c in store]
     assert any(r["clip"] == names[1] and "window" not in r for r in store.rejects)
     # Windows of test are all kept.
-    clips = [c for c in store.clips if c.split == "test"]
+    clips = [c for c in store if c.split == "test"]
     counts = {c.id: sum(w.clip == c.id for w in store.windows("test")) for c in clips}
     assert counts == {c.id: (c.n_frames - 64) // 32 + 1 for c in clips}
 
@@ -74,7 +74,7 @@ def test_still_windows_are_rejects_and_the_rest_is_as_the_reference_chooses(lodg
 def test_key_motions_are_stored_for_every_clip(lodge: Path) -> None:
     store = dancedata.open(lodge)
     finder = KEYMOTIONS.get("lodge")()
-    for record in store.clips:
+    for record in store:
         rows = store[record.id].read("lodge")
         assert rows.shape == (record.n_frames, finder.columns.width)
         motion = dancedata.decode(store[record.id].read("lodge139"), "lodge139")
@@ -86,7 +86,7 @@ def test_the_filter_of_slices(corpus: Path, run_build, names: list[str], tmp_pat
     run_build(corpus, tmp_path / "out", "aist++-lodge", (*SHORT, SLICES, "audio={}", "augment.mirror=true"))
     store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
-    mine = [clip for clip in store.clips if clip.slice_of == names[0]]
+    mine = [clip for clip in store if clip.slice_of == names[0]]
     assert mine
     for clip in mine:
         assert clip.read("lodge139").std(axis=0).mean() > 0.07
@@ -97,10 +97,10 @@ def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
     run_build(corpus, tmp_path / "out", "aist++", recipe)
     store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
-    train = {c.id: c for c in store.clips if c.split == "train"}
+    train = {c.id: c for c in store if c.split == "train"}
     plain = [c for c in train.values() if not c.source]
     assert sorted(train) == sorted([c.id for c in plain] + [f"{c.id}__mirror" for c in plain])
-    assert all(not c.source for c in store.clips if c.split != "train")
+    assert all(not c.source for c in store if c.split != "train")
     for record in plain:
         one, two = store[record.id], store[f"{record.id}__mirror"]
         assert two.record.source == record.id
@@ -120,7 +120,7 @@ def test_a_mirrored_copy_of_columns_with_hands(run_build, tmp_path: Path) -> Non
     changes = ("audio={}", "windows.length_frames=30", "augment.mirror=true")
     run_build(source, tmp_path / "out", "finedance", (*changes, "motion={lodge319: {}, finedance319: {}}"))
     store = dancedata.open(tmp_path / "out")
-    copies = [c for c in store.clips if c.source]
+    copies = [c for c in store if c.source]
     assert copies
     body = REPRESENTATIONS.get("lodge319")().skeleton
     other_side = list(range(len(body.joints)))
@@ -158,7 +158,7 @@ def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_p
     run_build(source, tmp_path / "out", "aist++", (*changes, "motion={edge151: {}, fact219: {}}"))
     store = dancedata.open(tmp_path / "out")
     short = [r for r in store.rejects if r["reason"] == "short_field"]
-    assert {r["clip"] for r in short} == {c.id for c in store.clips}
+    assert {r["clip"] for r in short} == {c.id for c in store}
     assert {r["window"] for r in short} == {200}
     assert all("60 per second" in r["detail"] for r in short)
     assert {w.start for w in store.windows("train")} == {0, 100}
@@ -217,4 +217,4 @@ def test_equal_files_of_two_names_are_cut_by_their_names(run_build, tmp_path: Pa
         shutil.copy(source / folder / f"001.{suffix}", source / folder / f"010.{suffix}")
     run_build(source, tmp_path / "out", "finedance", ("audio={}", "windows.length_frames=30"))
     store = dancedata.open(tmp_path / "out")
-    assert {c.id: c.trim_start for c in store.clips if c.id in ("001", "010")} == {"001": 0, "010": 3}
+    assert {c.id: c.trim_start for c in store if c.id in ("001", "010")} == {"001": 0, "010": 3}

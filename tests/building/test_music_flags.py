@@ -36,7 +36,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_songs_without_sound_are_flagged_and_counted(source: Path, tmp_path: Path) -> None:
     built = dancedata.build(RECIPE, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
     with built.open() as store:
-        assert {clip.id: clip.n_flags for clip in store.clips} == {"good": 0, "muted": 1, "constant": 1}
+        assert {clip.id: clip.n_flags for clip in store} == {"good": 0, "muted": 1, "constant": 1}
         assert {(row["clip"], row["kind"]) for row in store.quality} == {
             ("muted", "silent_music"), ("constant", "silent_music"),
         }  # fmt: skip

@@ -92,7 +92,7 @@ def test_names_that_are_not_text_are_rejected(
     beside(source / "x", b"note\xff.txt").touch()
     text = run("build", recipe, "--source", source, "--out", out, "--jobs", 1)
     with dancedata.open(out) as ds:
-        assert [clip.id for clip in ds.clips] == ["smpl"]
+        assert [clip.id for clip in ds] == ["smpl"]
     found = {(r["reason"], r.get("clip"), r.get("file")) for r in rejects(out)}
     assert {f for f in found if f[0] != "unused_music"} == {
         *(("bad_name", name, f"motions/{name}.npz") for name in NAMES.values()),
@@ -179,7 +179,7 @@ def test_clips_of_a_plug_in_with_invalid_texts(
     source = make_source(b"source")
     build(load_recipe(recipe), source, out)
     with dancedata.open(out) as ds:
-        assert [clip.id for clip in ds.clips] == ["smpl"]
+        assert [clip.id for clip in ds] == ["smpl"]
     assert {r["clip"] for r in rejects(out) if r["reason"] == "bad_name"} == {r"a\udcff", "b", "c"}
     with raises_message(DataError, "bad_name", reason="bad_name"):
         build(load_recipe(recipe), source, out.parent / "strict", strict=True)

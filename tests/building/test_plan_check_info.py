@@ -242,7 +242,7 @@ def test_features_like_a_dataset_are_the_rows_that_it_holds(
     built_in: dict[str, Path], corpus: Path, tmp_path: Path, scope: str
 ):
     with dancedata.open(built_in[scope]) as ds:
-        clips = [clip for clip in ds.clips if TRAIN in (clip.id, clip.slice_of)]
+        clips = [clip for clip in ds if TRAIN in (clip.id, clip.slice_of)]
         bpm = clips[0].tempo_bpm
         args = ("features", corpus / "wavs" / "mHO3.wav", "--out", tmp_path, "--like", built_in[scope], "--bpm", bpm)
         (about,) = as_json(*args)

@@ -36,7 +36,14 @@ def printed(store: Store, tmp_path: Path) -> Iterator[Any]:
     """Everything that the documented interface gives to a user."""
     name = next(iter(store.fields))
     window = store.windows("train")[0]
-    yield from (store, store.clips, store.clips[:2], store.clips[0], store[window.clip], store.clips[0].record)
+    yield from (
+        store,
+        store.clips(),
+        store.clips()[:2],
+        store.clips()[0],
+        store[window.clip],
+        store.clips()[0].record,
+    )
     yield from (store.field(name), store.fields[name], store.windows("train"), window, store.skeleton)
     yield from (motion(), motion().part(0, 9), FrameGrid.of(30), FrameGrid.of("30000/1001"), *SKELETONS.values())
     yield AudioSignal(np.zeros(10**6, np.float32), 48_000)

@@ -92,7 +92,7 @@ def test_one_of_a_pair_is_kept_if_the_recipe_says_so(source: Path, tmp_path: Pat
     reasons = {row["clip"]: row["reason"] for row in whole.rejects if row["clip"].startswith("Ballet")}
     assert reasons == {"Ballet_9_0_00": "missing_partner", "Ballet_9_0_01": "incomplete_group"}
     kept = dancedata.build(recipe | {"groups": {"incomplete": "keep"}}, source, tmp_path / "kept", **places).open()
-    assert {clip.id for clip in kept.clips} - {clip.id for clip in whole.clips} == {"Ballet_9_0_01"}
+    assert {clip.id for clip in kept.clips()} - {clip.id for clip in whole.clips()} == {"Ballet_9_0_01"}
     assert verify_store(tmp_path / "kept") == []
 
 

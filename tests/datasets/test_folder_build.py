@@ -65,14 +65,14 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, tr
         assert words in notes
     assert not [str(p) for p in verify_store(tmp_path / "out") if p.severity == "error"]
     with open_store(tmp_path / "out") as store:
-        assert {clip.original for clip in store.clips} == {
+        assert {clip.original for clip in store} == {
             "amass_poses",
             "rokoko_jesse_dance",
             "cmu_01_01",
             "fair1_dab",
         }
         assert np.isfinite(store.read(store.windows("train")[0], "edge151")).all()
-        assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store.clips)
+        assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store)
     # Output for people: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
     for words in (
@@ -97,7 +97,7 @@ def _height(source: Path, out: Path, **dataset: object) -> float:
     result = build(parse_recipe(document), source, out, cache=source.parent / "cache")
     assert result.built
     with open_store(out) as store:
-        (clip,) = store.clips
+        (clip,) = store.clips()
         joints = store[clip.id].read("joints").reshape(-1, 24, 3)
         assert clip.height_m is not None
         np.testing.assert_allclose(np.median(np.ptp(joints[..., 1], axis=1)), clip.height_m, atol=1e-3)

@@ -290,7 +290,7 @@ def test_a_dataset_of_positions(tmp_path: Path, dance: Motion) -> None:
     import dancedata as package
 
     with package.open(out) as ds:
-        assert sorted(clip.id for clip in ds.clips) == ["clip0", "clip1"]
+        assert sorted(clip.id for clip in ds) == ["clip0", "clip1"]
         assert {flag["kind"] for flag in ds.quality} == {"fitted"}
         joints = ds["clip0"].read("joints")
         assert joints.shape == (N // 2, 72)

@@ -226,8 +226,8 @@ def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
             "seq_001_p0": "incomplete_group",
             "seq_001_p1": "nan",
         }
-        assert {int(clip.n_frames) for clip in store.clips} == {153}
-        assert {clip.audio_start for clip in store.clips} == {Fraction(1, 2)}
+        assert {int(clip.n_frames) for clip in store} == {153}
+        assert {clip.audio_start for clip in store} == {Fraction(1, 2)}
     sample = GroupDataset(tmp_path / "out", "train", scale=None)[0]
     assert sample["edge151"].shape == (3, 120, 151)
     roots = sample["edge151"][:, :, 4:7]

@@ -308,7 +308,7 @@ def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
 
 def test_the_recipe(source: Path, build: Callable[..., Store]) -> None:
     store = build()
-    assert {clip.id for clip in store.clips} == {OWN, LIVE, AIST, TEST}
+    assert {clip.id for clip in store} == {OWN, LIVE, AIST, TEST}
     assert store[AIST].columns["origin"] == "aist++"
     published = np.load(source / COLUMNS_FOLDER / f"{OWN}.npy")
     np.testing.assert_array_equal(store[OWN].read("file.columns264"), published)
@@ -329,7 +329,7 @@ def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
     """They are published for test clips alone: others are set aside, by name."""
     muq = {"path": f"{MUQ_FOLDER}/{{clip}}.npy", "rate": 25, "fps": 25, "columns_per_row": 1024}
     store = build(**{"file.muq": muq})
-    assert [clip.id for clip in store.clips] == [TEST]
+    assert [clip.id for clip in store] == [TEST]
     assert {row["clip"] for row in store.rejects if row["reason"] == "missing_feature"} == {OWN, LIVE, AIST}
     np.testing.assert_array_equal(store[TEST].read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
     # 25 rows per second, not the 30 that InfiniteDance's README names.
@@ -343,5 +343,5 @@ def test_tokens_that_are_not_of_the_codebook(source: Path, build: Callable[..., 
     np.save(tokens / f"{OWN}.npy", np.load(tokens / f"{OWN}.npy") + 512)
     np.save(tokens / f"{LIVE}.npy", np.load(tokens / f"{LIVE}.npy")[:-1])
     store = build()
-    assert {clip.id for clip in store.clips} == {AIST, TEST}
+    assert {clip.id for clip in store} == {AIST, TEST}
     assert {row["clip"]: row["reason"] for row in store.rejects} == {OWN: "bad_code", LIVE: "bad_shape"}

@@ -107,7 +107,7 @@ def test_another_part_is_other_motion(source: Path, tmp_path: Path) -> None:
     for end, n in ((4, 120), (5, 150)):
         (source / "manifest.csv").write_text(f"id,motion,start_s,end_s\nc,a.npz,,{end}\n", encoding="utf-8")
         with built_in(tmp_path, source) as store:
-            assert [clip.n_frames for clip in store.clips] == [n]
+            assert [clip.n_frames for clip in store] == [n]
 
 
 def test_a_joint_map_of_one_row(source: Path) -> None:
@@ -252,7 +252,7 @@ def test_parts_and_columns_of_a_dataset(built: Path, files: Path) -> None:
             "CC BY 4.0", "CC BY 4.0", "all rights reserved",
         ]  # fmt: skip
         # Rows of one song from its first half row on: the parts begin at 7 and 4 s later.
-        assert sorted(set(store.tables.spans["librosa35"].offset.tolist())) == [7, 7 + 120]
+        assert sorted(set(store._tables.spans["librosa35"].offset.tolist())) == [7, 7 + 120]
 
 
 def test_terms_on_the_card_and_in_a_page(built: Path, files: Path, tmp_path: Path) -> None:

@@ -181,8 +181,8 @@ def test_a_dataset_in_ldas_columns(tmp_path: Path) -> None:
     )  # fmt: skip
     with dancedata.open(tmp_path / "out") as store:
         ids = {f"{JAZZ}_0{k}{copy}" for k in (0, 1) for copy in ("", "__mirror")} | {f"{TAP}_00", f"{TAP}_01"}
-        assert {clip.id for clip in store.clips} == ids
-        assert [clip.split for clip in store.clips if clip.id.startswith(TAP)] == ["test", "test"]
+        assert {clip.id for clip in store} == ids
+        assert [clip.split for clip in store if clip.id.startswith(TAP)] == ["test", "test"]
         rows = {name: store[name].read("lda61") for name in ids}
         assert rows[f"{JAZZ}_00"].shape == rows[f"{JAZZ}_01"].shape == (180, 61)
         image = Lda61().columns.mirror.apply(rows[f"{JAZZ}_01"])

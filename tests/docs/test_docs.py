@@ -155,8 +155,8 @@ def _build_and_check(environment: dict[str, str], folder: Path) -> None:
     with open_store(folder / "out") as store:
         widths = {name: store.field(name).columns.width for name in ("pelvis", "peaks", "speeds")}
         assert widths == {"pelvis": 3, "peaks": 1, "speeds": 1}
-        assert sum(c.split == "train" for c in store.clips) == planned["splits"]["train"]["clips"]
-        clip = next(c for c in store.clips if c.split == "train" and not c.source)
+        assert sum(c.split == "train" for c in store) == planned["splits"]["train"]["clips"]
+        clip = next(c for c in store if c.split == "train" and not c.source)
         copy = store[f"{clip.id}__aside"]
         assert copy.source == store[f"{clip.id}__mirror"].source == clip.id
         np.testing.assert_allclose(
@@ -185,7 +185,7 @@ def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
         environment, tmp_path, "export", "data", "--to", "tables", "--out", "tables", "--set", "digits=3", cold=True
     )
     with open_store(tmp_path / "data") as store:
-        for clip in store.clips:
+        for clip in store:
             table = np.loadtxt(tmp_path / "tables" / "clips" / f"{clip.id}.csv", delimiter=",", skiprows=1)
             np.testing.assert_allclose(table, clip.read("joints"), atol=5.1e-4)
 

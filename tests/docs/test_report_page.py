@@ -38,7 +38,7 @@ def demo(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     overrides = SMALL if request.param == "small" else {}
     out = folder / "data" / "demo"
     dancedata.build("demo", out=out, overrides=overrides, jobs=1, progress=False)
-    return Demo(folder, CLIP if not overrides else dancedata.open(out).clips[0].id)
+    return Demo(folder, CLIP if not overrides else dancedata.open(out).clips()[0].id)
 
 
 def numbers_hidden(text: str) -> str:

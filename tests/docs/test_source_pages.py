@@ -80,9 +80,9 @@ def test_the_page_on_video(tmp_path: Path, example: Path, run: Callable[[str], l
     # Wrapped on the page.
     assert set(notes.replace("\n  ", " ").splitlines()) <= set(output[0].splitlines())
     with dancedata.open(tmp_path / "data" / "videos") as ds:
-        assert [c.id for c in ds.clips] == ["anna-person0", "anna-person1", "ben-person1", "carla"]
+        assert [c.id for c in ds] == ["anna-person0", "anna-person1", "ben-person1", "carla"]
     with dancedata.open(tmp_path / "data" / "hybrik") as ds:
-        assert [c.id for c in ds.clips] == ["res"]
+        assert [c.id for c in ds] == ["res"]
 
 
 def test_a_manifest_of_people_and_a_file_without_vertices(tmp_path, example, monkeypatch):
@@ -110,7 +110,7 @@ def test_the_page_on_fbx(tmp_path: Path, example: Path, run: Callable[[str], lis
     (tmp_path / "recipe.yaml").write_text(recipe)
     run("from-fbx.md")
     with dancedata.open(tmp_path / "data" / "captures") as ds:
-        assert [c.id for c in ds.clips] == ["anna"]
+        assert [c.id for c in ds] == ["anna"]
     # Blender has its own Python: its script is only parsed.
     for block in blocks("docs/from-fbx.md", "python"):
         ast.parse(block)

@@ -34,7 +34,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         }  # fmt: skip
         dancedata.build(recipe, source, here / "data" / name, jobs=1, cache=here / "cache", progress=False)
     (here / "samples").mkdir()
-    clip = dancedata.open(here / "data" / "demo").clips[0].id
+    clip = dancedata.open(here / "data" / "demo").clips()[0].id
     np.save(here / "samples" / f"{clip}.npy", np.zeros((30, 151), np.float32))
     np.save(here / "samples.npy", np.zeros((2, 30, 151), np.float32))
     for name in ("captures", "songs", "edge", "mine"):
@@ -53,7 +53,7 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     over = threading.Event()
     over.set()
     monkeypatch.setattr("dancedata.viewer.view._interrupt", lambda: over)
-    known = dancedata.open(folder / "data" / "demo").clips[0].id
+    known = dancedata.open(folder / "data" / "demo").clips()[0].id
     commands = [line for block in blocks("docs/viewer.md", "sh") for line in block.splitlines()]
     assert len(commands) == 9
     for command in commands:
@@ -69,7 +69,7 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
 def test_its_notebook_cell_shows_the_clip(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     (cell,) = blocks("docs/viewer.md", "python")
-    known = dancedata.open(folder / "data" / "demo").clips[0].id
+    known = dancedata.open(folder / "data" / "demo").clips()[0].id
     *before, last = cell.replace(CLIP, known).strip().splitlines()
     names: dict[str, object] = {}
     exec("\n".join(before), names)

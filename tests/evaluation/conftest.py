@@ -35,7 +35,7 @@ def store(folder: Path) -> Store:
 @pytest.fixture(scope="session")
 def motions(store: Store) -> dict[str, Motion]:
     """Its clips as motions, decoded from edge151."""
-    return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=30) for c in store.clips}
+    return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=30) for c in store}
 
 
 @pytest.fixture(scope="session")

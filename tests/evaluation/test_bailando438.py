@@ -47,7 +47,7 @@ def test_the_column_of_a_dataset(sixty: Store, protocol: str) -> None:
     found = bas(sixty, protocol)
     beats = {
         clip.id: MusicBeats.of_rows(clip.read("bailando438"), sixty.fields["bailando438"], FrameGrid.of(60), late=1)
-        for clip in sixty.clips
+        for clip in sixty.clips()
     }
     assert all(own.frames.tolist() == np.flatnonzero(sixty[c].read("bailando438")[:, COLUMN]).tolist()
                for c, own in beats.items())  # fmt: skip
@@ -64,7 +64,7 @@ def test_the_music_gives_the_same(sixty: Store) -> None:
 
 def test_generated_motion_takes_it_by_its_song(sixty: Store, tmp_path: Path) -> None:
     songs = {}
-    for k, clip in enumerate(sixty.clips):
+    for k, clip in enumerate(sixty.clips()):
         np.save(tmp_path / f"sample{k}.npy", clip.read("joints"))
         songs[f"sample{k}"] = clip.music
     found = bas(tmp_path, "bailando-aistpp", like=sixty, music=songs, field="joints", normalized=False)

@@ -27,7 +27,7 @@ def walk(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Random walks as generated columns, and the songs of the dataset's test clips for them."""
     folder = tmp_path_factory.mktemp("walk") / "generated"
     folder.mkdir()
-    songs = sorted({c.music for c in store.clips})
+    songs = sorted({c.music for c in store})
     with open(folder.parent / "songs.csv", "w", encoding="utf-8", newline="") as file:
         rows = csv.writer(file)
         rows.writerow(["clip", "song"])

@@ -68,7 +68,7 @@ def test_keys_of_stored_clips_hold_their_rows(
 @pytest.mark.parametrize("metrics", [["kinetic"], ["bas"]], ids=["pool", "beats"])
 def test_pools_and_beats_are_of_intact_shards(copy: Path, flip: Flip, metrics: list[str]) -> None:
     with open_store(copy) as opened:
-        clip = next(c for c in opened.clips if c.split == "train")
+        clip = next(c for c in opened.clips() if c.split == "train")
         clips = {clip.id: dancedata.decode(clip.read("edge151"), "edge151", fps=30)}
     flip("librosa35")
     with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):

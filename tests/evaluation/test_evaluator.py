@@ -276,7 +276,7 @@ def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, eval
         evaluator.update(batch["edge151"], ids=batch["id"], music=batch["librosa35"])
     assert len(evaluator) == len(windows) > len(set(windows.windows.clip.tolist()))
     clips = set(windows.windows.clip.tolist())  # windows of one clip are not additional evidence
-    assert {m.clip for m in evaluator._measured.values()} == {windows.store.clips[k].id for k in clips}
+    assert {m.clip for m in evaluator._measured.values()} == {windows.store.clips()[k].id for k in clips}
     before = values(evaluator.compute())
     for batch in data.DataLoader(windows, batch_size=5):  # the same samples, in other batches: once is enough
         noise = 1e-6 * (-1) ** np.arange(151, dtype=np.float32)

@@ -147,14 +147,14 @@ def test_files_of_groups_are_read_as_the_same_motions(tmp_path: Path, motions: M
 
 def test_a_dataset_of_duets(duets: Store) -> None:
     report = dancedata.evaluate(duets, split="all", protocol="groups", intervals=False)
-    assert set(report.clips) == {clip.group for clip in duets.clips}
+    assert set(report.clips) == {clip.group for clip in duets.clips()}
     for name in ("gmc", "root_distance", "tif", "bed", "bas"):
         assert report[name].value is not None, name
     first = [group.clips[0] for group in store_clips(duets, protocol_named("groups"))]
     assert first == [f"{name}_00" for name in report.clips]  # the follower
     by_hand = {}
     for name in report.clips:
-        pair = sorted((c for c in duets.clips if c.group == name), key=lambda c: c.role)
+        pair = sorted((c for c in duets.clips() if c.group == name), key=lambda c: c.role)
         assert [c.role for c in pair] == ["follower", "leader"]
         by_hand[name] = [dancedata.decode(c.read("edge151"), "edge151", fps=duets.fps) for c in pair]
     again = dancedata.evaluate(by_hand, protocol="groups", intervals=False, like=duets)

@@ -82,7 +82,7 @@ def test_columns_normalised_or_not(
     tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
 ) -> None:
     scaler = store.scaler("edge151")
-    for clip in store.clips:
+    for clip in store:
         np.save(tmp_path / f"{clip.id}.npy", clip.read("edge151"))
         (tmp_path / "normalised").mkdir(exist_ok=True)
         columns = scaler.normalize(clip.read("edge151").astype(np.float64))
@@ -209,4 +209,4 @@ def test_the_pool_is_the_split_of_the_protocol(store: Store, protocol: str, spli
         store, split="all", protocol=rules, pool=store.path, metrics=["FID_k"], intervals=False
     ).pool
     assert pool is not None
-    assert pool["clips"] == sum(not c.source and (not splits or c.split in splits) for c in store.clips)
+    assert pool["clips"] == sum(not c.source and (not splits or c.split in splits) for c in store)

@@ -41,7 +41,7 @@ def test_beats_by_piece() -> None:
 
 
 def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Path) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     np.save(tmp_path / "sample.npy", clip.read("edge151"))
     (tmp_path / "songs.csv").write_text(f"sample,{clip.music}.wav\n", encoding="utf-8")
     options: dict[str, Any] = {"like": store, "normalized": False, "intervals": False}
@@ -62,7 +62,7 @@ def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Pat
 
 
 def test_music_that_ends_before_the_motion_is_reported(store: Store, tmp_path: Path) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     joints = dancedata.decode(clip.read("edge151"), "edge151").joints()
     long = {"long": np.concatenate([joints, joints, joints])}
     report = dancedata.evaluate(long, like=store, music={"long": clip.music}, intervals=False)
@@ -110,10 +110,10 @@ def test_lists_of_songs_of_other_spreadsheets(tmp_path: Path) -> None:
 
 
 def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
-    for k, clip in enumerate(store.clips[:2]):
+    for k, clip in enumerate(store.clips()[:2]):
         np.save(tmp_path / f"sample{k}.npy", clip.read("edge151"))
     options: dict[str, Any] = {"like": store, "normalized": False, "intervals": False, "metrics": ["bas"]}
-    songs = {"sample0": store.clips[0].music, "sample1": "nosong"}
+    songs = {"sample0": store.clips()[0].music, "sample1": "nosong"}
     report = dancedata.evaluate(tmp_path, music=songs, **options)
     assert "no beats of songs that --music names: nosong" in report.warnings
     with raises_message(UsageError, "could"):
@@ -125,8 +125,8 @@ def test_missing_songs_are_named(store: Store, tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def other_songs(store: Store) -> dict[str, str]:
     """For each clip of the dataset, another song of it."""
-    songs = sorted({clip.music for clip in store.clips})
-    return {clip.id: songs[songs.index(clip.music) - 1] for clip in store.clips}
+    songs = sorted({clip.music for clip in store})
+    return {clip.id: songs[songs.index(clip.music) - 1] for clip in store}
 
 
 def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
@@ -145,9 +145,9 @@ def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
 
 
 def test_a_song_has_its_own_tempo(store: Store, other_songs: dict[str, str]) -> None:
-    tempos = {clip.music: clip.tempo_bpm for clip in store.clips}
+    tempos = {clip.music: clip.tempo_bpm for clip in store}
     assert len(set(tempos.values())) > 1
-    clips = [MemoryClip(id=clip.id, music=clip.music, tempo_bpm=clip.tempo_bpm) for clip in store.clips]
+    clips = [MemoryClip(id=clip.id, music=clip.music, tempo_bpm=clip.tempo_bpm) for clip in store]
     for like in (store, None):
         named = named_clips(clips, MusicSources(songs=other_songs), like).clips
         assert [clip.tempo_bpm for clip in named] == [tempos[other_songs[clip.id]] for clip in named]
@@ -167,7 +167,7 @@ def test_only_the_suffix_of_a_music_file_is_left_out_of_a_songs_name(text: str, 
 
 
 def test_songs_may_be_given_with_suffix_in_memory(store: Store, motions: Mapping[str, Motion]) -> None:
-    music = {clip.id: f"{clip.music}.wav" for clip in store.clips}
+    music = {clip.id: f"{clip.music}.wav" for clip in store}
     renamed = {f"new-{name}": motion for name, motion in motions.items()}
     songs = {f"new-{name}": song for name, song in music.items()}
     assert (

@@ -161,7 +161,7 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
 
 
 def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) -> None:
-    rows = store[store.clips[0].id].read(FIELD)
+    rows = store[store.clips()[0].id].read(FIELD)
     normal = store.scaler(FIELD).normalize(rows)
     for wrong in (rows, normal):
         with raises_message(UsageError, "whether"):
@@ -253,7 +253,7 @@ def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) ->
 def test_the_output_of_an_untrained_network_passes(store: Store, field: str, normalized: bool) -> None:
     rng, width = np.random.default_rng(1), store.fields[field].width
     evaluator = Evaluator(store, field, normalized=normalized)
-    clip = store.clips[0].id
+    clip = store.clips()[0].id
     for size in (0.0, 0.1, 0.3, 1.0, 3.0):
         evaluator.reset()
         evaluator.update(rng.normal(0, size, (2, 150, width)) + 1e-4, [f"{clip}@{k}+150" for k in (0, 5)])
@@ -301,7 +301,7 @@ def test_a_pool_knows_the_scaler_of_its_columns(store: Store, tmp_path: Path) ->
     wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["mirror"])).scaler(FIELD)
     for name, own in (("plain", scaler), ("wide", wide)):
         (tmp_path / name).mkdir()
-        for clip in list(store.clips)[:3]:
+        for clip in list(store.clips())[:3]:
             np.save(tmp_path / name / f"{clip.id}.npy", own.normalize(clip.read(FIELD)))
     options: dict[str, Any] = {"like": store, "field": FIELD, "intervals": False, "metrics": ["fid_k"]}
     pool, saved = tmp_path / "wide", tmp_path / "pool.npz"

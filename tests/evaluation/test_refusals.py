@@ -233,7 +233,7 @@ def test_invalid_stored_rates(tmp_path: Path, rate: Any) -> None:
 
 
 def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: Path) -> None:
-    columns = store.clips[0].read("edge151")
+    columns = store.clips()[0].read("edge151")
     np.savez(tmp_path / "a.npz", columns=columns, fps=60)
     with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"])
@@ -245,7 +245,7 @@ def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: 
 
 
 def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) -> None:
-    columns = store.clips[0].read("edge151")
+    columns = store.clips()[0].read("edge151")
     options: dict[str, Any] = {"field": "edge151", "fps": 30, "metrics": ["pfc"], "intervals": False}
     wanted = []
     for name, beside in (

@@ -42,8 +42,8 @@ def copies(folder: Path) -> Store:
 
 def ids_of(store: Store) -> list[str]:
     """Windows of clips and of copies, a whole clip, a mirrored window, and a second take."""
-    ids = [f"{safe_name(clip.id)}@{7 * k + 3}+150" for k, clip in enumerate(store.clips)]
-    return [*ids, f"{ids[0]}~s1", f"{ids[1]}~mirror~draw0.0.4", safe_name(store.clips[0].id)]
+    ids = [f"{safe_name(clip.id)}@{7 * k + 3}+150" for k, clip in enumerate(store.clips())]
+    return [*ids, f"{ids[0]}~s1", f"{ids[1]}~mirror~draw0.0.4", safe_name(store.clips()[0].id)]
 
 
 def rows_of(store: Store, name: str) -> np.ndarray:
@@ -111,7 +111,7 @@ def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -
     assert folder.clips == tuple(sorted(ids))
     assert "windows of" in folder.matched
     originals = {Samples(copies).require(name).recording for name in ids}
-    assert originals == {clip.id for clip in copies.clips if not clip.source}
+    assert originals == {clip.id for clip in copies.clips() if not clip.source}
 
 
 def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Path) -> None:
@@ -149,11 +149,11 @@ def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
 
 
 def test_samples_resolve(copies: Store) -> None:
-    clip = copies.clips[0]
+    clip = copies.clips()[0]
     sample = Samples(copies).require(f"{clip.id}@30+150")
     assert sample.music_start_s == 1
     assert sample.to_json() | {"recording": clip.id, "music_start_s": "1", "fps": "30"} == sample.to_json()
-    copy = next(c for c in copies.clips if c.source)
+    copy = next(c for c in copies.clips() if c.source)
     assert Samples(copies).require(copy.id).recording == copy.source
     assert Samples(copies).find("nobody") is None
 
@@ -162,12 +162,12 @@ def test_a_clip_whose_name_looks_like_an_id(tmp_path: Path) -> None:
     [alone] = stored({})
     write_store(tmp_path, HEADER, [alone, replace(alone, id="alone~mirror")])
     with dancedata.open(tmp_path) as ds:
-        assert [Samples(ds).require(clip.id).clip.id for clip in ds.clips] == ["alone", "alone~mirror"]
+        assert [Samples(ds).require(clip.id).clip.id for clip in ds] == ["alone", "alone~mirror"]
         assert Samples(ds).require("alone~mirror~draw0.0.1").id.mirrored
 
 
 def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     rows, name = clip.read("edge151")[20:170], f"{clip.id}@20+150"
     np.savez(tmp_path / "x.npz", samples=rows, id=name)
     stated = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
@@ -175,7 +175,7 @@ def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:
 
 
 def test_a_sample_of_another_length_than_its_id_states_is_left_out(store: Store, tmp_path: Path) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:120])
     np.save(tmp_path / f"{clip.id}@3+150.npy", clip.read("edge151")[3:153])
     report = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
@@ -225,7 +225,7 @@ def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -
 
 
 def test_what_save_samples_refuses(copies: Store, tmp_path: Path) -> None:
-    name, rows = f"{copies.clips[0].id}@0+150", copies.clips[0].read("edge151")[None, :150]
+    name, rows = f"{copies.clips()[0].id}@0+150", copies.clips()[0].read("edge151")[None, :150]
     options: dict[str, Any] = {"field": "edge151", "scaler": None}
     save_samples(copies, tmp_path, [name], rows, **options)
     for ids, given, message in (
@@ -252,7 +252,7 @@ def test_what_save_samples_refuses(copies: Store, tmp_path: Path) -> None:
 
 def test_the_field_is_that_of_the_width(store: Store, tmp_path: Path) -> None:
     """The first of the dataset's fields is edge151; samples of lodge139 are read as such."""
-    clip = store.clips[0]
+    clip = store.clips()[0]
     np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("lodge139")[:150])
     plain = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
     assert plain["pfc"].value == dancedata.evaluate(tmp_path, like=store, field="lodge139", **OPTIONS)["pfc"].value

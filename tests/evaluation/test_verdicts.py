@@ -132,7 +132,7 @@ def judge(store: Store, folder: Path, samples: Mapping[str, np.ndarray], **optio
 
 
 def made(store: Store, what: str) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    train = [clip for clip in store.clips if clip.split == "train"]
+    train = list(store.clips("train"))
     windows = {f"{clip.id}@0+150": clip.read("edge151") for clip in train[:20]}
     rng = np.random.default_rng(0)
     if what == "ten_windows_of_one":

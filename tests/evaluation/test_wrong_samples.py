@@ -39,7 +39,7 @@ CASES: Mapping[str, tuple[Mapping[str, Any], type[DanceDataError] | None, str, M
 
 
 def written(store: Store, folder: Path, files: Mapping[str, Any]) -> Path:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     motion = clip.read("edge151")
     folder.mkdir()
 
@@ -75,13 +75,13 @@ def test_what_evaluate_says(store: Store, tmp_path: Path, code: str) -> None:
         given["music"] = tmp_path / options["music"]
         given["music"].touch()
     elif "music" in options:
-        given["music"] = {name.format(clip=store.clips[0].id): song for name, song in options["music"].items()}
+        given["music"] = {name.format(clip=store.clips()[0].id): song for name, song in options["music"].items()}
     folder = written(store, tmp_path / "gen", files)
     said(error, words, code, lambda: dancedata.evaluate(folder, like=store, **given))
 
 
 def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     save_samples(
         store, tmp_path, [f"{clip.id}@0+150"], clip.read("edge151")[None, :150], field="edge151", scaler=None
     )
@@ -109,7 +109,7 @@ def test_dancers_of_groups(
     clip = next(clip for clip in duets.clips if clip.group)
     (tmp_path / "gen").mkdir()
     for name in files:
-        member = next(c for c in duets.clips if c.group == clip.group and name.endswith(f"p{c.member}"))
+        member = next(c for c in duets.clips() if c.group == clip.group and name.endswith(f"p{c.member}"))
         np.save(tmp_path / "gen" / f"{name.format(group=clip.group)}.npy", member.read("edge151"))
     options: dict[str, Any] = {"like": duets, "normalized": False, "intervals": False, "protocol": protocol}
     if error is None and not words:

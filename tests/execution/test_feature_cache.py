@@ -90,14 +90,14 @@ def test_results_of_a_build_are_found_and_equal(
     built_in: dict[str, Path], cache: Path, song: Path, calls: Callable[[], int], scope: str
 ):
     with dancedata.open(built_in[scope]) as ds:
-        bpm = next(c.tempo_bpm for c in ds.clips if c.original == VAL)
+        bpm = next(c.tempo_bpm for c in ds if c.original == VAL)
         features = FeatureCache(cache)
         if scope == "track":
             rows = features.get("librosa35", song, fps=30, start_bpm=bpm)
             np.testing.assert_array_equal(rows[:150], ds[VAL].read("librosa35")[:150])
         else:
             windows = features.get_windows("librosa35", song, fps=30, start_bpm=bpm)
-            for clip in (clip for clip in ds.clips if clip.slice_of == VAL):
+            for clip in (clip for clip in ds if clip.slice_of == VAL):
                 np.testing.assert_array_equal(windows[clip.slice_start // 15], clip.read("librosa35"))
     # The song is longer than the dance: its last windows are in no dataset.
     assert calls() == {"track": 0, "window": 1}[scope]
@@ -107,7 +107,7 @@ def test_a_build_reuses_results_of_a_training_job(
     run_build: Any, corpus: Path, out: Path, own: FeatureCache, built: Path, calls: Callable[[], int]
 ):
     with dancedata.open(built) as ds:
-        asked = {(c.music, c.tempo_bpm) for c in ds.clips}
+        asked = {(c.music, c.tempo_bpm) for c in ds}
     for music, bpm in asked:
         own.get("librosa35", corpus / "wavs" / f"{music}.wav", start_bpm=bpm)
     before = calls()

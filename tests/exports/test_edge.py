@@ -104,7 +104,7 @@ def _of_cut_music(made, folder: Path, seconds: Callable[[str], float]) -> tuple[
 
 
 def test_windows_without_whole_sound_are_left_out(export, built, tmp_path: Path) -> None:
-    ends = {clip.music: clip.n_frames / 30 for clip in built("edge").store.clips}
+    ends = {clip.music: clip.n_frames / 30 for clip in built("edge").store.clips()}
     source, out = _of_cut_music(built("edge"), tmp_path, lambda music: ends.get(music, 99) - 0.02)
     short = dancedata.open(out)
     done = dancedata.export(short.path, "edge", tmp_path / "out", source=source, progress=False)
@@ -193,6 +193,4 @@ def test_popdg_has_each_frame_once(export, built) -> None:
     turned = Rotation.from_euler("x", -90, degrees=True) * Rotation.from_rotvec(piece["q"][:, :3])
     np.testing.assert_allclose(turned.as_matrix()[:, :2].reshape(-1, 6), rows[:, 7:13], atol=1e-5)
     assert (out / "high_quality_dataset").read_text() == ""
-    assert (out / "splits" / "train.txt").read_text().splitlines() == [
-        c.id for c in store.clips if c.split == "train"
-    ]
+    assert (out / "splits" / "train.txt").read_text().splitlines() == [c.id for c in store if c.split == "train"]

@@ -18,9 +18,9 @@ from tests.messages import raises_message
 def test_tracks_begin_at_the_trim_and_decode_again(export: Callable[..., ExportResult], built) -> None:
     pytest.importorskip("torch")
     out, store = export("finedance", "lodge").path / "finedance", built("finedance").store
-    assert any(clip.trim_start for clip in store.clips)
-    assert sorted(p.stem for p in (out / "label_json").iterdir()) == sorted(clip.id for clip in store.clips)
-    for clip in store.clips:
+    assert any(clip.trim_start for clip in store)
+    assert sorted(p.stem for p in (out / "label_json").iterdir()) == sorted(clip.id for clip in store)
+    for clip in store:
         motion, music = (np.load(out / folder / f"{clip.id}.npy") for folder in ("mofea319", "music_npynew"))
         np.testing.assert_array_equal(motion, clip.read("lodge139")[clip.trim_start :])
         np.testing.assert_array_equal(music, clip.read("librosa35")[clip.trim_start :])
@@ -33,7 +33,7 @@ def test_tracks_begin_at_the_trim_and_decode_again(export: Callable[..., ExportR
 def test_other_columns_of_lodge(export, built) -> None:
     pytest.importorskip("torch")
     out, store = export("finedance", "lodge", motion="lodge319").path, built("finedance").store
-    clip = store.clips[0]
+    clip = store.clips()[0]
     rows = np.load(out / "finedance" / "mofea319" / f"{clip.id}.npy")
     np.testing.assert_array_equal(rows, clip.read("lodge319")[clip.trim_start :])
 
@@ -57,7 +57,7 @@ def test_the_normaliser_is_of_lodges_classes(export, built, over: str, tmp_path,
     finally:
         for name in [name for name in sys.modules if name.split(".")[0] == "dld"]:
             del sys.modules[name]
-    clips = [c for c in store.clips if over == "all" or c.split == "train"]
+    clips = [c for c in store if over == "all" or c.split == "train"]
     rows = np.concatenate([c.read("lodge139")[c.trim_start :] for c in clips])
     scaler = made.scaler
     facts = (scaler.feature_range, scaler.clip, scaler.copy, scaler.n_samples_seen_)
@@ -74,7 +74,7 @@ def test_a_normaliser_of_train_needs_train(built, tmp_path) -> None:
     made = built("finedance")
     source = tmp_path / "source"
     shutil.copytree(made.source, source)
-    for clip in made.store.clips:
+    for clip in made.store.clips():
         for path in source.rglob(f"{clip.id}.*"):
             if clip.split == "train":
                 path.unlink()
@@ -103,7 +103,7 @@ def test_clips_that_loaders_expect_but_lack_are_noted(export) -> None:
 
 def test_finedances_tracks_are_whole(export, built) -> None:
     out, store = export("finedance", "finedance").path / "finedance", built("finedance").store
-    for clip in store.clips:
+    for clip in store:
         motion = np.load(out / "motion_fea319" / f"{clip.id}.npy")
         np.testing.assert_array_equal(motion, clip.read("finedance319"))
         np.testing.assert_array_equal(np.load(out / "music_npy" / f"{clip.id}.npy"), clip.read("librosa35"))

@@ -72,7 +72,7 @@ def bvh(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("unit", ["m", "cm"])
 def test_bvh_is_read_back(store: Store, bvh: Path, unit: str) -> None:
     reading = Reading(Declared(unit=unit, up="y"), Declared())
-    clips = list(store.clips)
+    clips = list(store.clips())
     assert {p.stem for p in (bvh / unit / f"bvh_{unit}").iterdir()} == {clip.id for clip in clips}
     for clip in clips[:2]:
         motion = load_motion(bvh / unit / f"bvh_{unit}" / f"{clip.id}.bvh", reading)
@@ -83,7 +83,7 @@ def test_bvh_is_read_back(store: Store, bvh: Path, unit: str) -> None:
 
 def test_bvh_is_read_by_bvhio(store: Store, bvh: Path) -> None:
     bvhio = pytest.importorskip("bvhio", reason="bvhio, an independent reader of BVH, is not installed")
-    clip = store.clips[0].id
+    clip = store.clips()[0].id
     wanted = _stored(store, clip)
     root = bvhio.readAsHierarchy(str(bvh / "m" / "bvh_m" / f"{clip}.bvh"))
     for frame in (0, 1, 60, wanted.n_frames - 1):
@@ -94,7 +94,7 @@ def test_bvh_is_read_by_bvhio(store: Store, bvh: Path) -> None:
 
 
 def test_bvh_has_a_rest_pose_and_ends(store: Store, bvh: Path) -> None:
-    text = (bvh / "cm" / "bvh_cm" / f"{store.clips[0].id}.bvh").read_text()
+    text = (bvh / "cm" / "bvh_cm" / f"{store.clips()[0].id}.bvh").read_text()
     assert text.startswith("HIERARCHY\nROOT pelvis\n{\n\tOFFSET 0.000000 0.000000 0.000000\n\tCHANNELS 6 Xposition")
     assert "OFFSET 5.858135 -8.228004 -1.766408" in text  # the left hip, in centimetres
     assert text.count("End Site") == 5
@@ -105,7 +105,7 @@ def test_bvh_has_a_rest_pose_and_ends(store: Store, bvh: Path) -> None:
 @pytest.mark.parametrize("kind", ["amass", "smplx"])
 def test_smpl_files_are_read_back(store: Store, dataset: Path, tmp_path: Path, kind: str) -> None:
     dancedata.export(dataset, "smpl", tmp_path / "out", progress=False, gender="male")
-    clip = store.clips[1].id
+    clip = store.clips()[1].id
     path = tmp_path / "out" / kind / f"{clip}.npz"
     motion, wanted = load_motion(path, ANY), _stored(store, clip)
     assert motion.grid == wanted.grid
@@ -126,7 +126,7 @@ def test_humanml3d(store: Store, dataset: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     dancedata.export(dataset, "humanml3d", out, progress=False)
     vectors = {path.stem: np.load(path) for path in sorted((out / "new_joint_vecs").iterdir())}
-    assert sorted(vectors) == sorted(clip.id for clip in store.clips)
+    assert sorted(vectors) == sorted(clip.id for clip in store)
     for clip, rows in vectors.items():
         stored = store[clip].read("humanml263")
         assert rows.dtype == np.float32
@@ -191,7 +191,7 @@ def test_webdataset_holds_every_window_once(store: Store, dataset: Path, tmp_pat
 def test_webdataset_of_clips_in_order(store: Store, dataset: Path, tmp_path: Path) -> None:
     dancedata.export(dataset, "webdataset", tmp_path / "out", progress=False, samples="clips", seed=-1)
     samples = _samples(tmp_path / "out" / "train-000000.tar")
-    assert list(samples) == sorted(clip.id for clip in store.clips if clip.split == "train")
+    assert list(samples) == sorted(clip.id for clip in store if clip.split == "train")
     for clip, sample in samples.items():
         rows = np.load(io.BytesIO(sample["humanml263.npy"]))
         np.testing.assert_array_equal(rows, store[clip].read("humanml263"))
@@ -248,7 +248,7 @@ def test_missing_requirements_are_named(dataset: Path, tmp_path: Path) -> None:
 def test_bvh_of_humanml3ds_columns(dataset: Path, store: Store, tmp_path: Path) -> None:
     """If only positions are restored, rotations are fitted to them."""
     dancedata.export(dataset, "bvh", tmp_path / "out", progress=False, field="humanml263")
-    clip = store.clips[0].id
+    clip = store.clips()[0].id
     motion = load_motion(tmp_path / "out" / "bvh_m" / f"{clip}.bvh", Reading(Declared(unit="m", up="y"), Declared()))
     wanted = dancedata.decode(store[clip].read("humanml263"), "humanml263").joints()
     np.testing.assert_allclose(motion.joints()[:, :22], wanted, rtol=0, atol=1e-4)
@@ -270,7 +270,7 @@ json.dump(found, open(out, "w"))
 
 @pytest.mark.parametrize(("unit", "scale"), [("m", "1"), ("cm", "0.01")])
 def test_bvh_is_read_by_blender(store: Store, bvh: Path, tmp_path: Path, unit: str, scale: str) -> None:
-    clip = store.clips[0].id
+    clip = store.clips()[0].id
     wanted = _stored(store, clip)
     frames = [0, 1, 60, wanted.n_frames - 1]
     path = bvh / unit / f"bvh_{unit}" / f"{clip}.bvh"

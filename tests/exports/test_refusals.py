@@ -187,8 +187,8 @@ def test_npz_holds_the_dataset(export: Callable, built) -> None:
     for name in ("edge", "edge-exact"):
         out, store = export(name, "npz", name, link=True).path, built(name).store
         index = json.loads((out / "index.json").read_text())
-        assert set(index["clips"]) == {clip.id for clip in store.clips}
-        for clip in store.clips:
+        assert set(index["clips"]) == {clip.id for clip in store}
+        for clip in store:
             held = np.load(out / index["clips"][clip.id]["file"])
             assert index["clips"][clip.id]["music_file"] == f"music/{clip.music}.wav"
             song = (built(name).source / "wavs" / f"{clip.music}.wav").read_bytes()

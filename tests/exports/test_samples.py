@@ -121,7 +121,7 @@ def test_parquet_of_clips_has_the_table_of_pandas(path: Path, store: Store, tmp_
         assert row == {key: list(value) if isinstance(value, tuple) else value for key, value in expected.items()}
     for name in ("edge151", "tokens"):
         column = table[name].combine_chunks()
-        for k, clip in enumerate(store.clips):
+        for k, clip in enumerate(store.clips()):
             equal_bits(rows_of(column, name, k), clip[name])
     about = json.loads(tables[0].schema.metadata[b"dancedata"])
     assert (about["licence"], about["citation"]) == ("CC BY-NC 4.0", "Ann et al.")

@@ -46,7 +46,7 @@ def bailando(built, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_bailandos_sequences(bailando: Path, built) -> None:
     out, store = bailando, built("bailando").store
     for folder, splits in (("aistpp_train_wav", ("train",)), ("aistpp_test_full_wav", ("test", "val"))):
-        clips = {c.id: c for c in store.clips if c.split in splits}
+        clips = {c.id: c for c in store if c.split in splits}
         assert {p.stem for p in (out / folder).iterdir()} == set(clips)
         for name, clip in clips.items():
             plain, turned = (arrays(out / f / f"{name}.json") for f in (folder, f"{folder}_rotmat"))
@@ -65,7 +65,7 @@ def test_bailandos_sequences(bailando: Path, built) -> None:
 def test_bailandos_songs(bailando: Path, built) -> None:
     dataset = built("bailando")
     out, store = bailando, dataset.store
-    music = {clip.music for clip in store.clips}
+    music = {clip.music for clip in store}
     for folder in ("aistpp_music_feat_7.5fps", "aistpp_music_feat_60fps"):
         assert {p.stem for p in (out / folder).iterdir()} == music
     name = sorted(music)[0]
@@ -74,7 +74,7 @@ def test_bailandos_songs(bailando: Path, built) -> None:
     np.testing.assert_array_equal(slow.astype(np.float32), wanted)
     assert slow.dtype == np.float64
     fast = arrays(out / "aistpp_music_feat_60fps" / f"{name}.json")["music_array"]
-    clip = next(c for c in store.clips if c.music == name)
+    clip = next(c for c in store if c.music == name)
     np.testing.assert_array_equal(fast.astype(np.float32), clip.read_song("bailando438"))
     assert len(fast) > clip.n_frames
 
@@ -187,7 +187,7 @@ def test_facts_records(export, built) -> None:
             again = dancedata.encode(dancedata.decode(motion, "fact219", fps=60), "fact219")
             np.testing.assert_allclose(again, motion, atol=1e-5)
             seen.append(clip.id)
-    assert sorted(seen) == sorted(clip.id for clip in store.clips)
+    assert sorted(seen) == sorted(clip.id for clip in store)
 
 
 def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
@@ -200,7 +200,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
     dataset = built("sixty", source, windows={"length_s": 2, "stride_s": 0.5}, audio=audio)
     store = dataset.store
     done = dancedata.export(dataset.path, "fact", tmp_path / "fact", progress=False)
-    n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store.clips}
+    n_rows = {clip.id: len(clip.read_song("librosa35")) for clip in store}
     assert {clip for clip, rows in n_rows.items() if rows >= 240} == set(BREAK)
     assert all(len(store[clip].read("fact219")) > n_rows[clip] for clip in BREAK)
     assert all(
@@ -212,7 +212,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
         assert one["motion_sequence_shape"] == [n_rows[one["motion_name"].decode()], 219]
         assert one["audio_sequence_shape"] == [n_rows[one["motion_name"].decode()], 35]
     out = dancedata.export(dataset.path, "bailando", tmp_path / "out", source=source, progress=False).path / "data"
-    for clip in (clip for clip in store.clips if clip.split == "train"):
+    for clip in (clip for clip in store if clip.split == "train"):
         held = arrays(out / "aistpp_train_wav" / f"{clip.id}.json")
         music = clip.read("bailando438")
         assert len(held["music_array"]) == len(held["dance_array"]) == len(music) < len(clip.read("bailando72"))
@@ -234,7 +234,7 @@ def test_unpaired_records_are_drawn_from_a_seed(built, aist, tmp_path: Path) -> 
         dancedata.export(dataset.path, "fact", tmp_path / name, unpaired=3, progress=False).path / "data"
         for name in ("one", "two")
     ]
-    songs = {c.id: c.music for c in dataset.store.clips if c.split != "train"}
+    songs = {c.id: c.music for c in dataset.store.clips() if c.split != "train"}
     pairs = [[r for p in sorted(out.glob("*testval*")) for r in records(p)] for out in results]
     names = [[r["motion_name"].decode() for r in one] for one in pairs]
     same = [songs[r["motion_name"].decode()] == r["audio_name"].decode() for r in pairs[0]]

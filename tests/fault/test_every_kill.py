@@ -240,7 +240,7 @@ def test_builds(slow: Any, hunter: Hunter, recipes: list[Path], command: Any, ou
     assert sum(name.startswith("train-") for name in wanted) > 1
     with open_store(out) as ds:
         assert "lodge" in ds.fields
-        assert any(clip.source for clip in ds.clips)
+        assert any(clip.source for clip in ds)
     shutil.rmtree(out)
     published: dict[str, int] = {}
 

@@ -251,7 +251,7 @@ def test_the_content_of_a_model_is_part_of_the_key(tmp_path: Path) -> None:
         model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55, taller=taller)
         build(parse_recipe(document), source, tmp_path / f"out{number}", cache=tmp_path / "cache")
         with open_store(tmp_path / f"out{number}") as store:
-            (clip,) = store.clips
+            (clip,) = store.clips()
             assert clip.height_m is not None
             heights.append(clip.height_m)
     assert heights[1] == pytest.approx(1.1 * heights[0], abs=1e-3)

@@ -315,8 +315,8 @@ def test_a_dataset_of_people(tmp_path: Path) -> None:
     }  # fmt: skip
     build(parse_recipe(recipe), source, tmp_path / "out", cache=tmp_path / "cache")
     with dancedata.open(tmp_path / "out") as ds:
-        assert [c.id for c in ds.clips] == ["gvhmr", "phalp-person2", "wham-person0", "wham-person1"]
-        joints = {c.id: ds[c.id].read("edge151") for c in ds.clips}
+        assert [c.id for c in ds] == ["gvhmr", "phalp-person2", "wham-person0", "wham-person1"]
+        joints = {c.id: ds[c.id].read("edge151") for c in ds}
     assert not np.array_equal(joints["wham-person0"], joints["wham-person1"])
     assert '"unsafe_pickle"' in (tmp_path / "out" / "rejects.jsonl").read_text()
     assert not list(tmp_path.rglob("PWNED"))

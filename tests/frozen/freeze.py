@@ -35,7 +35,7 @@ def read(folder: Path) -> dict[str, Any]:
     digest, windows = hashlib.sha256(), {}
     fourth: dict[str, list[float]] = {}
     for split in ("train", "val", "test"):
-        if split not in {clip.split for clip in ds.clips}:
+        if split not in {clip.split for clip in ds}:
             continue
         windows[split] = len(ds.windows(split))
         for window in ds.windows(split):
@@ -48,15 +48,15 @@ def read(folder: Path) -> dict[str, Any]:
         "windows": windows,
         "rows": digest.hexdigest(),
         "fourth_row": fourth,
-        "clips": [[c.id, c.split, int(c.n_frames), c.genre, c.music, c.dancer] for c in ds.clips],
+        "clips": [[c.id, c.split, int(c.n_frames), c.genre, c.music, c.dancer] for c in ds],
     }
     if find_spec("torch"):
         answer["normalized"] = normalized(folder, next(name for name in sorted(ds.fields) if name != "librosa35"))
     if folder.name == "groups":
-        answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds.clips]
+        answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds]
         answer["segments"] = [
             [s.layer.name, str(s.start), str(s.end), s.label, list(s.texts), list(s.texts_mirrored)]
-            for s in ds.segments(ds.clips[0].id)
+            for s in ds.segments(ds.clips()[0].id)
         ]
     return answer
 

@@ -79,5 +79,5 @@ def test_a_build_stores_the_good_clip_among_all_of_them(hostile: ModuleType, tmp
     import dancedata
 
     with dancedata.open(out) as ds:
-        assert [c.id for c in ds.clips] == ["smpl"]
+        assert [c.id for c in ds] == ["smpl"]
         assert len(ds.windows("train")) > 1

@@ -47,5 +47,5 @@ def test_errors_name_file_and_column(tmp_path: Path, name: str) -> None:
         (tmp_path / file).write_bytes(data)
     column, word = ERRORS[name]
     with open_store(tmp_path) as store, pytest.raises(StoreError, match=word) as error:
-        list(store.clips)
+        list(store.clips())
     assert str(error.value.where) == f"{tmp_path / 'tables.h5'}, /{column}"

@@ -115,7 +115,7 @@ def test_whole_clips_differ_in_motion_only_where_documented(track: Store, exact:
 
 def test_whole_clips_have_one_window_more_where_n_mod_30_is_29(track: Store, exact: Store) -> None:
     mine = {(w.clip, w.start) for split in SPLITS for w in track.windows(split)}
-    edges = {(clip.slice_of, clip.slice_start) for clip in exact.clips if clip.split in SPLITS}
+    edges = {(clip.slice_of, clip.slice_start) for clip in exact.clips() if clip.split in SPLITS}
     # Of the six sequences only this one has 509 = 29 (mod 30) frames.
     assert mine - edges == {("gJS_sBM_cAll_d26_mJS3_ch01", 105)}
     assert edges <= mine

@@ -33,7 +33,7 @@ def lodge(peers: Any) -> Any:
 
 def test_the_store_is_sound_and_lists_its_rejects(store: Store) -> None:
     assert [p for p in verify_store(store.path) if p.severity == "error"] == []
-    assert {c.id: (c.split, c.genre, c.trim_start) for c in store.clips} == {
+    assert {c.id: (c.split, c.genre, c.trim_start) for c in store} == {
         "001": ("train", "Popping", 0),
         "004": ("train", "Urban", 240),
         "063": ("test", "Hiphop", 0),
@@ -50,7 +50,7 @@ def test_lodge_sees_its_own_windows(
     index, tracks, genres = (windows[f"L{length}_w{parts}_{split}.{k}"] for k in ("index", "tracks", "genre"))
     dataset = WindowDataset(store, split, **PRESETS[preset] | {"scale": None})
     # Lodge joins the tracks, each cut to the shorter of motion and music, and counts frames through.
-    music = {c.id: len(store[c.id].read("librosa35")) - c.trim_start for c in store.clips}
+    music = {c.id: len(store[c.id].read("librosa35")) - c.trim_start for c in store}
     before = np.cumsum([0, *(min(lodge.shape(t)[0], music[t]) for t in tracks)])
     found = []
     for k in range(len(dataset)):

@@ -74,4 +74,4 @@ def test_songs_of_equal_samples_and_tempo_are_stored_once(store: Store) -> None:
     # mBR2 and mJS2 are one recording at one tempo (100 BPM by name), mJS4 (120) is another.
     rows = [35 * 30 + 1] * 2
     assert store.stats["fields"]["librosa35"]["n"] <= sum(rows)
-    assert {c.tempo_bpm for c in store.clips} == {100.0, 120.0}
+    assert {c.tempo_bpm for c in store} == {100.0, 120.0}

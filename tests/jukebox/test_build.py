@@ -113,7 +113,7 @@ def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch)
     store = _build(corpus, tmp_path, "window")
     done = [unit for unit in computed if unit[0] != "killed"]
     # Clips share their songs' windows.
-    wanted = {(clip.music, clip.slice_start) for clip in store.clips}
+    wanted = {(clip.music, clip.slice_start) for clip in store}
     assert len(done) == len(set(done)) == len(wanted)
 
 
@@ -149,6 +149,6 @@ def test_an_own_song_like_a_dataset(corpus, stores, tmp_path, tiny, scope, monke
     done = CliRunner().invoke(app, [*command, "--weights", str(tiny.folder), "--json"], catch_exceptions=False)
     (about,) = json.loads(done.stdout)
     rows = np.load(tmp_path / about["file"])
-    clip = next(clip for clip in store.clips if clip.music == song.stem)
+    clip = next(clip for clip in store if clip.music == song.stem)
     mine = rows[:150] if scope == "track" else rows[clip.slice_start // 30]
     np.testing.assert_array_equal(mine, clip.read("jukebox")[:150])

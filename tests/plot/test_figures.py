@@ -16,7 +16,7 @@ pytest.importorskip("matplotlib")
 
 def test_features_are_rows_of_the_clip(demo: Path) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     axes = plot.features(demo, clip.id)
     (image,) = axes.get_images()
     rows = clip.read("librosa35")
@@ -36,7 +36,7 @@ def test_motion_has_a_row_for_each_joint(demo: Path) -> None:
     from scipy.spatial.transform import Rotation
 
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     axes = plot.features(ds, clip.id, "edge151")
     (image,) = axes.get_images()
     rotations = dancedata.decode(clip.read("edge151"), "edge151", fps=30).rotations
@@ -52,13 +52,13 @@ def test_features_are_drawn_on_given_axes(demo: Path, tmp_path: Path) -> None:
 
     axes = Figure().subplots()
     ds = dancedata.open(demo)
-    assert plot.features(ds, ds.clips[0].id, ax=axes) is axes
+    assert plot.features(ds, ds.clips()[0].id, ax=axes) is axes
     axes.figure.savefig(tmp_path / "features.pdf")
 
 
 def test_motion_draws_every_bone_of_every_pose(demo: Path, tmp_path: Path) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     axes = plot.motion(ds, clip.id, times=[0, 1, 2.5], body=False)
     joints = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
     lines = [line for line in axes.lines if len(line.get_xdata()) == 2 and line.get_linestyle() == "-"]
@@ -76,20 +76,20 @@ def test_motion_draws_every_bone_of_every_pose(demo: Path, tmp_path: Path) -> No
 
 def test_a_motion_needs_no_dataset(demo: Path) -> None:
     ds = dancedata.open(demo)
-    motion = dancedata.decode(ds.clips[0].read("edge151"), "edge151", fps=30)
+    motion = dancedata.decode(ds.clips()[0].read("edge151"), "edge151", fps=30)
     assert len(plot.motion(motion, poses=5).get_xticks()) == 5
 
 
 def test_slices(slices: Path) -> None:
     ds = dancedata.open(slices)
-    clip = ds.clips[0].id
+    clip = ds.clips()[0].id
     assert plot.features(ds, clip).get_images()[0].get_array().shape == (35, 150)
     assert len(plot.motion(ds, clip, poses=2).get_xticks()) == 2
 
 
 def test_a_name_with_dollars_is_not_a_formula(relabelled, tmp_path: Path) -> None:
     path = relabelled(lambda k: {"id": f"a$b_{{x$ {k}"})
-    clip = dancedata.open(path).clips[0].id
+    clip = dancedata.open(path).clips()[0].id
     for axes in (plot.motion(path, clip, poses=1), plot.features(path, clip)):
         axes.figure.savefig(tmp_path / "drawn.png", dpi=40)
         assert clip in axes.get_title(loc="left")
@@ -97,7 +97,7 @@ def test_a_name_with_dollars_is_not_a_formula(relabelled, tmp_path: Path) -> Non
 
 def test_errors_say_what_is_allowed(demo: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0].id
+    clip = ds.clips()[0].id
     with raises_message(UsageError, "time"):
         plot.motion(ds, clip, times=[99])
     with raises_message(UsageError, "draw"):

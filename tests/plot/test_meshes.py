@@ -118,7 +118,7 @@ def test_a_body_model_is_drawn_with_its_sides(demo: Path, mesh: BodyMesh) -> Non
 
 def test_videos_show_the_model(demo: Path, model: Path, tmp_path: Path) -> None:
     ds = dancedata.open(demo)
-    clip, options = ds.clips[0].id, {"length_s": 0.2, "size": SIZE}
+    clip, options = ds.clips()[0].id, {"length_s": 0.2, "size": SIZE}
     limbs = plot.write_video(ds, clip, tmp_path / "a.mp4", **options)
     skin = plot.write_video(ds, clip, tmp_path / "b.mp4", body_model=model, **options)
     assert len(pictures(skin)) == len(pictures(limbs)) == 6

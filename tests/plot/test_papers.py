@@ -27,7 +27,7 @@ def motion_of(clip: Clip) -> Motion:
 
 
 def test_the_distance_of_two_dances_is_in_centimetres(demo: Path, tmp_path: Path) -> None:
-    joints = motion_of(dancedata.open(demo).clips[0]).joints()
+    joints = motion_of(dancedata.open(demo).clips()[0]).joints()
     stills, curve = plot.compare(joints, joints + np.array([0.03, 0, 0.04]), fps=30, names=("truth", "$x$")).axes
     (line,) = curve.lines
     np.testing.assert_allclose(line.get_ydata(), 5.0, atol=1e-6)
@@ -39,7 +39,7 @@ def test_the_distance_of_two_dances_is_in_centimetres(demo: Path, tmp_path: Path
 
 
 def test_dances_of_other_rates_and_lengths_are_compared_at_equal_moments(demo: Path, slices: Path) -> None:
-    clip = dancedata.open(demo).clips[0]
+    clip = dancedata.open(demo).clips()[0]
     joints = motion_of(clip).joints()
     half = plot.compare(clip, joints[:91:2], fps=15, poses=4)
     stills, curve = half.axes
@@ -51,13 +51,13 @@ def test_dances_of_other_rates_and_lengths_are_compared_at_equal_moments(demo: P
     assert [t.get_text() for t in stills.get_xticklabels()] == ["0.00 s", "1.00 s", "2.00 s", "3.00 s"]
     bodies = [c for c in stills.collections if len(c.get_paths()) > 20]
     assert len(bodies) == 8
-    slice_ = dancedata.open(slices).clips[0]
+    slice_ = dancedata.open(slices).clips()[0]
     assert plot.compare(slice_, slice_).axes[1].lines[0].get_ydata().max() == 0
 
 
 def test_beats_are_those_that_the_viewer_counts(demo: Path) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     scenes = Scenes(ds)
     scene = scenes.scene(scenes.find(clip.id))
     late = [scene.movement.key_times[np.abs(scene.movement.key_times - b).argmin()] - b for b in scene.rhythm.beats]
@@ -76,14 +76,14 @@ def test_beats_are_those_that_the_viewer_counts(demo: Path) -> None:
 
 def test_paths_have_one_scale(demo: Path) -> None:
     ds = dancedata.open(demo)
-    ids = [clip.id for clip in ds.clips[:3]]
+    ids = [clip.id for clip in ds.clips()[:3]]
     ways = [line for line in plot.paths(ds, ids).lines if line.get_label() == "_path"]
     assert len(ways) == 3
     for clip, way in zip(ids, ways, strict=True):
         root = motion_of(ds[clip]).joints()[:, 0]
         drawn = np.stack(way.get_data(), axis=1)
         np.testing.assert_allclose(drawn - drawn[0], (root - root[0])[:, [0, 2]] * (1, -1), atol=1e-6)
-    motion = motion_of(ds.clips[0])
+    motion = motion_of(ds.clips()[0])
     named = plot.paths({"one": motion, "two": motion})
     assert [t.get_text() for t in named.texts][:2] == ["one", "two"]
     assert len(plot.paths(demo, ids[0]).texts) == 2
@@ -102,7 +102,7 @@ def test_the_map_is_that_of_the_report(demo: Path, tmp_path: Path) -> None:
 
 def test_poses_at_beats_with_equal_gaps(demo: Path) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     scenes = Scenes(ds)
     beats = scenes.scene(scenes.find(clip.id)).rhythm.beats
     axes = plot.motion(ds, clip.id, times="beats", poses=4)
@@ -117,7 +117,7 @@ def test_poses_at_beats_with_equal_gaps(demo: Path) -> None:
 
 
 def test_errors_of_the_figures_of_papers(demo: Path) -> None:
-    motion = motion_of(dancedata.open(demo).clips[0])
+    motion = motion_of(dancedata.open(demo).clips()[0])
     with raises_message(UsageError, "draw"):
         plot.motion(motion, times="beats")
     with raises_message(UsageError, r"dancedata\.decode"):

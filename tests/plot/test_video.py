@@ -44,7 +44,7 @@ def sound(path: Path) -> np.ndarray:
 
 def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: Path) -> None:
     ds = dancedata.open(demo)
-    clip = ds.clips[0]
+    clip = ds.clips()[0]
     source = demo.parent / "demo-source"
     path = plot.write_video(
         ds, clip.id, tmp_path / "a.mp4", source=source, start_s=1, length_s=2, size=SIZE, theme="light"
@@ -126,7 +126,7 @@ def test_the_music_of_the_timeline_is_its_waveform(demo: Path) -> None:
 
 def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
     path = relabelled(lambda k: {}, {"source": {"reader": "aist++"}, "licence": "no redistribution"})
-    clip = dancedata.open(path).clips[0].id
+    clip = dancedata.open(path).clips()[0].id
     options = {"source": demo.parent / "demo-source", "length_s": 0.2, "size": SIZE}
     with raises_message(UsageError, "allow", where="relabelled"):
         plot.write_video(path, clip, tmp_path / "a.mp4", **options)
@@ -138,7 +138,7 @@ def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
 
 
 def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     files = [plot.write_video(demo, clip, tmp_path / f"{k}.mp4", length_s=0.3, size=SIZE) for k in "ab"]
     assert files[0].read_bytes() == files[1].read_bytes()
 
@@ -157,14 +157,14 @@ def test_equal_bytes(demo: Path, tmp_path: Path) -> None:
     ],
 )
 def test_errors_say_what_is_allowed(demo: Path, tmp_path: Path, name: str, options: dict) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     with raises_message(UsageError, "exists|part|theme|video"):
         plot.write_video(demo, clip, tmp_path / name, **options)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     (tmp_path / "a.mp4").write_bytes(b"mine")
     with raises_message(UsageError, "already", where="a.mp4"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
@@ -173,7 +173,7 @@ def test_an_existing_file_stays(demo: Path, tmp_path: Path) -> None:
 
 
 def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     monkeypatch.setitem(__import__("sys").modules, "imageio_ffmpeg", None)
     with raises_message(UsageError, "imageio_ffmpeg"):
         plot.write_video(demo, clip, tmp_path / "a.mp4")
@@ -196,13 +196,13 @@ def test_an_ffmpeg_that_fails_leaves_nothing(
     out = tmp_path / "out"
     out.mkdir()
     with raises_message(StoreError, "ffmpeg.* disk", where="out/a.mp4"):
-        plot.write_video(demo, dancedata.open(demo).clips[0].id, out / "a.mp4", length_s=1, size=SIZE)
+        plot.write_video(demo, dancedata.open(demo).clips()[0].id, out / "a.mp4", length_s=1, size=SIZE)
     assert list(out.iterdir()) == []
     gc.collect()  # imageio-ffmpeg leaves the pipe open, which is a warning of whichever test runs then
 
 
 def test_a_full_disk_leaves_nothing(demo: Path, tmp_path: Path) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     code = f"from dancedata import plot; plot.write_video({str(demo)!r}, {clip!r}, 'a.mp4', size={SIZE})"
     result = subprocess.run(
         ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", sys.executable, "-c", code],
@@ -218,7 +218,7 @@ def test_a_full_disk_leaves_nothing(demo: Path, tmp_path: Path) -> None:
 def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path, after: float) -> None:
     for name in ("out", "tmp"):
         (tmp_path / name).mkdir()
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     process = subprocess.Popen(
         [sys.executable, "-m", "dancedata", "view", demo, clip, "--video", tmp_path / "out" / "a.mp4"],
         env={**os.environ, "TMPDIR": str(tmp_path / "tmp")},
@@ -236,7 +236,7 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path, after: float) -> No
 
 @pytest.mark.parametrize("fps", [25, "30000/1001", 60])
 def test_the_rate_is_exact(demo: Path, tmp_path: Path, fps: int | str) -> None:
-    motion = dancedata.decode(dancedata.open(demo).clips[0].read("edge151")[:12], "edge151", fps=fps)
+    motion = dancedata.decode(dancedata.open(demo).clips()[0].read("edge151")[:12], "edge151", fps=fps)
     plot.write_video({"mine": motion}, "", tmp_path / "a.mp4", size=SIZE)
     assert len(pictures(tmp_path / "a.mp4")) == 12
     meta = next(imageio_ffmpeg.read_frames(str(tmp_path / "a.mp4")))
@@ -245,7 +245,7 @@ def test_the_rate_is_exact(demo: Path, tmp_path: Path, fps: int | str) -> None:
 
 
 def test_a_folder_that_cannot_be_written_is_an_error_with_its_name(demo: Path) -> None:
-    clip = dancedata.open(demo).clips[0].id
+    clip = dancedata.open(demo).clips()[0].id
     with pytest.raises(StoreError, match=r"/proc/a\.mp4.*cannot be written"):
         plot.write_video(demo, clip, "/proc/a.mp4", length_s=0.1, size=SIZE)
     with raises_message(UsageError, "listed", where="demo/a.mp4"):

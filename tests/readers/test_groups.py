@@ -47,7 +47,7 @@ def test_the_store_is_sound_and_groups_are_whole(folder: Path, store: Store) -> 
     assert verify_store(folder) == []
     assert store.info["splits"]["train"]["groups"] == 4
     assert store.info["splits"]["train"]["scene_hours"] < store.info["splits"]["train"]["hours"]
-    tables = store.tables
+    tables = store._tables
     assert len(tables.shard_begin) > 3
     assert [(tables.groups["id"][k], int(tables.groups["count"][k])) for k in range(4)] == [
         ("train0", 2), ("train1", 3), ("train2", 5), ("train3", 3),

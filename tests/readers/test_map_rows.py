@@ -116,7 +116,7 @@ def test_windows_of_several_lengths_and_no_windows(store: Store) -> None:
 def test_a_table_that_points_outside_its_shard(store: Store, wrong: int, mapped: bool) -> None:
     store = open_store(store.path)
     windows = store.windows("train")
-    tables, spans = store.tables, store.tables.spans["fast"]
+    tables, spans = store._tables, store._tables.spans["fast"]
     first = spans.first.copy()
     first[windows.clip[0]] = wrong
     tables.spans = {**tables.spans, "fast": replace(spans, first=first)}

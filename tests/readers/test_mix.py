@@ -136,10 +136,7 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
     parts = windows(stores)
     mix = Mix(parts)
     [name] = mix.normalized
-    rows = [
-        np.concatenate([clip.read(name) for clip in store.clips if clip.split == "train"])
-        for store in stores.values()
-    ]
+    rows = [np.concatenate([clip.read(name) for clip in store if clip.split == "train"]) for store in stores.values()]
     low, high = np.concatenate(rows).min(axis=0), np.concatenate(rows).max(axis=0)
     scaler = mix.scaler(name)
     np.testing.assert_array_equal(scaler.data_min, low.astype(np.float64))

@@ -33,7 +33,7 @@ def store(beats_store: Store) -> Store:
 
 
 def train_clips(store: Store) -> list[Any]:
-    return [clip for clip in store.clips if clip.split == "train"]
+    return list(store.clips("train"))
 
 
 def rows_of(store: Store, sample: dict[str, Any]) -> np.ndarray:

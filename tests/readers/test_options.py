@@ -157,7 +157,7 @@ NOTHING: tuple[tuple[str, Any], ...] = (
     ("reads windows", lambda ds: BatchLoader(ds)), ("samples", lambda ds: EpochSampler(2.5)),
     ("shares", lambda ds: Mix({"a": WindowDataset(ds)}, weights=3)),
     ("label", lambda ds: BalancedSampler(WindowDataset(ds), by=3)),
-    ("clip", lambda ds: ds[3]), ("clips", lambda ds: ds.clips[None]), ("field", lambda ds: ds.clips[0][[]]),
+    ("clip", lambda ds: ds[3]), ("clips", lambda ds: ds.clips()[None]), ("field", lambda ds: ds.clips()[0][[]]),
     ("clip", lambda ds: ds.segments(3)), ("field", lambda ds: ds.scaler({})), ("table", lambda ds: ds.to_pandas([3])),
     ("path", lambda ds: dancedata.open(ds.path, segments=3)),
 )  # fmt: skip

@@ -29,6 +29,7 @@ from dancedata.readers import (
     WindowDataset,
 )
 from dancedata.store import Store, open_store, verify_store, write_store
+from dancedata.store.queries import overlay
 from tests.groups_store import HEADER, LENGTH, SIZES, stored
 from tests.messages import raises_message
 
@@ -207,7 +208,7 @@ def test_whole_clips_have_segments_too(store: Store) -> None:
 # ---- files laid over a dataset
 
 
-def overlay(path: Path, *rows: dict[str, Any]) -> Path:
+def write_marks(path: Path, *rows: dict[str, Any]) -> Path:
     path.write_text("".join(json.dumps({"clip": "train0_p1", "layer": "description", **row}) + "\n" for row in rows))
     return path
 
@@ -221,13 +222,13 @@ def test_segments_without_a_value_are_equal() -> None:
 
 
 def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store: Store) -> None:
-    more = overlay(
+    more = write_marks(
         tmp_path / "more.jsonl",
         {"start": 0, "end": 1, "text": "corrected, to the left", "language": "en"},
-        {"layer": "mark", "start": "1/2", "self_sha256": store.reference[1]},
+        {"layer": "mark", "start": "1/2", "self_sha256": store.info["self_sha256"]},
     )
     opened = dancedata.open(folder, segments=more)
-    assert opened.overlay.notes == ()
+    assert overlay(opened).notes == ()
     corrected, mark, *_ = (opened.segments("train0_p1", name)[0] for name in ("description", "mark"))
     assert corrected.texts == ("corrected, to the left",)
     assert corrected.texts_mirrored == ("corrected, to the right",)
@@ -243,16 +244,16 @@ def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store
 
 
 def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    more = overlay(tmp_path / "m.jsonl", {"start": 0, "end": "end", "self_sha256": "ab" * 32})
+    more = write_marks(tmp_path / "m.jsonl", {"start": 0, "end": "end", "self_sha256": "ab" * 32})
     with caplog.at_level(logging.WARNING):
         opened = dancedata.open(folder, segments=[more])
-    assert "made for another dataset" in opened.overlay.notes[0]
-    assert opened.overlay.notes[0] in caplog.text
+    assert "made for another dataset" in overlay(opened).notes[0]
+    assert overlay(opened).notes[0] in caplog.text
     clip = opened["train0_p1"]
-    assert opened.overlay.segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
+    assert overlay(opened).segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
 
 
 def test_a_file_that_does_not_fit(folder: Path, tmp_path: Path) -> None:
     for row in ({"clip": "nobody", "start": 0}, {"start": 0, "other": "nobody"}):
         with raises_message(SourceError, "correct", where="m.jsonl, line 1"):
-            dancedata.open(folder, segments=overlay(tmp_path / "m.jsonl", row))
+            dancedata.open(folder, segments=write_marks(tmp_path / "m.jsonl", row))

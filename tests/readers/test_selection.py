@@ -181,7 +181,7 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, wanted.data_min)
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_max, wanted.data_max)
     everything = WindowDataset(store, fields=("lodge139",), scale=Scale(over="all")).scaler("lodge139")
-    rows = np.concatenate([store[c.id].read("lodge139") for c in store.clips])
+    rows = np.concatenate([store[c.id].read("lodge139") for c in store])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
     with raises_message(UsageError, "zscore"):
         WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))

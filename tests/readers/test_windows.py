@@ -35,7 +35,7 @@ def store(store_path: Path) -> Store:
 def test_item_is_the_window_and_its_metadata(store: Store) -> None:
     dataset = WindowDataset(str(store.path), scale=None)
     window = store.windows("train")[3]
-    record = next(record for record in store.clips if record.id == window.clip)
+    record = next(record for record in store if record.id == window.clip)
     item = dataset[3]
     for field, width in ((MOTION, 151), (AUDIO, 35)):
         assert item[field].dtype == torch.float32
@@ -48,7 +48,7 @@ def test_item_is_the_window_and_its_metadata(store: Store) -> None:
 
 def test_unknown_tempo_is_nan_so_that_collate_works(store: Store) -> None:
     dataset = WindowDataset(store)
-    wanted = {record.id: record.tempo_bpm for record in store.clips}
+    wanted = {record.id: record.tempo_bpm for record in store}
     for item in dataset.__getitems__(range(0, len(dataset), 100)):
         known = wanted[item["clip"]]
         assert math.isnan(item["tempo_bpm"]) if known is None else item["tempo_bpm"] == known
@@ -124,7 +124,7 @@ def test_slices_and_half_precision(tmp_path: Path) -> None:
 
 
 def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:
-    genres = sorted({clip.genre for clip in store.clips})
+    genres = sorted({clip.genre for clip in store})
     assert genres == ["break", "house"]
     for split in ("train", "val"):  # val has one clip of each, and the numbers of train
         dataset = WindowDataset(store, split)

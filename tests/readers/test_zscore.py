@@ -25,7 +25,7 @@ def store(built: Path) -> Store:
 def rows(store: Store) -> np.ndarray:
     """Every row that a train window covers, once."""
     covered = []
-    for clip in store.clips:
+    for clip in store:
         if clip.split == "train":
             mask = np.zeros(clip.n_frames, dtype=bool)
             for window in store[clip.id].windows():
@@ -149,9 +149,9 @@ def test_several_splits(store: Store, reader: type[WindowDataset]) -> None:
 
 
 def test_clips_by_id(store: Store) -> None:
-    chosen = [clip.id for clip in store.clips if clip.split == "train"][1:]
+    chosen = [clip.id for clip in store if clip.split == "train"][1:]
     train = WindowDataset(store, fields=[FIELD], select=Select({"clip": chosen}))
     assert {train.windows.clip_ids[k] for k in train.windows.clip} == set(chosen)
-    assert [reject.clip for reject in train.rejects] == [store.clips[0].id]
+    assert [reject.clip for reject in train.rejects] == [store.clips()[0].id]
     with pytest.raises(UsageError, match="no clip named"):
         WindowDataset(store, fields=[FIELD], select=Select({"clip": chosen[0] + "x"}))

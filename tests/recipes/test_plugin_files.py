@@ -147,7 +147,7 @@ def test_reading_needs_the_file_that_the_dataset_was_built_with(
     path = built(load_recipe(recipe_file(tmp_path, text)), corpus, tmp_path)
     names = dict(REGISTRIES["representations"]._classes)
     with dancedata.open(path) as ds:
-        clip = ds.clips[0].id
+        clip = ds.clips()[0].id
         assert clip_pose(ds, clip, "my_motion").motion is not None
         monkeypatch.setattr(
             REGISTRIES["representations"], "_classes", {k: v for k, v in names.items() if k != "my_motion"}

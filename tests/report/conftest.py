@@ -56,7 +56,7 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
         out = tmp_path / "relabelled"
         out.mkdir()
         with open_store(demo) as store:
-            clips = [replace(_stored(store, k), **names(k)) for k in range(len(store.clips))]
+            clips = [replace(_stored(store, k), **names(k)) for k in range(len(store))]
             kept = ("name", "licence", "citation", "recipe", "versions", "source")
             about = {**{key: store.info[key] for key in kept if key in store.info}, **(meta or {})}
             length, stride = store.info["windows"]["length"], store.info["windows"]["stride"]
@@ -69,7 +69,7 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
 
 
 def _stored(store: Store, number: int) -> StoredClip:
-    clip = store.clips[number]
+    clip = store.clips()[number]
     starts = tuple(w.start for w in store.windows(clip.split) if w.clip == clip.id)
     audio = {"librosa35": (AudioBlock(clip.music, np.asarray(clip.read_song("librosa35"))),)}
     return StoredClip(**vars(clip.record), starts=starts, motion={"edge151": clip.read("edge151")}, audio=audio)

@@ -58,13 +58,13 @@ def test_a_bar_leads_to_the_list_of_its_clips(browser: Browser, demo: Path, tmp_
     browser.get((tmp_path / "demo.html").as_uri())
     bars = "[...document.querySelectorAll('#r-windows_by_genre svg a')]"
     names = browser.js(f"return {bars}.map(a => a.querySelector('title').textContent)")
-    assert len(names) == len({clip.genre for clip in dancedata.open(demo).clips})
+    assert len(names) == len({clip.genre for clip in dancedata.open(demo).clips()})
     browser.js(f"{bars}[0].focus()")
     browser.key("\ue007")  # Enter
     browser.wait("return window.dancedataViewer && document.body.dataset.page === 'clips'")
     browser.wait("return document.querySelector('[data-dd=root]').dataset.ready === '1'")
     shown = browser.js("return window.dancedataViewer.shown.map(item => item.id)")
-    of_genre = [clip.id for clip in dancedata.open(demo).clips if clip.genre == names[0]]
+    of_genre = [clip.id for clip in dancedata.open(demo).clips() if clip.genre == names[0]]
     assert set(shown) <= set(of_genre)
     assert shown
     assert browser.js("return window.dancedataViewer.state.clip.genre") == names[0]

@@ -77,7 +77,7 @@ def test_options_that_a_file_would_drop(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = RUN.invoke(app, ["view", str(demo), open_store(demo).clips[0].id, *options])
+    done = RUN.invoke(app, ["view", str(demo), open_store(demo).clips()[0].id, *options])
     assert (done.exit_code, os.listdir(tmp_path)) == (2, [])
     assert words in done.stderr
 

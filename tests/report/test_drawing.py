@@ -221,8 +221,8 @@ def test_columns_of_a_joint_are_one_mark_and_those_of_0_and_1_are_shares() -> No
 def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
     """A column that train hardly moves, and test does: the scaler divides by 5e-4."""
     with open_store(demo) as store:
-        rows = {clip.id: np.array(clip.read("edge151")) for clip in store.clips}
-        splits = {clip.id: clip.split for clip in store.clips}
+        rows = {clip.id: np.array(clip.read("edge151")) for clip in store}
+        splits = {clip.id: clip.split for clip in store}
         labels = store.fields["edge151"].labels
     planted = 4 + 2  # of the translation
     for clip, of_clip in rows.items():
@@ -259,7 +259,7 @@ def test_columns_that_explode_are_found(demo: Path, relabelled: Any) -> None:
 
 def test_poses_face_the_front(demo: Path) -> None:
     with open_store(demo) as store:
-        piece = ClipReader.of(store).piece(store.clips[0])
+        piece = ClipReader.of(store).piece(store.clips()[0])
     assert piece is not None
     joints, names = piece.figure.joints, piece.figure.skeleton.joints
     poses = frontal(joints, names)

@@ -46,7 +46,7 @@ def moved(duets: Path, tmp_path: Path) -> Callable[[Callable[[int], Any]], Path]
                     **vars(replace(clip.record, **attributes)), starts=(0,),
                     motion={"joints": (clip.read("joints").reshape(-1, 24, 3) + shift(clip.member)).reshape(-1, 72)},
                 )
-                for clip in store.clips
+                for clip in store.clips()
             ]  # fmt: skip
             header = StoreHeader(store.grid.rate, 60, 15, columns, store.skeleton, meta={"name": "moved"})
             (tmp_path / "moved").mkdir()
@@ -157,4 +157,4 @@ def test_the_music_of_groups_is_embedded(crowd: Path, crowd_source: Path, tmp_pa
     write_report(crowd, tmp_path / "page.html", clips=2, audio="embed", source=crowd_source, may_share=True)
     data = json.loads((tmp_path / "page.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
     assert set(data["audio"]) == {"0", "1"}
-    assert dancedata.open(crowd).clips[0].group
+    assert dancedata.open(crowd).clips()[0].group

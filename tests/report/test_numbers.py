@@ -23,12 +23,12 @@ def document(demo: Path) -> Any:
 @pytest.fixture(scope="module")
 def joints(demo: Path) -> dict[str, np.ndarray]:
     with open_store(demo) as ds:
-        return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=ds.fps).joints() for c in ds.clips}
+        return {c.id: dancedata.decode(c.read("edge151"), "edge151", fps=ds.fps).joints() for c in ds}
 
 
 def test_windows_are_counted_by_split_and_name(demo: Path, document: Any) -> None:
     with open_store(demo) as ds:
-        music = {c.id: c.music for c in ds.clips}
+        music = {c.id: c.music for c in ds}
         for split in ds.splits:
             windows = ds.windows(split)
             assert document["contents"]["windows_by_split"][split][split] == len(windows)
@@ -59,7 +59,7 @@ def test_the_beat_alignment_is_of_frames_from_trim_start_on(relabelled: Any, joi
     path = relabelled(lambda k: {"trim_start": 40})
     for row in write_report(path).document["clips"]:
         with open_store(path) as ds:
-            clip = next(clip for clip in ds.clips if clip.id == row["clip"])
+            clip = next(clip for clip in ds if clip.id == row["clip"])
             music = ds.field("librosa35")
             heard = dancedata.metrics.MusicBeats.of_rows(clip.read("librosa35"), music.columns, music.grid, late=1)
         cut = dancedata.metrics.MusicBeats(
@@ -71,7 +71,7 @@ def test_the_beat_alignment_is_of_frames_from_trim_start_on(relabelled: Any, joi
 
 def test_floor_path_and_contacts(demo: Path, document: Any, joints: dict[str, np.ndarray]) -> None:
     with open_store(demo) as ds:
-        labels = {c.id: c.read("edge151")[:, :4] > 0.5 for c in ds.clips}
+        labels = {c.id: c.read("edge151")[:, :4] > 0.5 for c in ds}
     for row in document["clips"]:
         j = joints[row["clip"]]
         assert row["feet_m"] == pytest.approx(np.quantile(j[:, [7, 8, 10, 11], 1], 0.02))
@@ -96,7 +96,7 @@ def test_key_motions_lie_nearer_to_beats_than_chance(demo: Path, document: Any) 
     assert edges.min() == pytest.approx(1000 / 30, abs=0.5)
     assert music["bas"] > 2 * music["bas_chance"]
     with open_store(demo) as ds:
-        clip = ds.clips[0]
+        clip = ds.clips()[0]
         beats = np.flatnonzero(clip.read_song("librosa35")[:, -1])
     row = next(r for r in document["clips"] if r["clip"] == clip.id)
     assert row["tempo_found"] == pytest.approx(60 * 30 / np.median(np.diff(beats)))
@@ -144,7 +144,7 @@ def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:
     )
     document = write_report(path).document
     with open_store(path) as ds:
-        ids = [c.id for c in ds.clips]
+        ids = [c.id for c in ds]
     flagged = [row["clip"] for row in document["ranking"] if row["why"] == "flags"]
     assert flagged == [ids[2], ids[1]]
     assert document["ranking"][0]["clip"] == ids[2]
@@ -155,7 +155,7 @@ def test_the_worst_clips_come_first_and_each_once(relabelled: Any) -> None:
 def test_slices_that_overlap_are_measured_once(slices: Path) -> None:
     document = write_report(slices).document
     with open_store(slices) as ds:
-        clips = {clip.id: clip for clip in ds.clips}
+        clips = {clip.id: clip for clip in ds}
     assert len({clip.slice_start for clip in clips.values()}) > 1
     measured = [row for row in document["clips"] if row["seconds"]]
     assert {row["clip"] for row in measured} == {clip.id for clip in clips.values() if clip.slice_start == 0}
@@ -173,9 +173,9 @@ def test_copies_are_counted_and_not_measured_again(tmp_path: Path, demo: Path) -
     )  # fmt: skip
     document = write_report(out).document
     with open_store(out) as ds:
-        copies = sum(bool(c.source) for c in ds.clips)
+        copies = sum(bool(c.source) for c in ds)
         assert document["totals"]["copies"] == copies > 0
-        assert document["totals"]["clips"] == len(ds.clips) - copies == len(document["clips"])
+        assert document["totals"]["clips"] == len(ds) - copies == len(document["clips"])
         assert document["totals"]["windows"] == sum(len(ds.windows(s)) for s in ds.splits)
     assert document["music"]["beats_from"] is None
     assert document["music"]["bas"] is None

@@ -144,7 +144,7 @@ def test_untrusted_names_stay_text(hostile: Path, tmp_path: Path) -> None:
     assert len([about for about, _ in page.scripts if not about.get("type")]) == 2, "the player, and tables"
     assert "\u202e" not in page.text
     with open_store(hostile) as store:
-        ids = {c.id for c in store.clips}
+        ids = {c.id for c in store}
     linked = {
         unquote(a["href"][6:].split("&")[0]) for t, a in page.elements if a.get("href", "").startswith("#clip=")
     }

@@ -25,8 +25,8 @@ def samples(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("model") / "samples"
     folder.mkdir()
     with open_store(demo) as store:
-        test = [clip for clip in store.clips if clip.split == "test"]
-        train = next(clip for clip in store.clips if clip.split == "train")
+        test = list(store.clips("test"))
+        train = next(clip for clip in store if clip.split == "train")
         plain = test[0].read("edge151").astype(np.float32)
         drifting = plain.copy()
         drifting[:, 6] += np.linspace(0, 1, len(plain))  # the height of the root, as edge151 is +Z up
@@ -56,9 +56,9 @@ def test_distances_to_train_are_those_of_numpy(demo: Path, report: SamplesReport
     with open_store(demo) as store:
         poses = {
             clip.id: frontal(clip.joints(), store.skeleton.joints)[:, :22].astype(np.float32).astype(np.float64)
-            for clip in store.clips
+            for clip in store.clips()
         }
-        split = {clip.id: clip.split for clip in store.clips}
+        split = {clip.id: clip.split for clip in store}
     train = np.concatenate([of for clip, of in poses.items() if split[clip] == "train"])
     (row,) = [row for row in report.rows if row.clip in poses]
     squared = [((train - pose) ** 2).sum(axis=2).mean(axis=1).min() for pose in poses[row.clip]]
@@ -86,7 +86,7 @@ def test_planted_faults_are_named(report: SamplesReport) -> None:
 
 def test_songs_are_those_of_the_clips_of_that_name(demo: Path, report: SamplesReport) -> None:
     with open_store(demo) as store:
-        songs = {clip.id: clip.music for clip in store.clips}
+        songs = {clip.id: clip.music for clip in store}
     for row in report.rows:
         assert row.song == songs.get(row.clip, "")
 

@@ -34,7 +34,7 @@ def poses(demo: Path) -> dict[str, dict[str, np.ndarray]]:
     found: dict[str, dict[str, np.ndarray]] = {}
     with open_store(demo) as store:
         reader = ClipReader.of(store)
-        for clip in store.clips:
+        for clip in store:
             piece = reader.piece(clip)
             assert piece is not None
             joints = frontal(piece.figure.joints, piece.figure.skeleton.joints)[:, :22]
@@ -140,9 +140,9 @@ def test_a_pose_of_train_has_no_distance() -> None:
 def test_a_clip_of_train_in_test_is_found(demo: Path, relabelled: Callable[..., Path], poses: Any) -> None:
     """One clip of test is a clip of train with 3 mm of noise on the root: every window has its partner."""
     with open_store(demo) as store:
-        rows = [np.array(clip.read("edge151")) for clip in store.clips]
-        splits = [clip.split for clip in store.clips]
-        ids, starts = [clip.id for clip in store.clips], [len(store[clip.id].windows()) for clip in store.clips]
+        rows = [np.array(clip.read("edge151")) for clip in store]
+        splits = [clip.split for clip in store]
+        ids, starts = [clip.id for clip in store], [len(store[clip.id].windows()) for clip in store]
     copied, to = splits.index("train"), splits.index("test")
     turned = rows[copied].copy()
     turned[:, 4:7] += np.float32([2.0, 0.0, -1.0])  # at another place of the floor

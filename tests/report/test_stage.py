@@ -82,10 +82,10 @@ def test_the_report_counts_the_frames_of_its_clips(demo: Path, tmp_path: Path) -
     ds = dancedata.open(demo)
     document = write_report(demo, tmp_path / "page.html", clips="none").document
     stage = document["movement"]["stage"]
-    frames = sum(clip.n_frames for clip in ds.clips if not clip.source)
+    frames = sum(clip.n_frames for clip in ds if not clip.source)
     assert sum(map(sum, stage["floor"])) == sum(map(sum, stage["facing"])) == frames
     speeds = {"left": [], "right": []}  # type: ignore[var-annotated]
-    for clip in ds.clips:
+    for clip in ds:
         joints = dancedata.decode(clip.read("edge151"), "edge151", fps=30).joints()
         for side, of_side in speeds.items():
             wrist = joints[:, ds.skeleton.joints.index(f"{side}_wrist")]

@@ -46,7 +46,7 @@ def empty(store: Store) -> int:
 
 
 def described(store: Store) -> dict[str, list[str]]:
-    return {clip.id: [repr(s) for s in store.segments(clip.id)] for clip in store.clips}
+    return {clip.id: [repr(s) for s in store.segments(clip.id)] for clip in store}
 
 
 @pytest.mark.parametrize("name", ["all.csv", "all.jsonl"])
@@ -122,7 +122,7 @@ def test_the_command(built: Store, tmp_path: Path) -> None:
 
 def test_numbers_of_layers(built: Store) -> None:
     moves, words = sorted(layer_numbers(built), key=lambda layer: -ord(layer.name[0]))
-    frames = {clip.id: clip.n_frames for clip in built.clips if not clip.source}
+    frames = {clip.id: clip.n_frames for clip in built.clips() if not clip.source}
     assert (moves.segments, moves.clips, moves.median_s, moves.labels) == (1, 1, 1.0, {"left spin": 1})
     assert moves.coverage == pytest.approx(30 / sum(frames.values()))
     assert (words.texts, words.words, words.still) == (1, 3, None)
@@ -146,7 +146,7 @@ def test_overlapping_segments_cover_a_frame_once(tmp_path: Path, built: Store) -
     segments(built.path, set_file=tmp_path / "more.csv")
     store = dancedata.open(built.path)
     (moves,) = (layer for layer in layer_numbers(store) if layer.segments == 4)
-    total = sum(clip.n_frames for clip in store.clips if not clip.source)
+    total = sum(clip.n_frames for clip in store if not clip.source)
     assert moves.coverage * total == pytest.approx(120)
 
 

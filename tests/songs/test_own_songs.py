@@ -41,7 +41,7 @@ def test_the_line_of_the_readme(built: Path, corpus: Path, tmp_path: Path, monke
     assert (about["start_bpm"], about["tempo_bpm"], about["tempo_estimated"]) == (80, 80, False)
     assert about["tempo_from"] == "samples"
     store = dancedata.open(built)
-    clip = next(clip for clip in store.clips if clip.music == "mBR0")
+    clip = next(clip for clip in store if clip.music == "mBR0")
     rows = np.load(tmp_path / "features" / "song.librosa35.npy")
     np.testing.assert_array_equal(rows, clip.read_song("librosa35"))
 
@@ -65,7 +65,7 @@ def test_a_song_of_the_same_name_and_one_that_is_unknown(built: Path, corpus: Pa
 def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_path: Path) -> None:
     song = corpus / "wavs" / "mBR0.wav"
     with open_store(built) as store:
-        clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips)]
+        clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips())]
         stand_in: Any = SimpleNamespace(meta=store.info, clips=clips)
         with raises_message(UsageError, "tempos", where="source/wavs/mBR0.wav"):
             own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)

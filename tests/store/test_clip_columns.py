@@ -40,7 +40,7 @@ def write(name, studio):
     return folder / name
 
 one, two = write("one", "Tokyo"), write("two", "Osaka")
-print("read:", [clip.studio for clip in open_store(one).clips])
+print("read:", [clip.studio for clip in open_store(one).clips()])
 print("check:", verify_store(one))
 print("diff:", *map(str, diff(one, two)), sep="|")
 print("report:", describe_clips(one).splitlines()[:2])
@@ -100,7 +100,7 @@ def test_values_come_back(tmp_path: Path, column: str, value: object) -> None:
     (tmp_path / "store").mkdir()
     write_store(tmp_path / "store", made.header, clips)
     with open_store(tmp_path / "store") as store:
-        assert value in [getattr(clip, column) for clip in store.clips]
+        assert value in [getattr(clip, column) for clip in store]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def test_free_columns_come_back_with_their_types(tmp_path: Path) -> None:
     write_store(tmp_path / "store", made.header, clips)
     assert verify_store(tmp_path / "store") == []
     with open_store(tmp_path / "store") as store:
-        types = store.tables.types
+        types = store._tables.types
         assert types == {
             "x/level": "int", "x/indoors": "bool", "x/bpm": "float", "x/tags": "texts", "x/beats": "ints",
         }  # fmt: skip

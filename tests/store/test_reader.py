@@ -15,6 +15,7 @@ import pytest
 from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.store import Store, open_store
+from dancedata.store.queries import fields_with
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from tests.messages import raises_message
@@ -118,7 +119,7 @@ def test_fields_with_groups_of_columns(make_store: Any) -> None:
     fields = [Field("pose", "motion", random_columns(7), rate)]
     fields += [Field(name, "audio", random_columns(n, mirror=False), rate) for name, n in (("one", 1), ("two", 2))]
     store = open_store(make_store(fields=fields).path)
-    names = [[field.name for field in store.fields_with(*groups)] for groups in ("", "a", "b", "ab", "ac")]
+    names = [[field.name for field in fields_with(store, *groups)] for groups in ("", "a", "b", "ab", "ac")]
     assert names == [["one", "two"], ["one", "two"], ["two"], ["two"], []]
 
 
@@ -214,7 +215,7 @@ def test_a_name_or_a_number_instead_of_a_window_or_a_position(make_store: Any) -
         with raises_message(UsageError, r"ds\.windows", where="store1"):
             store.read(window, "pose")  # type: ignore[arg-type]
     with raises_message(UsageError, "counted"):
-        store.clips["train_c00"]  # type: ignore[call-overload]
+        store.clips()["train_c00"]  # type: ignore[call-overload]
 
 
 @pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
@@ -351,7 +352,7 @@ def test_shard_cut_or_overwritten_while_open(make_store: Any) -> None:
 def test_a_song_continues_after_its_clip(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "store")
     store = open_store(made.path)
-    for clip in store.clips:
+    for clip in store:
         block = made.clip(clip.id).audio["librosa35"][0]
         np.testing.assert_array_equal(clip.read_song("librosa35"), np.asarray(block.array)[block.offset :])
         np.testing.assert_array_equal(clip.read_song("librosa35")[: clip.n_frames], clip.read("librosa35"))

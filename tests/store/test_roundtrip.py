@@ -75,19 +75,19 @@ def test_clip_reads_whole_motion_and_its_part_of_the_song(make_store: Any) -> No
 def test_one_kind_of_clip(make_store: Any) -> None:
     made = make_store(clips={"train": 3, "val": 2})
     store = open_store(made.path)
-    assert len(store.clips) == 5
-    for number, clip in enumerate(store.clips):
-        assert clip == store[clip.id] == store.clips[number] == store.clips[number - 5]
+    assert len(store) == 5
+    for number, clip in enumerate(store.clips()):
+        assert clip == store[clip.id] == store.clips()[number] == store.clips()[number - 5]
         for column in fields(ClipRecord):
             assert getattr(clip, column.name) == getattr(clip.record, column.name), column.name
         for name in ("pose", "music"):
             np.testing.assert_array_equal(clip.read(name), store[clip.id].read(name))
         again = pickle.loads(pickle.dumps(clip))
         np.testing.assert_array_equal(again.read("pose"), clip.read("pose"))
-    assert [clip.id for clip in store.clips[1:3]] == [clip.id for clip in store.clips][1:3]
-    assert store.clips[3] in store.clips
+    assert [clip.id for clip in store.clips()[1:3]] == [clip.id for clip in store][1:3]
+    assert store.clips()[3] in store.clips()
     with pytest.raises(IndexError):
-        store.clips[5]
+        store.clips()[5]
 
 
 def test_unicode_ids_and_texts(tmp_path: Path) -> None:
@@ -106,7 +106,7 @@ def test_unicode_ids_and_texts(tmp_path: Path) -> None:
     out.mkdir()
     write_store(out, template, clips)
     store = open_store(out)
-    assert sorted(r.id for r in store.clips) == sorted(ids)
+    assert sorted(r.id for r in store) == sorted(ids)
     for i, name in enumerate(ids):
         view = store[name]
         assert (view.read("pose") == i).all()

@@ -110,8 +110,8 @@ def test_one_song_under_two_names_by_its_samples(write: Callable[..., Path]) -> 
         shared = splits(store).songs
         assert shared.names == {"train and val": ("azul (also blue)",)}
         assert shared.counts["train"] == {"train": 2, "val": 1, "test": 0}
-        nameless = [dataclasses.replace(clip.record, made_of="") for clip in store.clips]
-        assert songs_of(nameless) == {clip.id: clip.music for clip in store.clips}
+        nameless = [dataclasses.replace(clip.record, made_of="") for clip in store]
+        assert songs_of(nameless) == {clip.id: clip.music for clip in store}
 
 
 def test_copies_have_the_song_of_their_clip_and_clips_without_music_have_none() -> None:
@@ -138,10 +138,10 @@ def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
     noise, other = (np.random.default_rng(seed).normal(size=(150, 35)).astype("f4") for seed in (0, 1))
     path = write({"train": {"first": noise, "third": other}, "test": {"second": noise}}, n_frames=150)
     with open_store(path) as store:
-        (pair,) = alike_songs(store, songs_of(store.clips))
+        (pair,) = alike_songs(store, songs_of(store.clips()))
         assert (pair.songs, pair.shift_s) == (("first", "second"), 0.0)
         monkeypatch.setattr("dancedata.store.songs.MAX_PAIRS", 2)
-        assert alike_songs(store, songs_of(store.clips)) is None
+        assert alike_songs(store, songs_of(store.clips())) is None
 
 
 @pytest.mark.parametrize("slices", [False, True])
@@ -155,7 +155,7 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
     assert problem.severity == "error"
     assert "sound alike: first of train and copy of test" in problem.message
     with open_store(path) as store:
-        (pair,) = alike_songs(store, songs_of(store.clips))
+        (pair,) = alike_songs(store, songs_of(store.clips()))
         assert abs(pair.shift_s + 1) < 0.1
         (name,) = splits(store).songs.names["train and test"]
         assert name.startswith("first (sounds as copy, likeness 0.")
@@ -171,7 +171,7 @@ def test_slices_with_gaps_between_them(write: Callable[..., Path], stride: int) 
     }
     path = write(songs, slices=True, n_frames=780, stride=stride)
     with open_store(path) as store:
-        (pair,) = alike_songs(store, songs_of(store.clips))
+        (pair,) = alike_songs(store, songs_of(store.clips()))
     assert pair.songs == ("first", "copy")
     assert pair.likeness > LIKENESS + 0.03
     assert abs(pair.shift_s + 3.2) < 0.1
@@ -183,8 +183,8 @@ def test_the_clip_with_the_most_slices_represents_a_song(write: Callable[..., Pa
     music, noise = rows_of(CLOSE[0]), np.random.default_rng(0).normal(size=(360, 35)).astype("f4")
     songs = {split: {split: music if split in (long, "val") else noise} for split in ("train", "val", "test")}
     with open_store(write(songs, slices=True, shortest=240, n_frames=360, seed=seed)) as store:
-        assert max(("train", "test"), key=lambda split: sum(clip.split == split for clip in store.clips)) == long
-        (pair,) = alike_songs(store, {clip.id: "copy" if clip.split == "val" else "song" for clip in store.clips})
+        assert max(("train", "test"), key=lambda split: sum(clip.split == split for clip in store)) == long
+        (pair,) = alike_songs(store, {clip.id: "copy" if clip.split == "val" else "song" for clip in store})
     assert pair.likeness > LIKENESS
 
 
@@ -213,7 +213,7 @@ def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path,
     path = write({"train": {"first": rows(first)}, "test": {"second": rows(second), **copies}})
     monkeypatch.setattr("dancedata.store.songs.LIKENESS", -1.0)
     with open_store(path) as store:
-        found = alike_songs(store, songs_of(store.clips))
+        found = alike_songs(store, songs_of(store.clips()))
     likeness = {set(pair.songs).difference({"first"}).pop(): pair.likeness for pair in found}
     assert min(likeness[name] for name in copies) > LIKENESS + 0.03, likeness
     assert likeness["second"] < LIKENESS - 0.03, likeness

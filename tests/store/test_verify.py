@@ -329,7 +329,7 @@ def test_seconds_are_fractions(make_store: Any, text: str) -> None:
     seal(made.path)
     assert "audio_start" in only_error(made.path)
     with raises_message(StoreError, "fraction"):
-        _ = next(iter(open_store(made.path).clips)).audio_start
+        _ = next(iter(open_store(made.path).clips())).audio_start
 
 
 def test_shard_that_is_not_hdf5(make_store: Any) -> None:
@@ -399,7 +399,7 @@ def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
     made = make_store()
     edit(made.path, "clips/tempo_bpm", 0, np.inf, TABLES)
     with open_store(made.path) as store:
-        assert next(iter(store.clips)).tempo_bpm is None
+        assert next(iter(store)).tempo_bpm is None
 
 
 def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path) -> None:

@@ -30,7 +30,7 @@ def systems(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path,
     rng = np.random.default_rng(0)
     for name, noise in (("calm", 0.002), ("wild", 0.02)):
         (out / name).mkdir()
-        for clip in ds.clips[:6]:
+        for clip in ds.clips()[:6]:
             joints = dancedata.decode(clip.read("edge151"), "edge151", fps=ds.fps).joints()
             np.savez(out / name / f"{clip.id}.npz", joints=joints + rng.normal(0, noise, joints.shape), fps=30)
     return out / "calm", out / "wild"

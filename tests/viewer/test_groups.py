@@ -37,7 +37,7 @@ def test_the_list_is_group_by_group(groups: Scenes) -> None:
     sizes = {item.id: len(item.members) for item in groups.items}
     assert sorted(sizes.values()) == [2, 2, 3, 5, 7, 7]
     assert [item.number for item in groups.items] == list(range(6))
-    assert sum(sizes.values()) == len(groups.store.clips)
+    assert sum(sizes.values()) == len(groups.store.clips())
     copy = groups.find(f"{TWO}__mirror")
     assert (copy.source, copy.members[1].source) == (TWO, f"{TWO}_p1")
     rows = item_rows(groups.items, tuple(groups.flag_count(item) for item in groups.items))

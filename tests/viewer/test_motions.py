@@ -248,8 +248,8 @@ def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, 
 @pytest.mark.parametrize("wall", [False, True])
 def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path: Path, wall: bool) -> None:
     ds = dancedata.open(odd)
-    clip = ds.clips[-1]
-    assert clip.id != ds.clips[0].id
+    clip = ds.clips()[-1]
+    assert clip.id != ds.clips()[0].id
     (tmp_path / "samples").mkdir()
     joints = dancedata.decode(clip.read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "samples" / f"{clip.id}.npz", joints=joints, fps=FPS)
@@ -257,7 +257,7 @@ def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path
     assert opened.item.name == clip.id
     if wall:
         assert [member.item.part for member in opened.scenes.scene(opened.item).members] == ["odd", "samples"]
-    assert Shown.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips[0].id
+    assert Shown.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips()[0].id
 
 
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:

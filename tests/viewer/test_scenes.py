@@ -118,7 +118,7 @@ def test_beats_of_librosa35_come_first(tmp_path: Path) -> None:
 
 def test_slices_are_items(scenes) -> None:
     dataset = scenes("slices")
-    assert [item.id for item in dataset.items] == [clip.id for clip in dataset.store.clips]
+    assert [item.id for item in dataset.items] == [clip.id for clip in dataset.store.clips()]
     scene = dataset.scene(dataset.items[0])
     assert scene.figure.n_frames == 60
     assert scene.windows == ((0, 60),)
@@ -188,7 +188,7 @@ def test_music_offset_of_a_clip_in_its_song(tmp_path: Path) -> None:
     store = dancedata.open(written.path)
     offsets = {clip.id: clip.audio["music"][0].offset for clip in written.clips}
     assert any(offsets.values())
-    assert {clip.id: store[clip.id].music_offset * 30 for clip in store.clips} == offsets
+    assert {clip.id: store[clip.id].music_offset * 30 for clip in store} == offsets
 
 
 def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> None:

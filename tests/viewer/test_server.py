@@ -120,7 +120,7 @@ def test_clips_and_music(client: Client, odd: Path) -> None:
     clip = json.loads(body)
     assert status == 200
     assert headers["content-type"] == "application/json"
-    assert clip["id"] == dancedata.open(odd).clips[0].id
+    assert clip["id"] == dancedata.open(odd).clips()[0].id
     assert client.get("/clip/0?field=nonsense")[0] == 400
     status, headers, body = client.get("/clip/0/music")
     assert status == 200
@@ -166,7 +166,7 @@ def test_sliding_is_measured_on_request(client: Client, odd: Path) -> None:
     figures = [[scenes.scene(dancer).figure for dancer in item.members or (item,)] for item in scenes.items]
     wanted = [max(round(figure.sliding, 4) for figure in dancers if figure is not None) for dancers in figures]
     assert progress["values"] == wanted
-    assert len(wanted) == len(dancedata.open(odd).clips)
+    assert len(wanted) == len(dancedata.open(odd).clips())
 
 
 def test_it_binds_this_machine_only(odd: Path) -> None:
@@ -282,7 +282,7 @@ def test_a_comparison_of_any_numbers_is_answered(odd: Path, tmp_path: Path) -> N
 
 
 def test_two_files_of_one_clip_are_not_compared(odd: Path, tmp_path: Path) -> None:
-    clip = dancedata.open(odd).clips[0].id
+    clip = dancedata.open(odd).clips()[0].id
     np.save(tmp_path / f"{clip}.npy", np.zeros((60, 24, 3)))
     np.savez(tmp_path / f"{clip}.npz", poses=np.zeros((60, 72)), trans=np.zeros((60, 3)))
     with raises_message(UsageError, "one name"):

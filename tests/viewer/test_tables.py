@@ -26,7 +26,7 @@ def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
     assert "edge151" in page
     assert "groups" not in page  # there is none
     assert "librosa35" in page
-    assert page.count("<svg") == min(MOST_CLIPS, len(ds.clips)) == 7
+    assert page.count("<svg") == min(MOST_CLIPS, len(ds)) == 7
     counts = ds.info["splits"]["train"]
     assert f"<td>train</td><td>{counts['clips']}</td>" in page
     for name in HOSTILE:
@@ -35,7 +35,7 @@ def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
 
 
 def test_a_part_of_the_clips(odd: Path) -> None:
-    clips = dancedata.open(odd).clips
+    clips = dancedata.open(odd).clips()
     assert html_of(clips[:2]).count("<tr>") == 3
     assert html_of(clips[:0]) == "<p>no clips</p>"
     assert "more clip" not in html_of(clips)
@@ -63,7 +63,7 @@ def test_importing_dancedata_in_ipython_registers_what_it_shows(odd: Path) -> No
     shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html}))
     dancedata.load_ipython_extension(shell)
     ds = dancedata.open(odd)
-    for value in (ds, ds.clips, ds.clips[0], ds["wav"].motion()):
+    for value in (ds, ds.clips(), ds.clips()[0], ds["wav"].motion()):
         assert shown[type(value).__module__, type(value).__name__](value).startswith(("<div>", "<table>", "<iframe "))
     code = (
         "import sys, types; s = types.SimpleNamespace; html = s(for_type_by_name=lambda *_: print('registered'))\n"

@@ -69,14 +69,14 @@ class ExportJob:
     def clips(self, *splits: str) -> list[Clip]:
         """Return the clips of some splits that have `fields`, by id; of all splits if none is named."""
         chosen = splits or self.store.splits
-        clips = (c for c in self.store.clips if c.split in chosen and c.id not in self.without)
+        clips = (c for c in self.store if c.split in chosen and c.id not in self.without)
         return sorted(clips, key=lambda clip: clip.id)
 
     @cached_property
     def without(self) -> dict[str, tuple[str, ...]]:
         """By clip that is left out, those of `fields` that it, or a dancer of its group, does not have."""
         left_out: dict[str, tuple[str, ...]] = {}
-        for unit in self.store.clips.units() if self.fields else ():
+        for unit in self.store.clips().units() if self.fields else ():
             names = tuple(name for name in self.fields if not all((name in clip) for clip in unit))
             left_out |= {clip.id: names for clip in unit if names}
         return left_out

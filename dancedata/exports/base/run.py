@@ -19,6 +19,7 @@ from dancedata.recipes.plugins import make_named
 from dancedata.store import Store, open_store
 from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.licence import clips_by_terms, terms_text
+from dancedata.store.queries import optional_fields, require_intact
 
 _TEXT = 5000
 
@@ -186,9 +187,9 @@ def export_dataset(
     with open_store(path) as store:
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
-        job = replace(job, fields=tuple(name for name in target.reads(job) if name in store.optional_fields))
+        job = replace(job, fields=tuple(name for name in target.reads(job) if name in optional_fields(store)))
         require_complete(target, job, needs_file_names(job) + target.missing(job))
-        store.require_intact()
+        require_intact(store)
         with atomic_folder(job.out, overwrite=overwrite, link=link) as folder:
             target.write(job, folder)
             _finish(target, job, folder)

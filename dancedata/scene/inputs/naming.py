@@ -44,7 +44,7 @@ class Named:
         """Return the error for files of which nothing is known: neither their music nor their truth."""
         if len(self.unknown) < len(self.clips) or all(clip.file is None for clip in self.clips):
             return None
-        example = like.clips[0].id
+        example = like.clips()[0].id
         return DataError(
             f"none of {counted(len(self.clips), 'file')} is named as a clip, window or song of {like.path.name}",
             reason="nothing_matched", where=where, found=listed(self.unknown),
@@ -66,9 +66,9 @@ def named_clips(clips: Sequence[ClipInput], sources: MusicSources, like: Store |
     Raises UsageError: for a window whose song is named without the second, or that dances to another one.
     """
     finder = None if like is None else Samples(like)
-    song_names = frozenset(sources.files) | {c.music for c in (() if like is None else like.clips) if c.music}
+    song_names = frozenset(sources.files) | {c.music for c in (() if like is None else like.clips()) if c.music}
     songs = of_known(sources.songs, song_names | {clip.music for clip in clips})
-    tempos = {} if like is None else {c.music: c.tempo_bpm for c in like.clips if c.music and c.tempo_bpm}
+    tempos = {} if like is None else {c.music: c.tempo_bpm for c in like.clips() if c.music and c.tempo_bpm}
     named: list[ClipInput] = []
     samples: dict[str, Sample] = {}
     by_song: list[str] = []
