@@ -30,7 +30,7 @@ def require_field(tables: Tables, row: int, f: Field) -> None:
             f"the clip has no rows of field {f.name}",
             where=f"clip {tables.ids[row]}",
             found="a clip that was kept without it; rejects.jsonl says why",
-            fix=f"take clips whose has_field({f.name!r}) is true, or windows(split, fields=({f.name!r},))",
+            fix=f"take clips with {f.name!r} in clip, or windows(split, fields=({f.name!r},))",
         )
 
 

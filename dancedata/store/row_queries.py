@@ -86,7 +86,7 @@ class RowQueries(StoreTables):
         return not f.optional or bool(tables.having(f)[row])
 
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
-        """Return those of some fields that a clip does not have; see `has_field`."""
+        """Return those of some fields that a clip does not have."""
         return tuple(name for name in fields if self.field(name).optional and not self._has_field(clip_id, name))
 
     def _windows_of(self, clip_id: str) -> tuple[Window, ...]:
