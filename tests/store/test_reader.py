@@ -64,9 +64,9 @@ def test_a_file_that_h5py_holds_with_locks_is_named_as_one(make_store: Any) -> N
 
 def test_opening_reads_no_table(make_store: Any) -> None:
     store = open_store(make_store().path)
-    assert "tables" not in vars(store)
+    assert "_tables" not in vars(store)
     store.read(store.windows("train")[0], "pose")
-    assert "tables" in vars(store)
+    assert "_tables" in vars(store)
 
 
 @pytest.mark.parametrize("target", ["windows", "read"])
