@@ -115,7 +115,7 @@ def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -
 
 
 def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Path) -> None:
-    group = next(clip.group for clip in duets.clips if clip.group)
+    group = next(clip.group for clip in duets.clips() if clip.group)
     ids = [f"{safe_name(group)}@15+150~p{k}" for k in range(2)]
     evaluator = Evaluator(duets, "edge151", normalized=False)
     for name in ids:

@@ -106,7 +106,7 @@ def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
 def test_dancers_of_groups(
     duets: Store, tmp_path: Path, files: list[str], protocol: str, error: type[DanceDataError] | None, words: str
 ) -> None:
-    clip = next(clip for clip in duets.clips if clip.group)
+    clip = next(clip for clip in duets if clip.group)
     (tmp_path / "gen").mkdir()
     for name in files:
         member = next(c for c in duets.clips() if c.group == clip.group and name.endswith(f"p{c.member}"))
