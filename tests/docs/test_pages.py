@@ -10,7 +10,7 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.resources import resource
 from dancedata.decoding.files import FORMATS
 from dancedata.recipes.parse import load_recipe, parse_recipe
-from tests.docs.pages import blocks, text_of
+from tests.docs.pages import blocks, text_of, with_output
 
 
 def test_a_recipe_of_the_page_has_both_rates() -> None:
@@ -28,7 +28,7 @@ def test_everything_in_the_60_recipe_has_60_rows() -> None:
 
 
 def test_every_feature_is_on_the_page() -> None:
-    assert all(f"| `{name}` | " in text_of("docs/audio-features.md") for name in FEATURES.names())
+    assert all(f"| `{name}` | " in text_of("docs/guides/music.md") for name in FEATURES.names())
 
 
 def test_every_format_is_on_the_page() -> None:
@@ -52,17 +52,17 @@ def encoders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_code_of_encoders_prints_the_output_shown(encoders, capsys, monkeypatch):
     monkeypatch.chdir(encoders)
-    ((code,), (output,)) = (blocks("docs/encoders.md", kind) for kind in ("python", "text"))
-    exec(compile(code, "encoders.md", "exec"), {})
+    code, output = next(shown for shown in with_output("docs/guides/music.md") if "mert-95m" in shown[0])
+    exec(compile(code, "music.md", "exec"), {})
     assert capsys.readouterr().out == output
 
 
 def test_the_ways_to_reproduce_are_recipes() -> None:
     """Every mapping of the page's table and YAML is one that a recipe may have."""
-    table = text_of("docs/encoders.md").split("## Reproducing them")[1].split("## Licences")[0]
-    mappings = re.findall(r"`((?:hf\.\w+|bailando438): \{.*?\})`", table)
-    assert len(mappings) >= 6
-    written = [code.removeprefix("audio:\n") for code in blocks("docs/encoders.md", "yaml") if "audio:\n" in code[:7]]
+    table = text_of("docs/guides/music.md").split("the keys that reproduce it:")[1].split("Tests ran")[0]
+    mappings = re.findall(r"`((?:hf\.\w+|bailando438|jukebox): \{.*?\})`", table)
+    assert len(mappings) >= 7
+    written = [code.removeprefix("audio:\n") for code in blocks("docs/guides/music.md", "yaml")]
     for audio in (*mappings, *written):
         document = yaml.safe_load(resource("pipelines", "finedance-mert.yaml").read_text(encoding="utf-8"))
         # At 60 and 75 rows per second windows have to be whole numbers of rows.
@@ -84,6 +84,6 @@ def test_the_page_of_encoders_names_every_model_type() -> None:
     pytest.importorskip("torch")
     from dancedata.audio.hf.families import FAMILIES
 
-    paragraph = text_of("docs/encoders.md").split("**Models that can be read**")[1].split("\n\n")[0]
+    paragraph = text_of("docs/guides/music.md").split("**Models that can be read**")[1].split("\n\n")[0]
     known = {kind for family in FAMILIES for kind in family.model_types}
     assert set(re.findall(r"`([\w-]+)`", paragraph.split("`config.json`:")[1])) == known

@@ -185,7 +185,7 @@ def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
 
     An onset envelope, one tempo for the signal, dynamic programming (Ellis 2007). Frames of the envelope begin at
     their instant, and are half as long as librosa's default. With the default, beats come a row late
-    (docs/audio-features.md); so, on nine songs with known beats, they are within 15 ms on both sides.
+    (docs/reference/columns.md); so, on nine songs with known beats, they are within 15 ms on both sides.
 
     `start_bpm`: Where the search for the tempo starts, in beats per minute; None: at librosa's estimate.
     """

@@ -78,7 +78,7 @@ class TorchFile(_Closing):
                 where=path,
                 found=shown(error),
                 allowed="a complete file that torch.save wrote, of tensors and plain containers",
-                fix="get the file again with `dancedata jukebox fetch`, or from the address in docs/jukebox.md",
+                fix="get the file again with `dancedata jukebox fetch`",
             ) from error
         self._tensors: dict[str, torch.Tensor] = {
             name: tensor for name, tensor in _model(loaded, path).items() if isinstance(tensor, torch.Tensor)
