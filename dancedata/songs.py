@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.networks.feature import NetworkFeature
 from dancedata.building.fields.music import MusicField
 from dancedata.building.left_out import implausible_problems
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
@@ -186,8 +185,7 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
 
 def _weights_of(options: Sequence[str | Path], jobs: Sequence[MusicField]) -> dict[str, Path]:
     """Return the folder of weights by feature; UsageError for weights that no feature takes."""
-    networks = [(job.name, job.feature) for job in jobs if isinstance(job.feature, NetworkFeature)]
-    takers = [name for name, feature in networks if feature.with_weights(Path()) is not feature]
+    takers = [job.name for job in jobs if job.feature.with_weights(Path()) is not job.feature]
     folders: dict[str, Path] = {}
     for text in map(str, options):
         name, named, folder = text.partition("=")
@@ -211,7 +209,7 @@ def _weights_of(options: Sequence[str | Path], jobs: Sequence[MusicField]) -> di
 def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> AudioFeature:
     """Return a feature with its weights; a dataset records their hash, not their place."""
     feature = job.feature
-    if weights is not None and isinstance(feature, NetworkFeature):
+    if weights is not None:
         feature = feature.with_weights(weights)
     try:
         return feature.resolved(Cache(default_cache()).file_sha256)

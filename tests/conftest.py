@@ -104,7 +104,7 @@ def pytest_configure(config: pytest.Config) -> None:
         place = Path(str(find_spec("librosa").origin))
         compiled = [str(place), place.stat().st_mtime_ns, version("librosa"), version("numba")]
         if kept is None or kept.get("dancedata/kernels", None) != compiled:
-            code = "from dancedata.audio.librosa35.reference import compile_kernels; compile_kernels()"
+            code = "from dancedata.audio._librosa import compile_kernels; compile_kernels()"
             subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
         if kept is not None:
             kept.set("dancedata/kernels", compiled)

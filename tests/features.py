@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from dancedata.audio.bailando438.feature import Bailando438, Floats, first_columns
-from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio._bailando import BailandoFeature, Floats, first_columns
+from dancedata.audio._settings import HOP
 from dancedata.core.columns import Columns
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
@@ -15,7 +15,7 @@ _MIN_SAMPLE_RATE = 18 * HOP
 
 @FEATURES.register("bailando54")
 @dataclass(frozen=True)
-class Bailando54(Bailando438):
+class Bailando54(BailandoFeature):
     """MFCC 20, their derivative 20, chroma 12, onset envelope 1, beats 1; chroma of seven octaves at every rate.
 
     Parameters

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dancedata.audio.bailando438.feature import Bailando438, Floats, compute
+from dancedata.audio._bailando import BailandoFeature, Floats, compute
 from dancedata.core.columns import Columns, Group
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
@@ -15,7 +15,7 @@ _COLUMNS = 55
 
 @FEATURES.register("bailando55")
 @dataclass(frozen=True)
-class Bailando55(Bailando438):
+class Bailando55(BailandoFeature):
     """MFCC 20, their derivative 20, chroma 12, onset envelope 1, beats 1, tempogram at lag 0; chroma of five octaves.
 
     The tempogram is an autocorrelation, scaled by its largest value: at lag 0 it is 1, or 0 in silence.

@@ -6,7 +6,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio._settings import HOP
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
@@ -61,7 +61,7 @@ class Stft193(AudioFeature):
         """
         import librosa
 
-        from dancedata.audio.librosa35.reference import known_warnings
+        from dancedata.audio._librosa import known_warnings
 
         self.require_samples(signal)
         samples = resample(signal.samples, signal.sample_rate, _feature_rate(grid))

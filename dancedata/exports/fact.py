@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports.bailando import PARTS, is_ignored, needs_aist_names, note_ignored
+from dancedata.exports._aist import PARTS, is_ignored, needs_aist_names, note_ignored
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_music_from_start, needs_splits
 

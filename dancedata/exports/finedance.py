@@ -7,16 +7,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.resources import manifest
-from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
+from dancedata.exports._finedance import needs_tracks, note_missing
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import (
-    needs_field,
-    needs_fps,
-    needs_music_from_start,
-    needs_names,
-)
 from dancedata.files.atomic_folder import AtomicFolder
 
 _MOTION, _FPS = "finedance319", 30
@@ -35,33 +28,6 @@ python train_seq.py
 - The loader subtracts the root of a window's first frame in a view of its array, so that overlapping windows of one
   batch change each other. Compare one window at a time.
 """
-
-
-#: The published sequences.
-IDS = tuple(f"{n:03d}" for n in range(1, 212))
-
-
-def needs_tracks(job: ExportJob, motion: str, feature: str) -> list[Missing]:
-    """Check that a dataset has whole tracks of motion and 35 columns of music at 30 per second."""
-    missing = needs_fps(job, _FPS) + needs_field(job, motion, kind="motion", rate=_FPS)
-    missing += needs_field(job, feature, kind="audio", width=35, rate=_FPS)
-    form = "001 to 211, as FineDance does: dataset: {finedance: {}}; copies (augment) have other names"
-    missing += needs_music_from_start(job.clips())
-    return missing + needs_names(job.clips(), lambda name: name in IDS, form)
-
-
-def note_missing(job: ExportJob, folder: AtomicFolder, loader: str, *ignore_lists: str) -> None:
-    """Note the ids that a loader opens but that are missing: it would end with FileNotFoundError."""
-    lists = manifest("finedance")["ignore_lists"]
-    ignored = {name for of in ignore_lists for name in lists[of]["ids"]}
-    exported = {clip.id for clip in job.clips()}
-    missing = [name for name in IDS if name not in ignored and name not in exported]
-    if missing:
-        folder.note(
-            f"{loader} opens every published id but {len(ignored)} ignored ones; {counted(len(missing), 'id')} of "
-            "them are not in the dataset, and the unmodified loader ends with FileNotFoundError at the first: "
-            f"{listed(missing, 12)}"
-        )
 
 
 @EXPORTS.register("finedance")

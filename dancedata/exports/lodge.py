@@ -19,9 +19,9 @@ from dancedata.core.packages import MissingPackageError, require
 from dancedata.core.resources import manifest
 from dancedata.core.text import listed
 from dancedata.core.typing import override
+from dancedata.exports._finedance import needs_tracks, note_missing
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_train
-from dancedata.exports.finedance import needs_tracks, note_missing
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.reference import compile_kernels
+from dancedata.audio._librosa import compile_kernels
 from dancedata.core.audio_signal import AudioSignal
 
 RATE = 48000

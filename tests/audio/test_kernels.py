@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.audio import _bailando as b438
+from dancedata.audio import _librosa as plain
 from dancedata.audio.bailando438 import Bailando438
-from dancedata.audio.bailando438 import feature as b438
-from dancedata.audio.librosa35 import reference as plain
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.building import plugins as building
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.errors import UsageError

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import dancedata
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.store import Store

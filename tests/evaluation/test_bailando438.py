@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.metrics import MusicBeats

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.errors import DataError, StoreError
 from dancedata.exports.bailando import json_of
 from dancedata.exports.base.run import ExportResult

@@ -11,7 +11,7 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.bailando438.feature import Bailando438
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS, FEATURES

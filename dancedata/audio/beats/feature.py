@@ -138,7 +138,7 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_samples(signal)
-        from dancedata.audio.librosa35.reference import estimated_bpm
+        from dancedata.audio._librosa import estimated_bpm
 
         return estimated_bpm(signal.samples, signal.sample_rate)
 
@@ -149,7 +149,7 @@ class Beats(NetworkFeature):
         if self.source != "librosa":
             return None
         self.require_windows(signal, starts, n_samples)
-        from dancedata.audio.librosa35.reference import estimated_bpm
+        from dancedata.audio._librosa import estimated_bpm
 
         windows = (signal.samples[start : start + n_samples] for start in starts.tolist())
         return [estimated_bpm(window, signal.sample_rate) for window in windows]
@@ -189,7 +189,7 @@ def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
 
     `start_bpm`: Where the search for the tempo starts, in beats per minute; None: at librosa's estimate.
     """
-    from dancedata.audio.librosa35.reference import compile_kernels, estimated_bpm, known_warnings
+    from dancedata.audio._librosa import compile_kernels, estimated_bpm, known_warnings
 
     compile_kernels()
     import librosa

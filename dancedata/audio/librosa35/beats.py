@@ -11,8 +11,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from dancedata.audio._settings import HOP
 from dancedata.audio.librosa35.arrays import Floats, strided
-from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.spectra import hann
 
 Doubles = NDArray[np.float64]

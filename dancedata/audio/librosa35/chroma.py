@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio._settings import HOP
 from dancedata.audio.librosa35.arrays import Floats, strided, times_on_grid
 from dancedata.audio.librosa35.filters import N_OCTAVES, FilterBank, filter_bank
 from dancedata.audio.librosa35.resample import halved
-from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE
 from dancedata.audio.librosa35.windows import Windows, halved_windows
 

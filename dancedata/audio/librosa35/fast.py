@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio._settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.librosa35.arrays import Floats, one_blas_thread, strided
 from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.chroma import STEPS, cens, shares_of, window_chroma
 from dancedata.audio.librosa35.filters import N_OCTAVES, filter_bank, has_one_bank, sparse_filters
 from dancedata.audio.librosa35.resample import MAX_PERIOD, halved, period
-from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
 from dancedata.audio.librosa35.spectra import (
     LAG,
     N_FFT,

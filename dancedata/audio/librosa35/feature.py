@@ -19,7 +19,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.settings import HOP, N_COLUMNS, Settings
+from dancedata.audio._settings import HOP, N_COLUMNS, Settings
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
@@ -98,7 +98,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         _require_bpm(start_bpm)
         self.require_samples(signal)
-        from dancedata.audio.librosa35 import fast, reference
+        from dancedata.audio import _librosa as reference
+        from dancedata.audio.librosa35 import fast
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else reference.track_features
@@ -108,7 +109,8 @@ class Librosa35(AudioFeature):
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
         rate = _feature_rate(grid)
         self.require_samples(signal)
-        from dancedata.audio.librosa35 import fast, reference
+        from dancedata.audio import _librosa as reference
+        from dancedata.audio.librosa35 import fast
 
         is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
@@ -121,7 +123,8 @@ class Librosa35(AudioFeature):
         rate = _feature_rate(grid)
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
-        from dancedata.audio.librosa35 import fast, reference
+        from dancedata.audio import _librosa as reference
+        from dancedata.audio.librosa35 import fast
 
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
@@ -152,7 +155,8 @@ class Librosa35(AudioFeature):
         self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
-        from dancedata.audio.librosa35 import fast, reference
+        from dancedata.audio import _librosa as reference
+        from dancedata.audio.librosa35 import fast
 
         is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):

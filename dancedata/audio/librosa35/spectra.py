@@ -12,8 +12,8 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from dancedata.audio._settings import HOP
 from dancedata.audio.librosa35.arrays import Floats, strided
-from dancedata.audio.librosa35.settings import HOP
 from dancedata.audio.librosa35.tuning import Peaks, find_peaks
 from dancedata.audio.librosa35.windows import Windows
 

@@ -6,7 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Hashable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -53,10 +53,6 @@ class NetworkFeature(AudioFeature):
 
     device: str
     batch_size: int
-
-    @abstractmethod
-    def with_weights(self, folder: Path) -> Self:
-        """Return the feature with the weights in a folder; itself if it has none."""
 
     @abstractmethod
     def weights_path(self) -> Path:

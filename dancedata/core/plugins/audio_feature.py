@@ -166,6 +166,10 @@ class AudioFeature(Plugin):
         """Return the signal of a window."""
         return signal.part(start, start + n_samples)
 
+    def with_weights(self, folder: Path) -> Self:
+        """Return the feature with the weights of its network in a folder; itself if it has none."""
+        return self
+
     def resolved(self, hash_file: Callable[[Path], str]) -> Self:
         """Return the feature with everything fixed that depends on this machine, such as a precision.
 

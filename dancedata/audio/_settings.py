@@ -1,4 +1,4 @@
-"""Sizes and settings of both versions of librosa35."""
+"""Sizes and settings of features that librosa computes."""
 
 from dataclasses import dataclass
 

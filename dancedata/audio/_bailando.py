@@ -1,4 +1,4 @@
-"""The 438 columns of music that Bailando and Bailando++ read.
+"""Columns of music that Bailando and those after it read.
 
 MFCC, their derivative, chroma of the harmonic part, onset envelope, beats and tempogram of the percussive part, at a
 hop of 512 samples and a sample rate of 512 times the frame rate: 60 rows per second with motion, 7.5 for the GPT of
@@ -15,13 +15,12 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.settings import HOP
+from dancedata.audio._settings import HOP
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
-from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
 from dancedata.music.kernels import compiling
 from dancedata.music.signal import pcm16, resample, resampled_length
@@ -48,10 +47,9 @@ _GROUPS = (
 )
 
 
-@FEATURES.register("bailando438")
 @dataclass(frozen=True)
-class Bailando438(AudioFeature):
-    """MFCC 20, their derivative 20, chroma 12, onset envelope 1, beats 1, tempogram 384.
+class BailandoFeature(AudioFeature):
+    """Common base of features with Bailando's columns.
 
     Parameters
     ----------
@@ -64,7 +62,6 @@ class Bailando438(AudioFeature):
 
     onset_fmax: Literal["era", "nyquist"] = "era"
 
-    version: ClassVar[int] = 1
     beat_rows_late: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
@@ -183,7 +180,7 @@ def _mfcc(samples: Floats, rate: int) -> Floats:
 @contextmanager
 def _known_warnings() -> Iterator[None]:
     """Hide the known warnings, and that about mel bands above half the sample rate: their being empty is meant."""
-    from dancedata.audio.librosa35.reference import known_warnings
+    from dancedata.audio._librosa import known_warnings
 
     with known_warnings():
         warnings.filterwarnings("ignore", message="Empty filters detected in mel", category=UserWarning)
