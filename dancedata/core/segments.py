@@ -15,6 +15,8 @@ from dancedata.core.text import quoted
 #: Ticks of exact times in a second: whole for frames at 24, 25, 30, 50, 60, 100 and 120 per second and their NTSC
 #: forms, and for samples at 44.1 and 48 kHz.
 TICKS_PER_SECOND = 705_600_000
+#: Number of a joint, of any body.
+MAX_JOINT = 999
 #: The end of a clip, where a source names the whole clip and not its length; a build puts the length in its place.
 CLIP_END = Fraction(10**9)
 

@@ -15,7 +15,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.recipes.plugins import make_named
-from dancedata.representations.root_place import RootPlace
 
 if TYPE_CHECKING:
     from dancedata.store import Store
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
     from dancedata.store.normalize import Scaler
 
 
+#: The representation that holds the places of dancers.
+_PLACES = "root_place"
 #: A dataset, open or not, or a reader of it.
 Like: TypeAlias = "Store | Reader | str | Path | None"
 #: A scaler, or its file.
@@ -207,7 +208,9 @@ class Decoder:
         stored, grid = self._undone(array[present])
         for row, number in enumerate(np.flatnonzero(present)):
             motion = self._motion(stored[row], grid, f"dancer {number}")
-            motions[number] = motion if places is None else RootPlace.placed(motion, places[row])
+            motions[number] = (
+                motion if places is None else REPRESENTATIONS.make(_PLACES, {}).placed(motion, places[row])
+            )
         return motions
 
     def _present(self, array: npt.NDArray[Any], person_mask: Any) -> npt.NDArray[np.bool_]:
@@ -248,7 +251,7 @@ class Decoder:
                 "a scaler of one field does not normalise root_place",
                 fix="name the reader or dataset of both fields: like=, in a command --like STORE",
             )
-        return replace(self, field="root_place", representation=RootPlace())._undone(rows[present])[0]
+        return replace(self, field=_PLACES, representation=_places())._undone(rows[present])[0]
 
     def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
         """Return columns as they are stored, and their rate."""
@@ -287,6 +290,10 @@ class Decoder:
                 fix=_named_by_width(array.shape[-1])
                 if array.ndim in dimensions and array.shape[-1] != width else None,
             )  # fmt: skip
+
+
+def _places() -> Representation:
+    return REPRESENTATIONS.make(_PLACES, {})
 
 
 def _numbers(array: Any, name: str) -> npt.NDArray[Any]:

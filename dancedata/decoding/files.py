@@ -125,9 +125,9 @@ def decode_file(
             )  # fmt: skip
         return written
     (path,) = paths
+    from dancedata.formats.arrays import stated_normalized
     from dancedata.formats.stated import stated_grid
     from dancedata.store.saved_samples import saved_samples
-    from dancedata.store.scaling import stated_in
 
     if (saved := saved_samples(path)) is not None:
         like = saved.dataset if like is None else like
@@ -140,7 +140,7 @@ def decode_file(
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
         mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
-        decoder = replace(decoder, file=stated_in(arrays), grid=stated_grid(arrays))
+        decoder = replace(decoder, file=stated_normalized(arrays), grid=stated_grid(arrays))
     if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
         raise UsageError("the frame rate of these columns is unknown", where=path,
                          fix="give it with --fps, or name the dataset that the trainer read with --like")  # fmt: skip

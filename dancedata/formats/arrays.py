@@ -336,3 +336,22 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
         with reading(path):
             archive = stack.enter_context(zipfile.ZipFile(stack.enter_context(open_regular(path))))
         yield NpzFile(path, archive)
+
+
+#: The entry that states whether columns are normalised.
+_NORMALIZED = "normalized"
+
+
+def stated_normalized(arrays: ArrayFile) -> bool | None:
+    """Return what the entry "normalized" of a file states of its columns; None if it has none.
+
+    DataError "undeclared" if the entry is neither True nor False.
+    """
+    if _NORMALIZED not in arrays.names:
+        return None
+    text = arrays.text(_NORMALIZED)
+    if text not in ("True", "False"):
+        raise DataError(f"the entry {_NORMALIZED!r} is not a truth value", reason="undeclared",
+                        where=str(arrays.path),
+                        found=text, allowed="True, False")  # fmt: skip
+    return text == "True"

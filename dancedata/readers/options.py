@@ -13,13 +13,14 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
-from dancedata.keymotion.characteristic_primitives import Variant
 from dancedata.readers.music_beats import StartAt
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.like import Reader
 from dancedata.store.normalize import Scaler
 
 MirrorWords = Literal["error", "keep"]
+#: Of Lodge's primitives: as its paper has them, or as its code finds them.
+Variant = Literal["paper", "code"]
 Choose = Literal["stored", "seed", "left_to_right"]
 ScaleKind = Literal["minmax", "zscore", "zscore_grouped"]
 Over = Literal["train", "all"]

@@ -1,22 +1,46 @@
 """Lodge's primitives of the windows of a reader."""
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.keymotion.characteristic_primitives import Variant, borders, primitives
-from dancedata.metrics.key_motion import KeyMotion
-from dancedata.readers.options import Primitives, clash
+from dancedata.core.plugins import Plugin
+from dancedata.core.registry import Registry
+from dancedata.readers.options import Primitives, Variant, clash
 from dancedata.store.dataset import Store
 from dancedata.store.queries import fields_with
 
 #: The name of primitives in samples.
 PRIMITIVES = "primitives"
+
+
+class PrimitiveFinder(Plugin):
+    """Finds primitives in rows of motion."""
+
+    @abstractmethod
+    def find(
+        self, rows: npt.NDArray[Any], n: int, variant: Variant, bias: int, key_motion: npt.NDArray[Any] | None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Return the primitives of a window, as entries of a sample; "primitives" are rows of motion.
+
+        `rows`: (N, D), mirrored but not normalised; N is a multiple of `n`, the frames of a local segment.
+        `bias`: Frames by which they are shifted.
+        `key_motion`: (N, 3) stored key motion of the window; None: they are those of the window alone.
+        """
+
+
+FINDERS = Registry("finder of primitives", "dancedata.keymotion", PrimitiveFinder)
+
+
+@lru_cache(maxsize=1)
+def _finder() -> PrimitiveFinder:
+    return FINDERS.only()
 
 
 @dataclass(frozen=True)
@@ -37,19 +61,8 @@ class PrimitiveSpec:
 
     def of(self, store: Store, window: Window, rows: npt.NDArray[Any], bias: int) -> dict[str, npt.NDArray[Any]]:
         """Return the primitives of a window's rows (N, D), mirrored but not normalised, as entries of a sample."""
-        if window.length == self.n:
-            return {PRIMITIVES: borders(rows)}
-        if self.key_motion is None:
-            cues = primitives(rows, window.length, self.n, variant=self.variant, bias=bias)
-        else:
-            stored = KeyMotion.from_rows(store.read(window, self.key_motion))
-            cues = primitives(rows, window.length, self.n, minima=stored.minima, prominence=stored.prominence)
-        return {
-            PRIMITIVES: cues.frames,
-            "primitive_start": np.asarray(cues.start, dtype=np.int64),
-            "primitive_hard": np.asarray(cues.hard, dtype=np.bool_),
-            "primitive_filled": np.asarray(cues.filled, dtype=np.bool_),
-        }
+        stored = None if self.key_motion is None or window.length == self.n else store.read(window, self.key_motion)
+        return _finder().find(rows, self.n, self.variant, bias, stored)
 
 
 def primitive_spec(

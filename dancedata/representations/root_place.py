@@ -56,27 +56,8 @@ class RootPlace(Representation):
         joints = motion.joints()
         return np.column_stack([joints[:, 0], facing(joints, motion.skeleton)]).astype(np.float32)
 
-    @staticmethod
-    def placed(motion: Motion, rows: npt.ArrayLike) -> Motion:
-        """Return a motion put where its dancer was.
-
-        Parameters
-        ----------
-        motion
-            Decoded from columns without a place, of the same frames as `rows`, from any first frame on.
-        rows
-            (T, 6) columns of this representation, not normalised.
-
-        Returns
-        -------
-        Motion
-            One turn about the vertical and one shift of the whole motion, by the first row.
-
-        Raises
-        ------
-        UsageError
-            For rows of another shape or number.
-        """
+    @override
+    def placed(self, motion: Motion, rows: npt.ArrayLike) -> Motion:
         values: npt.NDArray[Any] = np.asarray(rows, dtype=np.float64)
         if values.shape != (motion.n_frames, 6):
             raise UsageError(

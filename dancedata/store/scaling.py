@@ -5,21 +5,16 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Representation
 from dancedata.store.normalize import Scaler
 
-if TYPE_CHECKING:
-    from dancedata.formats.arrays import ArrayFile
-
-
 _log = logging.getLogger(__name__)
-_ENTRY = "normalized"
 _STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
 #: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
 _UNIT, _BONE = 0.03, 0.15
@@ -32,20 +27,6 @@ _DOUBT = 0.1
 _INSIDE, _FAR = 0.05, 10.0
 #: Mean size of values that are about 0.
 _NEAR_0 = 0.1
-
-
-def stated_in(arrays: ArrayFile) -> bool | None:
-    """Return what the entry "normalized" of a file states of its columns; None if it has none.
-
-    DataError "undeclared" if the entry is neither True nor False.
-    """
-    if _ENTRY not in arrays.names:
-        return None
-    text = arrays.text(_ENTRY)
-    if text not in ("True", "False"):
-        raise DataError(f"the entry {_ENTRY!r} is not a truth value", reason="undeclared", where=str(arrays.path),
-                        found=text, allowed="True, False")  # fmt: skip
-    return text == "True"
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,6 @@ from dancedata.core.errors import SourceError
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import with_mirrored_words
 from dancedata.core.text import listed
-from dancedata.formats.segment_files import read_segment_file
 
 _log = logging.getLogger(__name__)
 
@@ -31,6 +30,8 @@ class SegmentOverlay:
 
         Raises SourceError: for a mistake in a file, and clips or partners that the dataset does not have.
         """
+        from dancedata.store.segment_files import read_segment_file  # few datasets are opened with files
+
         by_clip: dict[str, list[Segment]] = defaultdict(list)
         notes = []
         for path in files:

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.formats.segment_files import MAX_JOINT
+from dancedata.core.segments import MAX_JOINT
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE
 from dancedata.store.columns import MAX_ROWS, broken, kind_of, read_column, require_within

@@ -8,6 +8,7 @@ Pictures have their own ground and follow the reader's colour scheme, so they ar
 from __future__ import annotations
 
 import ast
+import re
 import tomllib
 from collections.abc import Sequence
 from html import escape
@@ -160,7 +161,7 @@ def _layers() -> list[list[str]]:
     """Return the rooms of each layer, from the top, as import-linter checks them."""
     tools = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
     (contract,) = (c for c in tools["importlinter"]["contracts"] if c["type"] == "layers")
-    return [layer.replace("|", ":").replace(" ", "").split(":") for layer in contract["layers"]]
+    return [re.findall(r"\w+", layer) for layer in contract["layers"]]
 
 
 def purpose(room: str) -> str:

@@ -16,6 +16,7 @@ RINGS = load(ROOT / "benchmarks" / "rings.py")
 BREAKS: dict[str, int] = {
     "audio -> audio": 8, "decoding -> representations": 1, "exports -> exports": 2,
     "readers -> keymotion": 2, "readers -> metrics": 1, "songs -> audio": 1, "store -> formats": 3,
+    "building -> audio": 1, "building -> curation": 6, "building -> metrics": 1, "building -> retarget": 2,
 }  # fmt: skip
 #: Most lines that a build of aist++ and a batch of it load.
 ROAD = 28_300
@@ -75,7 +76,7 @@ def test_circles_are_found(tmp_path: Path, text: str, found: bool) -> None:
 def test_layers_name_every_module() -> None:
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
     layers = next(contract for contract in settings["contracts"] if contract["type"] == "layers")
-    named = [name.strip(" ()") for layer in layers["layers"] for name in layer.replace("|", ":").split(":")]
+    named = [name.strip(" ()\n") for layer in layers["layers"] for name in layer.replace("|", ":").split(":")]
     package = ROOT / "dancedata"
     there = {path.stem for path in package.glob("*.py")} | {
         path.parent.name for path in package.glob("*/__init__.py")

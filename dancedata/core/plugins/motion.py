@@ -219,6 +219,28 @@ class Representation(Plugin):
         super().__init_subclass__(**options)
         cls.decodes = cls.decode is not Representation.decode
 
+    def placed(self, motion: Motion, rows: npt.ArrayLike) -> Motion:
+        """Return a motion put where its dancer was, by columns that `holds_places`.
+
+        Parameters
+        ----------
+        motion
+            Decoded from columns without a place, of the same frames as `rows`, from any first frame on.
+        rows
+            (T, D) columns of this representation, not normalised.
+
+        Returns
+        -------
+        Motion
+            One turn about the vertical and one shift of the whole motion, by the first row.
+
+        Raises
+        ------
+        UsageError
+            For rows of another shape or number, and if the columns hold no places.
+        """
+        raise UsageError(f"the columns of {self.name} hold no places of dancers")
+
 
 class KeyMotionFinder(Plugin):
     """Finds the key motions of a clip, as rows per frame."""

@@ -20,7 +20,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
-from dancedata.formats.arrays import ArrayFile
+from dancedata.formats.arrays import ArrayFile, stated_normalized
 from dancedata.formats.stated import (
     JOINT_NAMES,
     PERSON_MASK,
@@ -36,7 +36,6 @@ from dancedata.formats.video_tracks import people_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.store import Store
 from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
-from dancedata.store.scaling import stated_in
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
@@ -227,7 +226,7 @@ class FileClip(ClipInput):
             raise DataError("the frame rate of this file is not that of its columns", reason="bad_rate",
                             where=str(self.path), found=f"{stored} frames per second",
                             allowed=f"{reader.grid}, as --fps or --like states")  # fmt: skip
-        return reader.pose(arrays.read(name), file=stated_in(arrays), where=self.path)
+        return reader.pose(arrays.read(name), file=stated_normalized(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
         stored = stated_grid(arrays)

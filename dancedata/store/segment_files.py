@@ -16,7 +16,7 @@ from typing import Any
 
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction, as_rate
-from dancedata.core.segments import CLIP_END, Layer, Segment
+from dancedata.core.segments import CLIP_END, MAX_JOINT, Layer, Segment
 from dancedata.core.text import csv_cell, csv_text, quoted, shown
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
@@ -26,8 +26,6 @@ SEGMENT_FILES = ("segments.csv", "segments.jsonl")
 MAX_BYTES, MAX_TEXT, MAX_TEXTS = 1 << 28, 1 << 20, 4096
 #: Times beyond this are mistakes: a hundred days.
 MAX_SECONDS = 8_640_000
-#: Number of a joint, of any body.
-MAX_JOINT = 999
 _TIMES = ("start", "end", "fps")
 _LAYER = ("layer", "kind", "language", "author", "licence", "citation", "by", "sided")
 _LISTS = {"texts": "text", "texts_mirrored": "text_mirrored", "tokens": "token"}
