@@ -143,7 +143,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 #: Rooms whose tests fork, and rooms whose packages make processes large: a fork costs by the memory of its process.
 FIRST, LAST = ("readers", "augment"), ("hf", "jukebox")
 #: Rooms for which a process compiles librosa's kernels, imports large parts of transformers, or starts two browsers.
-COSTLY = ("audio", "hf", "viewer")
+COSTLY = ("audio", "hf", "scene", "viewer")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

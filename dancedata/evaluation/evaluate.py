@@ -9,9 +9,9 @@ from dancedata.core.text import counted, listed
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import ClipMusic, Resources, clip_music
+from dancedata.evaluation.options import EvaluationOptions, Inputs
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
 from dancedata.evaluation.report import Report, report_of
-from dancedata.evaluation.request import Inputs, Request
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
@@ -69,7 +69,7 @@ def _truth(resources: Resources, inputs: Inputs) -> list[MeasuredClip]:
     return measure_clips(resources, inputs.protocol, inputs.truth, inputs.numbers, music)[0]
 
 
-def pool_for(request: Request, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
+def pool_for(request: EvaluationOptions, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
     """Measure or read the pool of a request; None if its protocol needs none, or none exists."""
     root, progress = Cache((cache or default_cache()).absolute()), Progress(quiet=True)
     pool, numbers = request.pool_input()

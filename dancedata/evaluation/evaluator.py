@@ -18,9 +18,9 @@ from dancedata.evaluation.clips import reader_for, truth_of
 from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
+from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
-from dancedata.evaluation.request import Request
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
 from dancedata.scene.inputs.clip import MemoryClip
@@ -132,7 +132,7 @@ class Evaluator:
         if scaling.normalized is None:
             raise scaling.unstated(f"{self.store.path}, field {self.field}")
         self.reader = replace(columns, scaling=scaling)
-        request = Request(
+        request = EvaluationOptions(
             what={},
             protocol=rules,
             pool=pool,

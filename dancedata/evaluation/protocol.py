@@ -214,7 +214,7 @@ class MusicRule:
 
 
 @dataclass(frozen=True)
-class Published:
+class PaperResult:
     """A row of a published table that belongs to a protocol.
 
     Attributes
@@ -287,7 +287,7 @@ class Protocol(Plugin):
     pool_split: ClassVar[str] = "train"
     measures: ClassVar[tuple[Measure, ...]]
     music: ClassVar[MusicRule | None] = None
-    published: ClassVar[tuple[Published, ...]] = ()
+    published: ClassVar[tuple[PaperResult, ...]] = ()
     notes: ClassVar[tuple[str, ...]] = ()
     not_computable: ClassVar[Mapping[str, str]] = MappingProxyType({})
 

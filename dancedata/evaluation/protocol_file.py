@@ -10,7 +10,7 @@ import yaml
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import METRICS
 from dancedata.core.text import shown
-from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
+from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, PaperResult, Pieces, Protocol
 from dancedata.files.yaml import read_yaml
 from dancedata.recipes.plugins import make_dataclass, make_plugin
 
@@ -66,7 +66,7 @@ def _members(document: Mapping[str, Any], problems: list[str]) -> dict[str, Any]
     if "truth" in parts:
         parts.setdefault("generated", parts["truth"])
     rows = _list(document, "published", problems)
-    published = [make_dataclass(Published, f"published[{k}]", row, problems) for k, row in enumerate(rows)]
+    published = [make_dataclass(PaperResult, f"published[{k}]", row, problems) for k, row in enumerate(rows)]
     measures = [
         _measure(f"measures[{k}]", entry, problems) for k, entry in enumerate(_list(document, "measures", problems))
     ]

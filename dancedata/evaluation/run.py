@@ -11,10 +11,10 @@ import numpy.typing as npt
 from dancedata.building.commands import folder_of, jobs_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
+from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
-from dancedata.evaluation.request import Request
 from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
@@ -135,7 +135,7 @@ def evaluate(
         of = saved.like(None if named is None else store_of(named))
         named, field = named or of, field or saved.field
         scaler = saved.chosen_scaler(scaler, normalized) if isinstance(named, Store) else scaler
-    request = Request(
+    request = EvaluationOptions(
         what=what,
         protocol=with_metrics(_protocol(protocol), metrics),
         pool=pool,

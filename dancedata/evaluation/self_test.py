@@ -13,9 +13,9 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.evaluate import evaluate_inputs
-from dancedata.evaluation.protocol import PROTOCOLS, Protocol, Published, protocol_named
+from dancedata.evaluation.options import Inputs
+from dancedata.evaluation.protocol import PROTOCOLS, PaperResult, Protocol, protocol_named
 from dancedata.evaluation.report import LABELS, Report
-from dancedata.evaluation.request import Inputs
 from dancedata.evaluation.scores import DRAWS
 from dancedata.execution.progress import Progress
 from dancedata.scene.inputs.clip import DatasetClip
@@ -33,7 +33,7 @@ class SelfTest:
 
     dataset: str
     source: str
-    reports: tuple[tuple[Report, Published], ...]
+    reports: tuple[tuple[Report, PaperResult], ...]
     skipped: tuple[tuple[str, str], ...] = ()
 
     def rows(self) -> list[dict[str, Any]]:

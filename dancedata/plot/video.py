@@ -24,9 +24,9 @@ from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.frames import Frames
 from dancedata.plot.timeline import THEMES
 from dancedata.scene import Figure, Scene, Scenes
-from dancedata.scene.motion_page import Played, motion_scenes_of
+from dancedata.scene.motion_page import PlayedMotion, motion_scenes_of
 from dancedata.scene.palette import Theme
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import ClipSound, ClipSource
 from dancedata.store import Store, open_store
 from dancedata.store.licence import require_shareable
@@ -136,7 +136,7 @@ def write_scene(
 
 
 def write_video(
-    store: Store | str | Path | Played,
+    store: Store | str | Path | PlayedMotion,
     clip: str,
     path: str | Path,
     *,
@@ -253,7 +253,7 @@ def export_video(
     _require_drawable(pixels, "dark")
     to = require_free(to, [request.path], "video", overwrite=overwrite)
     mesh = request.mesh()
-    opened = Shown.of(replace(request, wall=request.wall or bool(request.compare)))
+    opened = ViewSelection.of(replace(request, wall=request.wall or bool(request.compare)))
     if not request.clip and len(opened.scenes.items) > 1:
         raise UsageError("a video shows one clip, group or wall",
                          fix="give its name after the dataset: dancedata view OUT CLIP --video FILE.mp4")  # fmt: skip

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 from dancedata.core.columns import Columns
 from dancedata.core.text import listed
 from dancedata.report.document import FieldNumbers
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import FigureSpec
 from dancedata.report.markup import Figure, number, rounded, table
 from dancedata.report.scaling import EXPLODES, NARROW, ScaledGroup
 from dancedata.report.svg import strips
 
 
-def column_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
+def column_figures(d: FigureSpec, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
     """Return the figures of each field.
 
     `columns`: Columns of each field.
@@ -28,7 +28,7 @@ def column_figures(d: Drawing, columns: Mapping[str, Columns], heat_maps: Mappin
     return figures
 
 
-def _ranges(d: Drawing, name: str, field: FieldNumbers, columns: Columns) -> Figure:
+def _ranges(d: FigureSpec, name: str, field: FieldNumbers, columns: Columns) -> Figure:
     constant = "no column is constant"
     if field.constant:
         constant = f"{len(field.constant)} never change (crosses): {listed(field.constant, 8)}"

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
+from dancedata.report.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.report.groups import Groups
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.outliers import Outlier
 from dancedata.report.scaling import ScaledGroup
 from dancedata.report.stage import StageNumbers
-from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.scene.pose_space import Poses
 from dancedata.store.free_columns import FreeColumn
 from dancedata.store.segment_numbers import LayerNumbers

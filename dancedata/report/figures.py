@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 from dancedata.core.text import counted, listed
+from dancedata.report.bin_counts import ClipHistogram, Histogram
 from dancedata.report.document import Counts, Document, Shared
 from dancedata.report.markup import Figure, Markup, escaped, name_text, number, rounded, table
 from dancedata.report.svg import bars, boxes, histogram, paths, points
-from dancedata.report.tally import ClipHistogram, Histogram
 
 #: Most bars of a chart; the table below it has all of them.
 _BARS = 40
@@ -21,7 +21,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Drawing:
+class FigureSpec:
     """Numbers that figures are drawn from.
 
     `numbers`, `other`: The document, and that of the dataset it is compared with.
@@ -65,7 +65,7 @@ def _linked(address: Markup | None, text: str) -> Markup:
 
 
 def histogram_figure(
-    d: Drawing,
+    d: FigureSpec,
     key: str,
     part: Callable[[Document], Histogram],
     title: str,
@@ -100,7 +100,7 @@ def histogram_figure(
     return Figure(key, title, note, body, ("from", "to", *groups, *d.other_names), rows, legend, d.outline)
 
 
-def _sentence(d: Drawing, values: Sequence[Sequence[tuple[float, int]]], unit: str) -> str:
+def _sentence(d: FigureSpec, values: Sequence[Sequence[tuple[float, int]]], unit: str) -> str:
     """Return one or two values of clips in words."""
     texts = [listed([f"{number(value)} {unit} in {counted(n, 'clip')}" for value, n in counts]) for counts in values]
     return "".join(
@@ -113,7 +113,7 @@ def _in(name: str) -> str:
 
 
 def bar_figure(
-    d: Drawing,
+    d: FigureSpec,
     key: str,
     part: Callable[[Document], Counts],
     title: str,
@@ -163,7 +163,7 @@ def shares_of(counts: Mapping[str, float], total: float) -> dict[str, float]:
     return {name: 100 * n / total if total else 0.0 for name, n in counts.items()}
 
 
-def contents_figures(d: Drawing) -> list[Figure]:
+def contents_figures(d: FigureSpec) -> list[Figure]:
     """Return the figures of windows by split, genre, dancer and song, and of lengths, tempos and music."""
     contents, totals = d.numbers.contents, d.numbers.totals
     rates = (f"{rate} in {counted(count, 'clip')}" for rate, count in contents.source_rates.items())
@@ -200,7 +200,7 @@ def contents_figures(d: Drawing) -> list[Figure]:
     return figures
 
 
-def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
+def movement_figures(d: FigureSpec, chosen: Sequence[str]) -> list[Figure]:
     """Return the figures of speeds, paths, turns, floor and feet; `chosen` has the clips whose paths are drawn."""
     moves = d.numbers.movement
     if moves.field is None:
@@ -239,7 +239,7 @@ def movement_figures(d: Drawing, chosen: Sequence[str]) -> list[Figure]:
     return figures
 
 
-def _joint_speed(d: Drawing) -> Figure:
+def _joint_speed(d: FigureSpec) -> Figure:
     this, other = d.both(lambda n: n.movement.joint_speed_m_s)
     named = {name.replace("_", " "): q for name, q in this.items()}
     beside = {name.replace("_", " "): q for name, q in (other or {}).items()}
@@ -257,7 +257,7 @@ def _joint_speed(d: Drawing) -> Figure:
     return Figure("joint_speed", "Speed by joint", note, body, head, rows, other=d.outline if beside else "")
 
 
-def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
+def _paths(d: FigureSpec, chosen: Sequence[str]) -> Figure:
     all_paths = d.numbers.movement.paths_m
     clips = [clip for clip in chosen if clip in all_paths] or list(all_paths)
     drawn = {clip: all_paths[clip] for clip in clips[:_PATHS]}
@@ -268,7 +268,7 @@ def _paths(d: Drawing, chosen: Sequence[str]) -> Figure:
     )
 
 
-def _contacts(d: Drawing) -> Figure:
+def _contacts(d: FigureSpec) -> Figure:
     this, other = d.both(lambda n: n.movement.contact)
     feet = sorted(this, key=lambda name: (name.split("_")[-1], name.startswith("right")))  # left before right
     shares = _per_cent({name: this[name] for name in feet})
@@ -285,13 +285,13 @@ def _per_cent(shares: Mapping[str, float | None]) -> dict[str, float]:
     return {name.replace("_", " "): round(100 * (share or 0), 1) for name, share in shares.items()}
 
 
-def music_figures(d: Drawing) -> list[Figure]:
+def music_figures(d: FigureSpec) -> list[Figure]:
     """Return the figures of key motions and beats, with chance as a comparison."""
     figures = [_key_beats(d), _alignment(d), _tempos(d)]
     return [figure for figure in figures if figure is not None]
 
 
-def _key_beats(d: Drawing) -> Figure | None:
+def _key_beats(d: FigureSpec) -> Figure | None:
     this, other = d.both(lambda n: n.music)
     if not this.offset_ms.n:
         return None
@@ -311,7 +311,7 @@ def _key_beats(d: Drawing) -> Figure | None:
                   other="" if beside is None else d.outline, chance="beats moved by half a period")  # fmt: skip
 
 
-def _alignment(d: Drawing) -> Figure | None:
+def _alignment(d: FigureSpec) -> Figure | None:
     this, other = d.both(lambda n: n.music)
     if this.bas is None:
         return None
@@ -327,7 +327,7 @@ def _alignment(d: Drawing) -> Figure | None:
     return Figure("bas", "Beat alignment score", note, body, ("", "score"), tuple(scores.items()))
 
 
-def _tempos(d: Drawing) -> Figure | None:
+def _tempos(d: FigureSpec) -> Figure | None:
     this, other = d.both(lambda n: [(t.stated, t.found, t.clip) for t in n.music.tempo_bpm])
     if not this:
         return None
@@ -339,7 +339,7 @@ def _tempos(d: Drawing) -> Figure | None:
                   other=d.outline if other else "")  # fmt: skip
 
 
-def split_figures(d: Drawing) -> list[Figure]:
+def split_figures(d: FigureSpec) -> list[Figure]:
     """Return tables of names that splits share; red only where train is involved, and a leak."""
     shared, splits = d.numbers.splits, d.numbers.contents.splits
     if len(splits) < 2:

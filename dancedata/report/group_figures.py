@@ -1,6 +1,6 @@
 """The figures of a report on groups, drawn from its document and nothing else."""
 
-from dancedata.report.figures import Drawing, bar_figure, histogram_figure
+from dancedata.report.figures import FigureSpec, bar_figure, histogram_figure
 from dancedata.report.groups import FACING_DEG, GroupRow
 from dancedata.report.markup import Figure, Markup, number, percent, table
 
@@ -8,7 +8,7 @@ from dancedata.report.markup import Figure, Markup, number, percent, table
 _ROWS = 60
 
 
-def group_figures(d: Drawing) -> list[Figure]:
+def group_figures(d: FigureSpec) -> list[Figure]:
     """Return the figures of sizes, distances and facing, and the list of groups; nothing without groups."""
     groups = d.numbers.groups
     if not groups.groups:
@@ -35,7 +35,7 @@ def group_figures(d: Drawing) -> list[Figure]:
     return [*figures, _list(d, groups.groups)]
 
 
-def _list(d: Drawing, groups: tuple[GroupRow, ...]) -> Figure:
+def _list(d: FigureSpec, groups: tuple[GroupRow, ...]) -> Figure:
     """Return the list of groups, those with most collisions first, then the nearest dancers."""
     ordered = sorted(groups, key=lambda r: (-(r.collision_share or 0), r.distance_min_m or 0, r.group))
     rows = [
@@ -56,7 +56,7 @@ def _list(d: Drawing, groups: tuple[GroupRow, ...]) -> Figure:
     return Figure("groups_list", "Groups", note, body, kind="wide")
 
 
-def _dancers(d: Drawing, row: GroupRow) -> Markup:
+def _dancers(d: FigureSpec, row: GroupRow) -> Markup:
     parts = [f"{member} {role}".strip() for member, role in zip(row.members, row.roles, strict=True)]
     links = ", ".join(d.link(clip, part) for clip, part in zip(row.clips, parts, strict=True))
     missing = row.n_source - len(row.clips)

@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import counted, listed
-from dancedata.report.tally import FrameHistogram, Tally
+from dancedata.report.bin_counts import BinCounts, FrameHistogram
 from dancedata.scene.figure import Figure
-from dancedata.scene.group_scene import Together
+from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.pieces import Piece
 from dancedata.store import Clip, Store
 from dancedata.store.queries import group_sizes
@@ -73,8 +73,8 @@ class MeasuredGroups:
     """
 
     rows: list[GroupRow] = field(default_factory=list)
-    distance: Tally = field(default_factory=lambda: Tally.of(0, 40, 0.01))
-    facing: Tally = field(default_factory=lambda: Tally.of(0, 180, 1))
+    distance: BinCounts = field(default_factory=lambda: BinCounts.of(0, 40, 0.01))
+    facing: BinCounts = field(default_factory=lambda: BinCounts.of(0, 180, 1))
 
     def add(self, store: Store, dancers: Sequence[Clip], pieces: Sequence[Piece], windows: int) -> None:
         """Measure a group.
@@ -91,7 +91,7 @@ class MeasuredGroups:
         )  # fmt: skip
         trim = store.grid, first.trim_start
         figures = [_trimmed(piece, *trim) for piece in pieces]
-        together = Together.of(figures) if figures and figures[0].n_frames else None
+        together = GroupScene.of(figures) if figures and figures[0].n_frames else None
         if together is not None and together.pairs:
             for pair in together.pairs:
                 self.distance.add(pair.distance_m)
@@ -106,7 +106,7 @@ def _trimmed(piece: Piece, grid: FrameGrid, trim_start: int) -> Figure:
     return replace(figure, joints=figure.joints[first:], contacts=figure.contacts[first:])
 
 
-def _with_pairs(row: GroupRow, together: Together) -> GroupRow:
+def _with_pairs(row: GroupRow, together: GroupScene) -> GroupRow:
     """Return the row of a group with the numbers of its pairs; arrays (pairs, frames)."""
     pairs = together.pairs
     distance = np.stack([p.distance_m for p in pairs])
@@ -136,7 +136,7 @@ def _with_pairs(row: GroupRow, together: Together) -> GroupRow:
     )
 
 
-def _touches(together: Together) -> npt.NDArray[np.bool_]:
+def _touches(together: GroupScene) -> npt.NDArray[np.bool_]:
     """Return the frames (T,) in which any two dancers touch."""
     touches = np.zeros(len(together.pairs[0].distance_m), dtype=np.bool_)
     for pair in together.pairs:

@@ -16,9 +16,9 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.execution.progress import Progress
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.metrics.body import bone_spread, floor_drift
+from dancedata.report.bin_counts import BinCounts
 from dancedata.report.groups import MeasuredGroups
 from dancedata.report.stage import Stage
-from dancedata.report.tally import Tally
 from dancedata.scene.figure import Figure
 from dancedata.scene.pieces import ClipReader, Piece, measured_units
 from dancedata.scene.pose_space import Space
@@ -97,7 +97,7 @@ class SongOffsets:
     """
 
     clips: int = 0
-    tally: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
+    tally: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
     phase: complex = 0j
     period_s: float = 0.0
 
@@ -145,13 +145,13 @@ class Measured:
     clips: dict[str, ClipNumbers] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
-    speed: Tally = field(default_factory=lambda: Tally.of(0, 12, 0.01))
+    speed: BinCounts = field(default_factory=lambda: BinCounts.of(0, 12, 0.01))
     song_offsets: dict[str, SongOffsets] = field(default_factory=dict)
-    split_speed: dict[str, Tally] = field(default_factory=dict)
-    joint_speed: dict[str, Tally] = field(default_factory=dict)
-    sliding: Tally = field(default_factory=lambda: Tally.of(0, 6, 0.01))
-    offset_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
-    shifted_ms: Tally = field(default_factory=lambda: Tally.of(-400, 400, 0.5))
+    split_speed: dict[str, BinCounts] = field(default_factory=dict)
+    joint_speed: dict[str, BinCounts] = field(default_factory=dict)
+    sliding: BinCounts = field(default_factory=lambda: BinCounts.of(0, 6, 0.01))
+    offset_ms: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
+    shifted_ms: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
     contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     groups: MeasuredGroups = field(default_factory=MeasuredGroups)
     space: Space | None = None
@@ -327,9 +327,9 @@ def _count(measured: Measured, part: _Part, clip: Clip) -> None:
         measured.feet = tuple(figure.skeleton.joints[j] for j in figure.contact_joints) if len(part.contact) else ()
         measured.contact = np.zeros((len(measured.feet), 2), dtype=np.int64)
         measured.joints = part.names
-        measured.joint_speed = {name: Tally.of(0, 16, 0.01) for name in part.names}
+        measured.joint_speed = {name: BinCounts.of(0, 16, 0.01) for name in part.names}
     measured.speed.add(part.speed.mean(axis=1))
-    measured.split_speed.setdefault(clip.split, Tally.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
+    measured.split_speed.setdefault(clip.split, BinCounts.of(0, 12, 0.01)).add(part.speed.mean(axis=1))
     for k, name in enumerate(part.names):
         measured.joint_speed[name].add(part.speed[:, k])
     measured.sliding.add(part.sliding)

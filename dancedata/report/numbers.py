@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.report.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.report.document import (
     About,
     ClipRow,
@@ -36,7 +37,6 @@ from dancedata.report.outliers import outliers
 from dancedata.report.ranges import column_ranges
 from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
-from dancedata.report.tally import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.scene.pose_space import Space, poses_of
 from dancedata.store import Clip, Store
 from dancedata.store.dataset_json import dataset_hashes

@@ -10,7 +10,7 @@ from dancedata.core.quality import REPAIRED
 from dancedata.core.text import counted, listed
 from dancedata.report.column_figures import column_figures
 from dancedata.report.document import Document
-from dancedata.report.figures import Drawing, contents_figures, movement_figures, music_figures, split_figures
+from dancedata.report.figures import FigureSpec, contents_figures, movement_figures, music_figures, split_figures
 from dancedata.report.findings import findings
 from dancedata.report.group_figures import group_figures
 from dancedata.report.markup import Figure, Markup, escaped, number, percent, rounded, table
@@ -34,7 +34,7 @@ Section = tuple[str, str, str]
 
 
 def sections(
-    d: Drawing, chosen: Sequence[str], columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]
+    d: FigureSpec, chosen: Sequence[str], columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]
 ) -> list[Section]:
     """Return (id, title, HTML) of the sections, without those that are empty.
 
@@ -85,7 +85,7 @@ def packed(figures: Sequence[Figure]) -> list[Figure]:
     return [figures[k] for column in sorted(map(sorted, columns)) for k in column]
 
 
-def _look(d: Drawing) -> str:
+def _look(d: FigureSpec) -> str:
     ranking = d.numbers.ranking[:_LOOK]
     if not ranking:
         return ""
@@ -104,7 +104,7 @@ def _look(d: Drawing) -> str:
     return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
 
 
-def outlier_figures(d: Drawing, among: str = "all clips") -> list[Figure]:
+def outlier_figures(d: FigureSpec, among: str = "all clips") -> list[Figure]:
     """Return the table of clips whose movement is unlike that of the others; `among` names those."""
     outliers = d.numbers.outliers
     if not outliers:
@@ -130,7 +130,7 @@ def _z(value: float) -> str:
     return f"z {rounded(value)}" if abs(value) <= _MOST_Z else f"z above {_MOST_Z}"
 
 
-def _left_out(d: Drawing) -> list[Figure]:
+def _left_out(d: FigureSpec) -> list[Figure]:
     figures = []
     if d.numbers.left_out:
         rows = [
@@ -145,7 +145,7 @@ def _left_out(d: Drawing) -> list[Figure]:
     return [*figures, *by_kind, *by_joint]
 
 
-def _segments(d: Drawing) -> list[Figure]:
+def _segments(d: FigureSpec) -> list[Figure]:
     """Return the table of the layers of segments, without the quality flags, which are shown by themselves."""
     layers = [layer for layer in d.numbers.segments if layer.name != "quality"]
     if not layers:
@@ -169,7 +169,7 @@ def _text(text: str, limit: int) -> Markup:
     return Markup(f'<div class="text">{escaped(text, limit)}</div>')
 
 
-def _flags(d: Drawing, key: str, title: str, part: Callable[[Document], Mapping[str, int]]) -> list[Figure]:
+def _flags(d: FigureSpec, key: str, title: str, part: Callable[[Document], Mapping[str, int]]) -> list[Figure]:
     this, other = d.both(part)
     names = [*this, *(name for name in other or {} if name not in this)]
     if not names:
@@ -184,7 +184,7 @@ def _flags(d: Drawing, key: str, title: str, part: Callable[[Document], Mapping[
     return [Figure(key, title, note, body, ("", "flags", *d.other_names), rows, other=d.outline)]
 
 
-def tiles(d: Drawing) -> str:
+def tiles(d: FigureSpec) -> str:
     """Return the numbers at the top of the page."""
     names = {"clips": "clips", "groups": "groups", "copies": "copies", "windows": "windows", "minutes": "minutes",
              "songs": "songs", "dancers": "dancers", "genres": "genres", "left_out": "left out",
@@ -230,7 +230,7 @@ class PageParts:
     player: Player = NO_PLAYER
 
 
-def page(d: Drawing, parts: PageParts) -> str:
+def page(d: FigureSpec, parts: PageParts) -> str:
     """Return the HTML of a report."""
     chapters = sections(d, parts.chosen, parts.columns, parts.heat_maps)
     if d.other is not None:
@@ -286,12 +286,12 @@ def chapter_links(chapters: Sequence[Section], player: Player, item: str = "clip
     return f'{links}<a class="play" href="{address}">▶ {clips}</a>'
 
 
-def _stills(d: Drawing, stills: Sequence[tuple[str, str]]) -> str:
+def _stills(d: FigureSpec, stills: Sequence[tuple[str, str]]) -> str:
     cells = "".join(f"<li>{image}{d.link(clip)}</li>" for clip, image in stills)
     return f'<ul class="stills" aria-label="Clips">{cells}</ul>' if cells else ""
 
 
-def _header(d: Drawing) -> str:
+def _header(d: FigureSpec) -> str:
     about = d.numbers.about
     other = "" if d.other is None else f" <small>against {escaped(d.other.about.name)}</small>"
     facts = (

@@ -6,7 +6,7 @@ import numpy as np
 
 from dancedata.core.text import counted
 from dancedata.report.document import ALIGNED, SHIFTED_MS, ClipRow, SongShift
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import FigureSpec
 from dancedata.report.markup import Figure, escaped, number, rounded
 from dancedata.report.svg import bars, drawn, points
 
@@ -16,7 +16,7 @@ _SONGS = 40
 _NAMES, _ROOM, _ROW = 128.0, 230.0, 15.0
 
 
-def rhythm_figures(d: Drawing) -> list[Figure]:
+def rhythm_figures(d: FigureSpec) -> list[Figure]:
     """Return the alignment of clips against their chance, by clip and genre, and the offsets of each song."""
     rows = [row for row in d.numbers.clips if row.numbers.bas is not None and row.numbers.bas_chance is not None]
     figures = [_by_clip(d, rows), _by_genre(rows)] if rows else []
@@ -28,7 +28,7 @@ def _gain(row: ClipRow) -> float:
     return (row.numbers.bas or 0.0) - (row.numbers.bas_chance or 0.0)
 
 
-def _by_clip(d: Drawing, rows: Sequence[ClipRow]) -> Figure:
+def _by_clip(d: FigureSpec, rows: Sequence[ClipRow]) -> Figure:
     below = sum(_gain(row) <= 0 for row in rows)
     clips = f"{below} of {counted(len(rows), 'clip')}"
     note = f"{clips} at or below their own chance (the diagonal); the worst first in the numbers"
@@ -62,7 +62,7 @@ def _by_genre(rows: Sequence[ClipRow]) -> Figure:
                   other="chance")  # fmt: skip
 
 
-def _offsets(d: Drawing, songs: Sequence[SongShift]) -> Figure:
+def _offsets(d: FigureSpec, songs: Sequence[SongShift]) -> Figure:
     edges = d.numbers.music.offset_ms.edges
     shown = songs[:_SONGS]
     more = f"; the first {len(shown)} of {len(songs)}" if len(songs) > len(shown) else ""

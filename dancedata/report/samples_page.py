@@ -9,7 +9,8 @@ import numpy as np
 
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.text import counted, listed
-from dancedata.report.figures import Drawing
+from dancedata.report.bin_counts import nice_edges
+from dancedata.report.figures import FigureSpec
 from dancedata.report.markup import Figure, Markup, escaped, percent, rounded, table
 from dancedata.report.measure import ClipNumbers
 from dancedata.report.page import chapter_links, chapters_html, grid, outlier_figures, whole_page
@@ -18,7 +19,6 @@ from dancedata.report.samples_document import SAMPLES, NearestPose, SampleRow, S
 from dancedata.report.space_figures import pose_figures, split_space_figures
 from dancedata.report.stills import still
 from dancedata.report.svg import histogram
-from dancedata.report.tally import nice_edges
 
 #: Numbers of clips that are compared: name, unit, and least width of a bin.
 MEASURES: Mapping[str, tuple[str, str, float]] = {
@@ -56,7 +56,7 @@ def describe(report: SamplesReport) -> list[str]:
 def samples_page(report: SamplesReport, player: Player) -> str:
     """Return the HTML of the page."""
     links = {**player.links, **{of_sample(clip): address for clip, address in player.links.items()}}
-    d = Drawing(replace(report.dataset, outliers=report.outliers), links=links)
+    d = FigureSpec(replace(report.dataset, outliers=report.outliers), links=links)
     unlike = outlier_figures(d, f"the clips of {report.dataset.about.name}")
     of_train = [pair for pair in report.dataset.poses.duplicates if SAMPLES in pair.splits]
     poses = replace(report.dataset.poses, duplicates=tuple(of_train))
@@ -147,7 +147,7 @@ def _histograms(report: SamplesReport) -> list[Figure]:
     return figures
 
 
-def _nearest(d: Drawing, nearest: Sequence[NearestPose]) -> list[Figure]:
+def _nearest(d: FigureSpec, nearest: Sequence[NearestPose]) -> list[Figure]:
     """Return the strangest pose of each sample beside the pose of train that is nearest to it."""
     shown = [near for near in nearest if len(near.pose) == SMPLX22.n_joints][:_POSES]
     if not shown:
@@ -197,7 +197,7 @@ def _songs(report: SamplesReport) -> list[Figure]:
     return [Figure("songs", "Songs", note, body, kind="wide")]
 
 
-def _clips(d: Drawing, report: SamplesReport) -> Figure:
+def _clips(d: FigureSpec, report: SamplesReport) -> Figure:
     metrics = _of_metrics(report)
     cells = [
         (d.link(row.clip), row.song or "–", row.numbers.seconds,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from dancedata.report.bin_counts import fine_edges, nice_edges
 from dancedata.report.measure import SLIDE_M_S, ClipNumbers, Measured
-from dancedata.report.tally import fine_edges, nice_edges
 
 #: Half the range of offsets, milliseconds; bins are one frame wide, as key motions lie between frames.
 _OFFSET_MS = 400

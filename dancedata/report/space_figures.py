@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import cos, pi, sin
 
 from dancedata.core.skeleton import SMPL24
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import FigureSpec
 from dancedata.report.markup import Figure, Markup, escaped, rounded, table
 from dancedata.report.svg import drawn
 from dancedata.scene.pose_space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses, base_split
@@ -17,7 +17,7 @@ _PARENTS = {SMPL24.joints[j]: SMPL24.joints[parent] for j, parent in enumerate(S
 _FEATURES = {"kinetic": "FID_k", "geometric": "FID_g"}
 
 
-def pose_figures(d: Drawing) -> list[Figure]:
+def pose_figures(d: FigureSpec) -> list[Figure]:
     """Return the map of poses, with the distances of the splits below it."""
     poses = d.numbers.poses
     if len(poses.hexagons) < 2:
@@ -31,13 +31,13 @@ def pose_figures(d: Drawing) -> list[Figure]:
     return [Figure("poses", "Map of the poses", note, _pose_map(d, poses), kind="wide")]
 
 
-def split_space_figures(d: Drawing) -> list[Figure]:
+def split_space_figures(d: FigureSpec) -> list[Figure]:
     """Return the distances of other splits from train, and the windows that two splits share."""
     figures = [_nearness(d.numbers.poses), _frechet(d.numbers.poses), _duplicates(d)]
     return [figure for figure in figures if figure is not None]
 
 
-def _pose_map(d: Drawing, poses: Poses) -> str:
+def _pose_map(d: FigureSpec, poses: Poses) -> str:
     xs, ys = [h.x for h in poses.hexagons], [h.y for h in poses.hexagons]
     (width, height), r, base = _MAP, poses.radius, base_split(poses)
     scale = min((width - 2 * _EDGE) / (max(xs) - min(xs) + 2 * r), (height - 2 * _EDGE) / (max(ys) - min(ys) + 2 * r))
@@ -70,7 +70,7 @@ def _pose_map(d: Drawing, poses: Poses) -> str:
     return f'<p class="legend">{legend}</p>{image}'
 
 
-def _linked(d: Drawing, h: Hexagon, body: str) -> str:
+def _linked(d: FigureSpec, h: Hexagon, body: str) -> str:
     address = (d.links or {}).get(h.clip)
     if address is None or "window=" in address:
         return body
@@ -122,7 +122,7 @@ def _frechet(poses: Poses) -> Figure | None:
     return Figure("frechet", "Splits as sets of dances", note, table(("", "to train", "chance", "range"), rows))
 
 
-def _duplicates(d: Drawing) -> Figure | None:
+def _duplicates(d: FigureSpec) -> Figure | None:
     poses = d.numbers.poses
     if sum(n > 0 for n in poses.windows.values()) < 2:
         return None
@@ -142,5 +142,5 @@ def _duplicates(d: Drawing) -> Figure | None:
     return Figure("duplicates", "Windows in two splits", note + more, body, kind="wide")
 
 
-def _moment(d: Drawing, clip: str, seconds: float) -> str:
+def _moment(d: FigureSpec, clip: str, seconds: float) -> str:
     return f"{d.link(clip)} <small>at {seconds:.1f} s</small>"

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.rotations import Float64Array
-from dancedata.report.tally import nice_step
+from dancedata.report.bin_counts import nice_step
 
 #: Half the side of the floor that is counted, and the side of a square of it, metres.
 _REACH_M, _SQUARE_M = 20.0, 0.1

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from dancedata.core.rotations import Float64Array
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import FigureSpec
 from dancedata.report.markup import Figure, escaped, number, rounded
 from dancedata.report.stage import FACING_DEG, StageNumbers
 from dancedata.report.svg import drawn, ticks
@@ -18,7 +18,7 @@ _ROOM, _ROW, _MIDDLE = 118.0, 19, 232.0
 _WIDE, _HIGH, _LEFT = 350.0, 210.0, 58.0
 
 
-def stage_figures(d: Drawing) -> list[Figure]:
+def stage_figures(d: FigureSpec) -> list[Figure]:
     """Return the balance of left and right, facing over time, and the floor that is covered; without empty ones."""
     stage = d.numbers.movement.stage
     figures = [_balance(stage)] if stage.balance else []

@@ -10,9 +10,9 @@ import numpy as np
 
 from dancedata.core.columns import Columns
 from dancedata.core.text import counted
+from dancedata.report.bin_counts import Quantiles, nice_step
 from dancedata.report.document import ColumnRange
 from dancedata.report.markup import Markup, escaped, number
-from dancedata.report.tally import Quantiles, nice_step
 
 #: Size of a chart in units of the page's text, and its margins.
 WIDTH, HEIGHT = 420, 190

@@ -14,7 +14,7 @@ from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
 from dancedata.files.page_files import PageFiles
 from dancedata.report.document import SCHEMA, Document
-from dancedata.report.figures import Drawing
+from dancedata.report.figures import FigureSpec
 from dancedata.report.heat import Timeline, heat_map, joint_map
 from dancedata.report.markup import Figure
 from dancedata.report.measure import measure
@@ -195,7 +195,7 @@ def _report(
     chosen = _spread(numbers, _PATHS)
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
     parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
-    html = page(Drawing(numbers, other, player.links, player.group_links, player.lists), parts)
+    html = page(FigureSpec(numbers, other, player.links, player.group_links, player.lists), parts)
     options.target.write(html.encode(), player.side_files())
     return Report(numbers, other, differences, options.target.path)
 

@@ -46,7 +46,7 @@ class Pair:
 
 
 @dataclass(frozen=True, eq=False)
-class Together:
+class GroupScene:
     """All pairs of a group's dancers.
 
     `grid`: Rate of the frames.
@@ -61,7 +61,7 @@ class Together:
     touch: bool
 
     @classmethod
-    def of(cls, figures: Sequence[Figure]) -> Together:
+    def of(cls, figures: Sequence[Figure]) -> GroupScene:
         """Measure the pairs of figures of equal length, rate and skeleton."""
         joints = np.stack([figure.joints for figure in figures])
         skeleton, n_frames = figures[0].skeleton, joints.shape[1]

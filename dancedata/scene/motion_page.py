@@ -24,7 +24,7 @@ from dancedata.store import Clip
 #: One motion, or several, by name or numbered from 0.
 Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]
 #: The same of motions and of clips of a dataset.
-Played: TypeAlias = Motion | Clip | Sequence[Motion | Clip] | Mapping[str, Motion | Clip]
+PlayedMotion: TypeAlias = Motion | Clip | Sequence[Motion | Clip] | Mapping[str, Motion | Clip]
 #: Height of the output of a notebook cell, CSS pixels.
 _CELL_HEIGHT = 640
 
@@ -65,7 +65,7 @@ class View:
         return f"View({self.title}, {len(self.page) / 1000:.0f} kB)"
 
 
-def motion_scenes_of(motions: Played, music: str | Path | None = None) -> MotionScenes:
+def motion_scenes_of(motions: PlayedMotion, music: str | Path | None = None) -> MotionScenes:
     """Return the scenes of motions in memory, with a music file or folder as `MusicFiles.beside` takes it."""
     if isinstance(motions, Motion | Clip):
         motions = {"motion": motions}
@@ -82,7 +82,7 @@ def motion_scenes_of(motions: Played, music: str | Path | None = None) -> Motion
     return MotionScenes(clips, "motions", beside)
 
 
-def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool = False) -> View:
+def view_motions(motions: PlayedMotion, *, music: str | Path | None = None, wall: bool = False) -> View:
     """Return a page that plays motions.
 
     `motions`: One Motion, or clip of a dataset; several, by name or in a sequence.
@@ -108,7 +108,7 @@ def view_motions(motions: Played, *, music: str | Path | None = None, wall: bool
 
 
 def write_page(
-    motions: Played,
+    motions: PlayedMotion,
     path: str | Path,
     *,
     music: str | Path | None = None,

@@ -21,7 +21,7 @@ from dancedata.core.typing import override
 from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.music.signal import load_audio
 from dancedata.scene.figure import Figure
-from dancedata.scene.group_scene import Together
+from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.files import FileFormat, clips_of
 from dancedata.scene.inputs.naming import named_clips
@@ -163,7 +163,7 @@ class MotionScenes(SceneList):
             movement = figure.movement if figure.n_frames > 1 else None
             return Scene(item, self.grid, "", figure, movement, rhythm, (), (), tuple(notes))
         members = tuple(self.scene(member, first_s=first_s) for member in item.members)
-        together = Together.of(figures)
+        together = GroupScene.of(figures)
         return Scene(item, self.grid, "", None, None, rhythm, (), (), tuple(notes), members, together)
 
     @override

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.scene.figure import Figure
-from dancedata.scene.group_scene import Pair, Together
+from dancedata.scene.group_scene import GroupScene, Pair
 from dancedata.scene.limbs import HEAD, rest_ahead
 from dancedata.scene.palette import DANCERS
 from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Scene, Word
@@ -97,7 +97,7 @@ def _words(words: Sequence[Word]) -> Json:
     return layers
 
 
-def _pair(pair: Pair, together: Together) -> Json:
+def _pair(pair: Pair, together: GroupScene) -> Json:
     rate = float(together.grid.rate)
     return {
         "of": [pair.first, pair.second], "rate": rate, "distance": curve(pair.distance_m, rate),

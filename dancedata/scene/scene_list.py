@@ -19,7 +19,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.metrics.beats import nearest_offsets
 from dancedata.scene.figure import Figure, Movement
-from dancedata.scene.group_scene import Together
+from dancedata.scene.group_scene import GroupScene
 from dancedata.store.clip_columns import ClipRecord
 
 #: Most characters of a name on the page; ids of clips are never shortened, as links need them.
@@ -220,7 +220,7 @@ class Scene:
     flags: tuple[Flag, ...]
     notes: tuple[str, ...]
     members: tuple[Scene, ...] = ()
-    together: Together | None = None
+    together: GroupScene | None = None
     numbers: tuple[tuple[str, str], ...] = ()
     words: tuple[Word, ...] = ()
 

@@ -19,7 +19,7 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.metrics.key_motion import KeyMotion
 from dancedata.scene.figure import Figure, Movement
-from dancedata.scene.group_scene import Together
+from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
@@ -273,7 +273,7 @@ class Scenes(SceneList):
             numbers = listed([member.part for member in item.members], 12)
             notes.append(f"{len(members)} of {item.n_source} dancers are stored: {numbers}; the others were left out")
         if len(figures) == len(members):
-            together = Together.of(figures)
+            together = GroupScene.of(figures)
             if not together.touch:
                 notes.append("contacts and collisions are not measured: the body has other joints than SMPL")
         windows, rhythm = members[0].windows, members[0].rhythm

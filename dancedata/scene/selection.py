@@ -187,7 +187,7 @@ def matched(comparison: Comparison, scenes: SceneList) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class ViewSelection:
     """Contents of a request.
 
     `item`, `loop`: The item to begin with; first frame and end of the loop, None without one.
@@ -204,7 +204,7 @@ class Shown:
     compared: str
 
     @classmethod
-    def of(cls, request: ViewRequest) -> Shown:
+    def of(cls, request: ViewRequest) -> ViewSelection:
         """Open the data of a request.
 
         Raises UsageError, StoreError, SourceError, DataError: if the dataset, the files, the clip or the source

@@ -22,7 +22,7 @@ from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, Parts, page_data, whole_page
 from dancedata.scene.payload import page_json, scene_payload
 from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import Sounds
 from dancedata.scene.wall import places
 from dancedata.store.clip_columns import ClipRecord
@@ -107,7 +107,7 @@ def write_study(
     to = require_free(to, [view.path for view in request.systems.values()], "page", overwrite=overwrite)
     if not 2 <= request.seconds <= 120:
         raise UsageError("invalid length of trials", found=request.seconds, allowed="2 to 120 s")
-    views = {name: Shown.of(view) for name, view in request.systems.items()}
+    views = {name: ViewSelection.of(view) for name, view in request.systems.items()}
     systems = {name: view.scenes for name, view in views.items()}
     clips = common_clips(systems)
     for name, system in systems.items():

@@ -21,7 +21,7 @@ from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, clip_page
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.viewer.model import ModelScenes
 from dancedata.viewer.server import Site, ViewServer
 
@@ -45,7 +45,7 @@ def serve(
     `until`: Ends the server when it is set; default: Ctrl-C.
     Raises UsageError, StoreError, SourceError: if the dataset, the clip, the source or the port cannot be used.
     """
-    mesh, opened = request.mesh(), Shown.of(request)
+    mesh, opened = request.mesh(), ViewSelection.of(request)
     scenes = opened.scenes if mesh is None else ModelScenes(opened.scenes, mesh)
     site = Site(scenes, opened.sounds, opened.comparisons)
     end = until or _interrupt()
@@ -93,7 +93,7 @@ def export_page(
             fix="leave it out: the page draws a body of its own; or write a video of the model: --video FILE.mp4",
         )  # fmt: skip
     to = require_free(to, [request.path], "page", overwrite=overwrite)
-    opened = Shown.of(request)
+    opened = ViewSelection.of(request)
     for line in opened.matched:
         say(f"  {line}")
     sound = None
@@ -117,7 +117,7 @@ def _warm_up(site: Site, item: Item, field: str | None) -> None:
     site.answer(f"/clip/{item.number}/music", None)
 
 
-def _advice(server: ViewServer, shown: Shown) -> list[str]:
+def _advice(server: ViewServer, shown: ViewSelection) -> list[str]:
     lines = [*shown.matched, *(shown.scenes.problems if isinstance(shown.scenes, MotionScenes) else ())]
     if os.environ.get("SSH_CONNECTION"):
         port, host = server.server_port, socket.gethostname()

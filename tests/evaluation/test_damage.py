@@ -10,8 +10,8 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import StoreError
+from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import protocol_named
-from dancedata.evaluation.request import Request
 from dancedata.report import write_report
 from dancedata.store import Store, open_store
 from tests.messages import raises_message
@@ -115,6 +115,6 @@ def test_a_description_that_was_changed_is_an_error_with_a_cure(copy: Path) -> N
 def test_the_pool_is_of_the_field_that_is_named(store: Store) -> None:
     protocol = protocol_named("dancedata")
     for pool in (None, store.path):
-        request = Request(what=store, protocol=protocol, field="joints", pool=pool)
+        request = EvaluationOptions(what=store, protocol=protocol, field="joints", pool=pool)
         inputs = request.inputs()
         assert {clip.field for clip in (*inputs.clip_set.clips, *inputs.pool.clips)} == {"joints"}

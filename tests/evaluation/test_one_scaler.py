@@ -19,8 +19,8 @@ from dancedata.cli.app import app
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
+from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import PROTOCOLS
-from dancedata.evaluation.request import Request
 from dancedata.readers import ClipDataset, Scale, WindowDataset
 from dancedata.scene.comparisons import comparison_of, file_format
 from dancedata.scene.inputs.files import FileClip
@@ -49,7 +49,7 @@ def view(path: Path, rows: Any, store: Store, **options: Any) -> Any:
 
 
 def evaluated(store: Store, rows: Any, **options: Any) -> Any:
-    request = Request(what={}, protocol=PROTOCOLS.get("dancedata")(), like=store, field=FIELD, **options)
+    request = EvaluationOptions(what={}, protocol=PROTOCOLS.get("dancedata")(), like=store, field=FIELD, **options)
     columns = request._columns()
     assert columns is not None
     return columns.pose(rows)

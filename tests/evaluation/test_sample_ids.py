@@ -17,7 +17,7 @@ from dancedata.core.sample_id import safe_name
 from dancedata.evaluation.report import Report
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
 from dancedata.scene.comparisons import comparison_payload
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store, write_store
 from dancedata.store.samples import Samples
 from dancedata.store.saved_samples import save_samples
@@ -82,7 +82,7 @@ def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -
     for name in ids:
         evaluator.update(rows_of(copies, name)[None], [name])
     request = ViewRequest(copies.path, compare=(tmp_path / "gen",), field="edge151", normalized=False)
-    walls = Shown.of(replace(request, wall=True)).scenes
+    walls = ViewSelection.of(replace(request, wall=True)).scenes
     wall = {
         item.members[1].sample: [float(dict(walls.scene(item).members[1].numbers)[name]) for name in ("BAS", "PFC")]
         for item in walls.items
@@ -101,9 +101,11 @@ def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -
     assert {command: set(numbers) for command, numbers in found.items()} == {command: set(ids) for command in found}
     # All begin at the same second of the music, a study too.
     seconds = {name: Samples(copies).require(name).music_start_s for name in ids}
-    shown = Shown.of(request).scenes
+    shown = ViewSelection.of(request).scenes
     assert {item.sample: item.clip.audio_start + copies.grid.seconds(item.start) for item in shown.items} == seconds
-    of_files = Shown.of(ViewRequest(tmp_path / "gen", like=copies.path, field="edge151", normalized=False)).scenes
+    of_files = ViewSelection.of(
+        ViewRequest(tmp_path / "gen", like=copies.path, field="edge151", normalized=False)
+    ).scenes
     assert {item.id: item.clip.audio_start for item in of_files.items} == seconds
     chosen = common_clips({"truth": shown, "gen": of_files})
     assert set(chosen) == {name for name in ids if not Samples(copies).require(name).clip.source}
@@ -211,7 +213,7 @@ def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -
         assert found.exit_code == 0, found.output
     assert {path.stem for path in (tmp_path / "x").iterdir()} == {path.stem for path in written}
     for wall in (False, True):
-        shown = Shown.of(ViewRequest(tmp_path / "gen", wall=wall))
+        shown = ViewSelection.of(ViewRequest(tmp_path / "gen", wall=wall))
         assert len(shown.scenes.items) == len(written)
         distances = [
             comparison_payload(shown.comparisons[0], shown.scenes.scene(item))["mean"] for item in shown.scenes.items

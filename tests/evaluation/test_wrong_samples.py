@@ -12,7 +12,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.evaluation.report import Report
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store
 from dancedata.store.saved_samples import save_samples
 from tests.messages import raises_message
@@ -91,7 +91,7 @@ def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
     calls: list[Callable[[], Any]] = [
         lambda: dancedata.evaluate(tmp_path, like=store),
         lambda: dancedata.evaluate(tmp_path),
-        lambda: Shown.of(ViewRequest(tmp_path)),
+        lambda: ViewSelection.of(ViewRequest(tmp_path)),
     ]
     for call in calls:
         with raises_message(DataError, "another dataset", reason="other_dataset", where=str(tmp_path)):

@@ -18,7 +18,7 @@ from dancedata.scene.wall import Wall
 from dancedata.testing.examples import random_motion
 from tests.commands import run
 from tests.messages import raises_message
-from tests.viewer.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
+from tests.scene.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
 
 SEVEN, DUET = "plainid0123_04_829_1009", "Waltz_5_0"
 

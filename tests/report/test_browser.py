@@ -7,7 +7,7 @@ import dancedata
 from dancedata.report import write_report
 from tests.browser import Browser
 from tests.report.conftest import HOSTILE
-from tests.viewer.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
+from tests.scene.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)
 
 LINKS = "[...document.querySelectorAll('#r-report .paths a')]"
 SHOWN = """

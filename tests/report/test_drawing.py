@@ -14,14 +14,14 @@ import pytest
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group
 from dancedata.report import write_report
+from dancedata.report.bin_counts import ClipHistogram
 from dancedata.report.document import ColumnRange, LeftOut
-from dancedata.report.figures import Drawing, contents_figures, movement_figures
+from dancedata.report.figures import FigureSpec, contents_figures, movement_figures
 from dancedata.report.findings import findings
 from dancedata.report.heat import Timeline, joint_map
 from dancedata.report.markup import name_text, rounded, table
 from dancedata.report.scaling import scaled_groups
 from dancedata.report.svg import bars, by_joint, histogram, strips
-from dancedata.report.tally import ClipHistogram
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store
@@ -55,7 +55,7 @@ def test_datasets_of_different_sizes_are_compared_by_shares(demo: Path) -> None:
     numbers = write_report(demo).numbers
     double = {name: {s: 2 * n for s, n in by.items()} for name, by in numbers.contents.windows_by_genre.items()}
     other = replace(numbers, contents=replace(numbers.contents, windows_by_genre=double))
-    figures = {figure.key: figure for figure in contents_figures(Drawing(numbers, other))}
+    figures = {figure.key: figure for figure in contents_figures(FigureSpec(numbers, other))}
     genre, split = figures["windows_by_genre"], figures["windows_by_split"]
     shares = texts(genre.body, "value")
     assert shares
@@ -69,7 +69,7 @@ def test_datasets_of_different_sizes_are_compared_by_shares(demo: Path) -> None:
 
 
 def test_every_histogram_names_the_unit_of_its_heights(demo: Path) -> None:
-    drawing = Drawing(write_report(demo).numbers)
+    drawing = FigureSpec(write_report(demo).numbers)
     figures = [*contents_figures(drawing), *movement_figures(drawing, ())]
     drawn = {f.key: f.note.split(";")[0] for f in figures if f.head[:2] == ("from", "to")}
     assert drawn["speed_m_s"] == "% of frames"
@@ -89,11 +89,11 @@ def test_few_values_are_counted(values: list[float], distinct: tuple[tuple[float
 
 def test_few_values_are_one_sentence(demo: Path) -> None:
     numbers = write_report(demo).numbers
-    (length,) = (f for f in contents_figures(Drawing(numbers)) if f.key == "length_s")
+    (length,) = (f for f in contents_figures(FigureSpec(numbers)) if f.key == "length_s")
     assert length.body == "<p>6 seconds in 8 clips</p>"
     assert length.rows == ()
     other = replace(numbers, about=replace(numbers.about, name="old"))
-    (length,) = (f for f in contents_figures(Drawing(numbers, other)) if f.key == "length_s")
+    (length,) = (f for f in contents_figures(FigureSpec(numbers, other)) if f.key == "length_s")
     assert length.body == "<p>6 seconds in 8 clips</p><p>6 seconds in 8 clips <small>(old)</small></p>"
 
 
@@ -104,7 +104,7 @@ def test_movement_has_a_line_for_each_split(demo: Path) -> None:
     assert np.sum(list(speed.by_split.values()), axis=0).tolist() == speed.counts["all"]
     extent = numbers.movement.root_extent_m
     assert np.sum(list(extent.by_split.values()), axis=0).tolist() == extent.counts["all"]
-    (figure,) = (f for f in movement_figures(Drawing(numbers), ()) if f.key == "speed_m_s")
+    (figure,) = (f for f in movement_figures(FigureSpec(numbers), ()) if f.key == "speed_m_s")
     assert figure.head == ("from", "to", "all", "train", "val", "test")
     assert figure.legend == ("train", "val", "test")
     assert re.findall(r'<path class="line (s\d)"', figure.body) == ["s0", "s1", "s2"]
@@ -112,7 +112,7 @@ def test_movement_has_a_line_for_each_split(demo: Path) -> None:
     first, second = re.findall(r'<path class="line s\d" d="([^"]*)"', svg)
     assert first.count("V") == second.count("V") == 3
     assert svg.count('<rect class="pale"') == 2
-    compared = [f for f in movement_figures(Drawing(numbers, numbers), ()) if f.key == "speed_m_s"]
+    compared = [f for f in movement_figures(FigureSpec(numbers, numbers), ()) if f.key == "speed_m_s"]
     assert "line s" not in compared[0].body, "the outline of the other dataset stands alone"
 
 

@@ -17,7 +17,7 @@ from dancedata.report.findings import findings
 from dancedata.store import StoredClip, open_store
 from dancedata.store.schema import StoreHeader
 from dancedata.store.writer import write_store
-from tests.viewer.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
+from tests.scene.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
 
 DUET, SEVEN = "Waltz_5_0", "plainid0123_04_829_1009"
 

@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.report.tally import ClipHistogram, Tally, fine_edges, nice_edges
+from dancedata.report.bin_counts import BinCounts, ClipHistogram, fine_edges, nice_edges
 
 values = st.lists(st.floats(0, 9.99), min_size=1, max_size=200)
 
 
 @given(values, st.floats(0, 1))
 def test_quantiles_are_right_to_a_bin(numbers: list[float], q: float) -> None:
-    tally = Tally.of(0, 10, 0.01)
+    tally = BinCounts.of(0, 10, 0.01)
     tally.add(np.array(numbers))
     quantile = tally.quantile(q)
     low, high = np.quantile(numbers, [max(0, q - 1e-9), min(1, q + 1e-9)], method="inverted_cdf")
@@ -23,7 +23,7 @@ def test_quantiles_are_right_to_a_bin(numbers: list[float], q: float) -> None:
 
 @given(values)
 def test_histograms_lose_nothing(numbers: list[float]) -> None:
-    tally = Tally.of(0, 10, 0.01)
+    tally = BinCounts.of(0, 10, 0.01)
     for number in numbers:
         tally.add(np.array([number]))
     edges = fine_edges([tally])
@@ -33,11 +33,11 @@ def test_histograms_lose_nothing(numbers: list[float]) -> None:
 
 
 def test_values_on_borders_and_outside() -> None:
-    tally = Tally.of(0, 1, 0.1)
+    tally = BinCounts.of(0, 1, 0.1)
     tally.add(np.array([0.1 + 0.2, 0.3, -5.0, 7.0]))  # 0.30000000000000004
     assert tally.counts.tolist() == [1, 0, 0, 2, 0, 0, 0, 0, 0, 1]
     assert tally.histogram([0, 0.5, 1]).tolist() == [3, 1]
-    empty = Tally.of(0, 1, 0.1)
+    empty = BinCounts.of(0, 1, 0.1)
     assert (empty.mean, empty.quantile(0.5), empty.share_above(0.5)) == (None, None, None)
     assert fine_edges([empty]) == (0.0, 0.1)
     assert fine_edges([empty], beyond=0.3) == (0.0, 0.1, 0.2, 0.3, 0.4)

@@ -25,7 +25,7 @@ from dancedata.readers import ClipDataset, Scale, WindowDataset, pad_clips
 from dancedata.store import Store, open_store
 from dancedata.training import SampleLog
 from tests.messages import raises_message
-from tests.viewer.test_scenes import unpacked
+from tests.scene.test_scenes import unpacked
 
 FIELDS = ("edge151", "librosa35")
 RECIPE: dict[str, Any] = {

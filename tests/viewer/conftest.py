@@ -1,9 +1,8 @@
-"""A dataset with odd names and music in four formats, and a server for it."""
+"""The datasets of the tests of scenes, and their server."""
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
+from tests.scene.conftest import crowd, crowd_source, dances, duets, lacking, odd, scenes, served, source
 
+<<<<<<< HEAD
 import numpy as np
 import pytest
 
@@ -141,3 +140,6 @@ def lacking(crowd: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         ]
         write_store(out, StoreHeader(store.grid.rate, 60, 15, (store.field("edge151"),), store.skeleton), clips)
     return out
+=======
+__all__ = ["crowd", "crowd_source", "dances", "duets", "lacking", "odd", "scenes", "served", "source"]
+>>>>>>> 8e1607e8 (Name group scenes, selections, options of evaluations, results of papers and bin counts by what they are)

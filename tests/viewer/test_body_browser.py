@@ -11,7 +11,7 @@ from dancedata.scene import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.report.test_colours import luminance
-from tests.viewer.helpers import serving
+from tests.scene.helpers import serving
 from tests.viewer.test_browser import V, at
 
 #: Width and pixels of the stage: red, green, blue and opacity, in base64.

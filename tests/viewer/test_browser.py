@@ -18,7 +18,7 @@ from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
-from tests.viewer.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, serving
+from tests.scene.helpers import CLICKS, FORMATS, FPS, HOSTILE, TURNED, serving
 
 V = "dancedataViewer"
 

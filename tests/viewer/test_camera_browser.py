@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.browser import Browser
-from tests.viewer.helpers import HOSTILE
+from tests.scene.helpers import HOSTILE
 from tests.viewer.test_body_browser import sides, stage
 from tests.viewer.test_browser import V, at
 from tests.viewer.test_layout_browser import box, pointer

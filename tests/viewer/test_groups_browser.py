@@ -12,8 +12,8 @@ import dancedata
 from dancedata.scene import Scenes
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.browser import Browser
-from tests.viewer.helpers import serving
-from tests.viewer.test_groups import SEVEN, TWO
+from tests.scene.helpers import serving
+from tests.scene.test_groups import SEVEN, TWO
 
 V = "dancedataViewer"
 #: How many dancers are drawn in colours of their own: their middle tones on the stage.

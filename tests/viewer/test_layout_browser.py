@@ -15,7 +15,7 @@ from dancedata.viewer import server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
-from tests.viewer.helpers import FPS, SECONDS, serving
+from tests.scene.helpers import FPS, SECONDS, serving
 from tests.viewer.test_browser import V, at
 
 BOX = "const b = document.querySelector(`[data-dd=${arguments[0]}]`).getBoundingClientRect(); return b.toJSON()"

@@ -8,7 +8,7 @@ from dancedata.core.errors import UsageError
 from dancedata.readers import Select, WindowDataset
 from tests.browser import Browser
 from tests.messages import raises_message
-from tests.viewer.helpers import FPS
+from tests.scene.helpers import FPS
 from tests.viewer.test_browser import at
 
 V = "window.dancedataViewer"

@@ -19,8 +19,8 @@ from dancedata.viewer.model import ModelScenes, model_payload
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
-from tests.viewer.helpers import serving
-from tests.viewer.test_scenes import unpacked
+from tests.scene.helpers import serving
+from tests.scene.test_scenes import unpacked
 from tests.viewer.test_server import Client
 
 Of = Callable[[str], Scenes]

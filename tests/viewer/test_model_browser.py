@@ -15,7 +15,7 @@ from dancedata.scene import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
 from tests.browser import Browser
-from tests.viewer.helpers import serving
+from tests.scene.helpers import serving
 from tests.viewer.test_body_browser import stage
 from tests.viewer.test_browser import V
 

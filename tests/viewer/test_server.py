@@ -26,7 +26,7 @@ from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.messages import raises_message
-from tests.viewer.helpers import serving
+from tests.scene.helpers import serving
 
 
 class Client:

@@ -17,7 +17,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.scene import Figure
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer.notebook import MOST_CLIPS, html_of, pose_svg
-from tests.viewer.helpers import HOSTILE
+from tests.scene.helpers import HOSTILE
 
 
 def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:

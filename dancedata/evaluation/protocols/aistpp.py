@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
+from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, PaperResult, Pieces, Protocol
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.geometric_features import Geometric
 from dancedata.metrics.kinetic_features import Kinetic
@@ -30,7 +30,7 @@ class FactAistpp(Protocol):
     )
     music = MusicRule(("librosa35",), 60)
     published = (
-        Published(
+        PaperResult(
             "FACT",
             {"fid_k": 32, "fid_g": 17, "div_k": 6, "div_g": 6},
             "a comment in the code; upstream 38 and 27",
@@ -66,7 +66,7 @@ class BailandoAistpp(Protocol):
         ("bailando438",), 60, about="column 53 of Bailando's 438: beats of the percussive part of the song"
     )
     published = (
-        Published(
+        PaperResult(
             "ground truth",
             {"fid_k": 17.10, "fid_g": 10.60, "div_k": 8.19, "div_g": 7.45, "bas": 0.2374},
             "Bailando, table 1",
@@ -96,7 +96,7 @@ class EdgeAistpp(Protocol):
     truth = generated = Pieces(length=150, stride=75)
     measures = (Measure(Pfc("code", "z")),)
     published = (
-        Published(
+        PaperResult(
             "ground truth",
             {"pfc": 1.332, "bas": 0.24, "div_k": 10.61, "div_g": 7.48},
             "EDGE, table 1",
@@ -158,7 +158,7 @@ class MotiusAistpp(Protocol):
     )
     music = MusicRule(("bailando438",), 60, about="column 53 of Bailando's 438, at 60 per second")
     published = (
-        Published(
+        PaperResult(
             "ground truth",
             {"fid_k": 17.16, "fid_g": 10.66, "div_k": 8.17, "div_g": 7.49, "bas": 0.2247},
             "Motius' repository, a recomputation of Bailando's row",

@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, Pieces, Protocol, Published
+from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, PaperResult, Pieces, Protocol
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.geometric_features import Geometric
@@ -35,7 +35,7 @@ class LodgeFinedance(Protocol):
         about="the original estimates the tempo as if the song had 22,050 samples per second",
     )  # fmt: skip
     published = (
-        Published(
+        PaperResult(
             "ground truth",
             {"skating": 0.0622, "div_k": 9.73, "div_g": 7.44, "bas": 0.2120},
             "Lodge, table 1",
@@ -146,7 +146,7 @@ class Popdg(Protocol):
     )
     music = MusicRule(("librosa35",), 30, about="the last of EDGE's 35 columns; the original reads files of 150 rows")
     published = (
-        Published(
+        PaperResult(
             "ground truth", {"pfc": 1.5824, "pbc": 8.7365}, "POPDG, PopDanceSet", "PBC is printed as PFC by its code"
         ),
     )

@@ -62,7 +62,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Request:
+class EvaluationOptions:
     """The options of an evaluation; see `dancedata.evaluate` for their meaning."""
 
     what: MotionInput

@@ -22,14 +22,14 @@ from dancedata.formats.motion_files import motion_file
 from dancedata.scene import Figure
 from dancedata.scene.motion_page import motion_scenes_of, view_motions
 from dancedata.scene.motions import MotionScenes
-from dancedata.scene.selection import Shown, ViewRequest
+from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.wall import MOST, Wall
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import export_page
 from tests.messages import raises_message
-from tests.viewer.helpers import CLICKS, FPS, SECONDS, clicks
+from tests.scene.helpers import CLICKS, FPS, SECONDS, clicks
 
 
 def dance(number: int = 0, n_frames: int = SECONDS * 60) -> Motion:
@@ -56,8 +56,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def shown(path: Path, **options: Any) -> Shown:
-    return Shown.of(ViewRequest(path, **options))
+def shown(path: Path, **options: Any) -> ViewSelection:
+    return ViewSelection.of(ViewRequest(path, **options))
 
 
 def test_a_folder_of_any_files_opens(folder: Path) -> None:
@@ -227,7 +227,7 @@ def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, 
         (tmp_path / name).mkdir()
         np.savez(tmp_path / name / "wav.npz", joints=joints[:n], fps=FPS)
     request = ViewRequest(odd, "wav", music=source, compare=(tmp_path / "mine", tmp_path / "short"), wall=True)
-    opened = Shown.of(request)
+    opened = ViewSelection.of(request)
     scene = opened.scenes.scene(opened.item)
     assert [member.item.part for member in scene.members] == ["odd", "mine", "short"]
     assert {member.figure.n_frames for member in scene.members} == {180}
@@ -253,11 +253,15 @@ def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path
     (tmp_path / "samples").mkdir()
     joints = dancedata.decode(clip.read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "samples" / f"{clip.id}.npz", joints=joints, fps=FPS)
-    opened = Shown.of(ViewRequest(odd, compare=(tmp_path / "samples",), wall=wall))
+    opened = ViewSelection.of(ViewRequest(odd, compare=(tmp_path / "samples",), wall=wall))
     assert opened.item.name == clip.id
     if wall:
         assert [member.item.part for member in opened.scenes.scene(opened.item).members] == ["odd", "samples"]
+<<<<<<< HEAD:tests/viewer/test_motions.py
     assert Shown.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips()[0].id
+=======
+    assert ViewSelection.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips[0].id
+>>>>>>> 8e1607e8 (Name group scenes, selections, options of evaluations, results of papers and bin counts by what they are):tests/scene/test_motions.py
 
 
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:
@@ -319,7 +323,7 @@ def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_i
     matched, begun = said
     assert "mine: 1 of " in matched
     assert "it shows wav" in begun
-    walled = Shown.of(replace(request, wall=True))
+    walled = ViewSelection.of(replace(request, wall=True))
     assert [member.item.part for member in walled.scenes.scene(walled.item).members] == ["odd", "mine"]
 
 
@@ -330,7 +334,7 @@ def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, 
     for number in (name, "second"):
         np.savez(tmp_path / "mine" / f"{number}.npz", joints=np.zeros((60, 24, 3)), fps=FPS)
     with raises_message(DataError, "named", where="mine") as error:
-        Shown.of(ViewRequest(odd, compare=(tmp_path / "mine",), wall=wall))
+        ViewSelection.of(ViewRequest(odd, compare=(tmp_path / "mine",), wall=wall))
     assert error.value.reason == "nothing_matched"
     assert f"{name}.npz" in str(error.value)
     assert error.value.allowed

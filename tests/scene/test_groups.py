@@ -12,7 +12,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import facing_angles
 from dancedata.scene import Figure, Item, Scenes
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
-from dancedata.scene.group_scene import Together
+from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.page import clip_page
 from dancedata.scene.palette import DANCERS
 from dancedata.scene.payload import item_rows, link, scene_payload
@@ -22,8 +22,8 @@ from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.messages import raises_message
 from tests.report.test_colours import contrast, luminance
-from tests.viewer.helpers import serving
-from tests.viewer.test_scenes import unpacked
+from tests.scene.helpers import serving
+from tests.scene.test_scenes import unpacked
 
 TWO, SEVEN = "-Ab_cdEf123_01_0_180", "plainid0123_04_829_1009"
 
@@ -147,12 +147,12 @@ def test_a_lifted_partner_stays_in_the_air_and_far_bodies_do_not_meet() -> None:
     joints = np.repeat(np.random.default_rng(0).random((1, 22, 3)), 4, axis=0)
     skeleton, grid = SMPL24.subset("body", SMPL24.joints[:22]), dancedata.core.grid.FrameGrid.of(30)
     lifted = joints + np.array([[0, 0.8, 0], [3, 0.8, 0], [0, 0.8, 9], [0, 0.8, 0]])[:, None]
-    together = Together.of([Figure.of_joints(j, skeleton, grid) for j in (joints, lifted)])
+    together = GroupScene.of([Figure.of_joints(j, skeleton, grid) for j in (joints, lifted)])
     assert together.floor == pytest.approx(Figure.of_joints(joints, skeleton, grid).floor)
     assert together.pairs[0].collides[[1, 2]].tolist() == [False, False]
     assert together.pairs[0].collides[0] == together.pairs[0].collides[3]
     other = SMPL24.subset("part", SMPL24.joints[:12])
-    short = Together.of([Figure.of_joints(j[:, :12], other, grid) for j in (joints, joints)])
+    short = GroupScene.of([Figure.of_joints(j[:, :12], other, grid) for j in (joints, joints)])
     assert not short.touch
     assert short.pairs[0].collisions == ()
 
@@ -160,7 +160,7 @@ def test_a_lifted_partner_stays_in_the_air_and_far_bodies_do_not_meet() -> None:
 def test_order_of_members_does_not_change_the_pairs(groups: Scenes) -> None:
     figures = [member.figure for member in groups.scene(groups.find(SEVEN)).members]
     order = [3, 0, 6, 1, 2, 5, 4]
-    one, other = Together.of(figures), Together.of([figures[k] for k in order])
+    one, other = GroupScene.of(figures), GroupScene.of([figures[k] for k in order])
     mine = {(p.first, p.second): p for p in one.pairs}
     for pair in other.pairs:
         same = mine[tuple(sorted((order[pair.first], order[pair.second])))]

@@ -25,7 +25,7 @@ _SLACK = 1e-9
 
 
 @dataclass
-class Tally:
+class BinCounts:
     """Values counted in bins of equal width; values outside count in the first or the last bin.
 
     `low`, `width`: Lower end of the first bin, and the width of each.
@@ -39,7 +39,7 @@ class Tally:
     total: float = 0.0
 
     @classmethod
-    def of(cls, low: float, high: float, width: float) -> Tally:
+    def of(cls, low: float, high: float, width: float) -> BinCounts:
         """Make an empty one for values from `low` to `high`."""
         return cls(low, width, np.zeros(round((high - low) / width), dtype=np.int64))
 
@@ -104,7 +104,7 @@ def nice_edges(low: float, high: float, least: float = 0.0) -> tuple[float, ...]
     return tuple(round(k * step, 10) for k in range(first, last + 1))
 
 
-def fine_edges(tallies: Sequence[Tally], beyond: float | None = None) -> tuple[float, ...]:
+def fine_edges(tallies: Sequence[BinCounts], beyond: float | None = None) -> tuple[float, ...]:
     """Return borders of bins for tallies of equal bins, up to a high quantile of the widest of them.
 
     The last bin also counts larger values. The borders reach past `beyond`.
@@ -145,7 +145,7 @@ class Quantiles:
     p95: float | None
 
     @classmethod
-    def of(cls, tally: Tally) -> Quantiles:
+    def of(cls, tally: BinCounts) -> Quantiles:
         """Summarise a tally."""
         return Quantiles(*map(tally.quantile, _QUANTILES))
 
@@ -211,7 +211,7 @@ class FrameHistogram(Histogram):
     p95: float | None
 
     @classmethod
-    def of(cls, tally: Tally, edges: Sequence[float], **more: Any) -> Self:
+    def of(cls, tally: BinCounts, edges: Sequence[float], **more: Any) -> Self:
         """Count the values of a tally in wider bins."""
         counts = {"all": tally.histogram(edges).tolist()}
         return cls(tuple(edges), counts, tally.n, tally.mean, *map(tally.quantile, _QUANTILES), **more)
