@@ -136,7 +136,7 @@ def lacking(crowd: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     with dancedata.open(crowd) as store:
         clips = [
             StoredClip(**vars(clip.record), group_size=7, starts=(0,), motion={"edge151": clip.read("edge151")})
-            for clip in store.clips
+            for clip in store.clips()
             if clip.group == "plainid0123_04_829_1009" and clip.member not in (1, 4)
         ]
         write_store(out, StoreHeader(store.grid.rate, 60, 15, (store.field("edge151"),), store.skeleton), clips)

@@ -257,11 +257,7 @@ def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path
     assert opened.item.name == clip.id
     if wall:
         assert [member.item.part for member in opened.scenes.scene(opened.item).members] == ["odd", "samples"]
-<<<<<<< HEAD:tests/viewer/test_motions.py
-    assert Shown.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips()[0].id
-=======
-    assert ViewSelection.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips[0].id
->>>>>>> 8e1607e8 (Name group scenes, selections, options of evaluations, results of papers and bin counts by what they are):tests/scene/test_motions.py
+    assert ViewSelection.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips()[0].id
 
 
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:
