@@ -20,6 +20,7 @@ from dancedata.core.plugins import (
     KeyMotionFinder,
     Metric,
     Plugin,
+    PrimitiveFinder,
     Representation,
     WindowFilter,
 )
@@ -207,6 +208,7 @@ REPRESENTATIONS = Registry("representation", "dancedata.representations", Repres
 CONTACTS = Registry("contact rule", "dancedata.contacts", ContactRule)
 FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
 KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
+PRIMITIVE_FINDERS = Registry("finder of primitives", "dancedata.keymotion", PrimitiveFinder)
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)

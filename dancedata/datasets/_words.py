@@ -11,8 +11,8 @@ from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import counted, listed, quoted
 from dancedata.datasets.files import files_by_stem
 from dancedata.files.listing import relative
+from dancedata.files.segment_files import SEGMENT_FILES, SegmentRow, read_segment_file
 from dancedata.formats.humanml_texts import read_texts
-from dancedata.store.segment_files import SEGMENT_FILES, SegmentRow, read_segment_file
 
 TEXTS = "texts"
 #: Name of the layer of captions.

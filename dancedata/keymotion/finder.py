@@ -8,14 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.plugins import PRIMITIVES, PrimitiveFinder
+from dancedata.core.registry import PRIMITIVE_FINDERS
 from dancedata.core.typing import override
-from dancedata.keymotion.characteristic_primitives import borders, primitives
+from dancedata.keymotion.characteristic_primitives import Variant, borders, primitives
 from dancedata.metrics.key_motion import KeyMotion
-from dancedata.readers.options import Variant
-from dancedata.readers.primitives import FINDERS, PRIMITIVES, PrimitiveFinder
 
 
-@FINDERS.register("characteristic")
+@PRIMITIVE_FINDERS.register("characteristic")
 @dataclass(frozen=True)
 class CharacteristicPrimitives(PrimitiveFinder):
     """The 4 + 4 border frames of a window of one local segment; hard and soft cues of a longer one."""

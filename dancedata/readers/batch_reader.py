@@ -19,10 +19,11 @@ import torch
 
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
+from dancedata.core.plugins import PRIMITIVES
 from dancedata.core.system import memory_file
 from dancedata.readers.augmenting import Augmenter
 from dancedata.readers.music_beats import LABELS, BeatLabels
-from dancedata.readers.primitives import PRIMITIVES, PrimitiveSpec
+from dancedata.readers.primitives import PrimitiveSpec
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.shard_reader import WindowRows

@@ -1,6 +1,5 @@
 """Lodge's primitives of the windows of a reader."""
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,37 +9,16 @@ import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import Plugin
-from dancedata.core.registry import Registry
+from dancedata.core.plugins import PrimitiveFinder
+from dancedata.core.registry import PRIMITIVE_FINDERS
 from dancedata.readers.options import Primitives, Variant, clash
 from dancedata.store.dataset import Store
 from dancedata.store.queries import fields_with
 
-#: The name of primitives in samples.
-PRIMITIVES = "primitives"
-
-
-class PrimitiveFinder(Plugin):
-    """Finds primitives in rows of motion."""
-
-    @abstractmethod
-    def find(
-        self, rows: npt.NDArray[Any], n: int, variant: Variant, bias: int, key_motion: npt.NDArray[Any] | None
-    ) -> dict[str, npt.NDArray[Any]]:
-        """Return the primitives of a window, as entries of a sample; "primitives" are rows of motion.
-
-        `rows`: (N, D), mirrored but not normalised; N is a multiple of `n`, the frames of a local segment.
-        `bias`: Frames by which they are shifted.
-        `key_motion`: (N, 3) stored key motion of the window; None: they are those of the window alone.
-        """
-
-
-FINDERS = Registry("finder of primitives", "dancedata.keymotion", PrimitiveFinder)
-
 
 @lru_cache(maxsize=1)
 def _finder() -> PrimitiveFinder:
-    return FINDERS.only()
+    return PRIMITIVE_FINDERS.only()
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from dancedata.core.text import counted, listed, table
 from dancedata.execution.addresses import local_folder
 from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
+from dancedata.files.segment_files import write_segment_file
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Clip, Store, open_store
 from dancedata.store.queries import overlay
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
-from dancedata.store.segment_files import write_segment_file
 from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json

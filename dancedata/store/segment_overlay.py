@@ -30,7 +30,7 @@ class SegmentOverlay:
 
         Raises SourceError: for a mistake in a file, and clips or partners that the dataset does not have.
         """
-        from dancedata.store.segment_files import read_segment_file  # few datasets are opened with files
+        from dancedata.files.segment_files import read_segment_file  # few datasets are opened with files
 
         by_clip: dict[str, list[Segment]] = defaultdict(list)
         notes = []

@@ -66,7 +66,7 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
     song = corpus / "wavs" / "mBR0.wav"
     with open_store(built) as store:
         clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips())]
-        stand_in: Any = SimpleNamespace(meta=store.info, clips=clips)
+        stand_in: Any = SimpleNamespace(meta=store.info, clips=lambda: clips)
         with raises_message(UsageError, "tempos", where="source/wavs/mBR0.wav"):
             own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)
 

@@ -9,10 +9,19 @@ from __future__ import annotations
 from dancedata.core.plugins.audio_feature import AudioFeature, FileFeature, Placed
 from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
 from dancedata.core.plugins.metric import Better, Metric
-from dancedata.core.plugins.motion import ContactRule, Dataset, KeyMotionFinder, Representation, WindowFilter
+from dancedata.core.plugins.motion import (
+    PRIMITIVES,
+    ContactRule,
+    Dataset,
+    KeyMotionFinder,
+    PrimitiveFinder,
+    Representation,
+    WindowFilter,
+)
 from dancedata.core.plugins.plugin import Float32Array, Plugin
 
 __all__ = [
+    "PRIMITIVES",
     "AudioFeature",
     "Augmentation",
     "Better",
@@ -25,6 +34,7 @@ __all__ = [
     "Metric",
     "Placed",
     "Plugin",
+    "PrimitiveFinder",
     "Representation",
     "SampleAugmentation",
     "SampleField",

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy.typing as npt
 
@@ -290,4 +290,28 @@ class WindowFilter(Plugin):
             (L, D) rows of the window, not normalised, read-only.
         columns, grid
             Columns and rate of the rows.
+        """
+
+
+#: The name of primitives in samples.
+PRIMITIVES = "primitives"
+
+
+class PrimitiveFinder(Plugin):
+    """Finds Lodge's primitives in rows of motion, for samples of windows."""
+
+    @abstractmethod
+    def find(
+        self,
+        rows: npt.NDArray[Any],
+        n: int,
+        variant: Literal["paper", "code"],
+        bias: int,
+        key_motion: npt.NDArray[Any] | None,
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Return the primitives of a window, as entries of a sample; "primitives" are rows of motion.
+
+        `rows`: (N, D), mirrored but not normalised; N is a multiple of `n`, the frames of a local segment.
+        `bias`: Frames by which they are shifted.
+        `key_motion`: (N, 3) stored key motion of the window; None: they are those of the window alone.
         """

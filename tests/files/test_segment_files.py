@@ -8,8 +8,8 @@ import pytest
 
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.segments import CLIP_END, Layer, Segment
+from dancedata.files.segment_files import read_segment_file, write_segment_file
 from dancedata.formats.humanml_texts import Caption, plain_tokens, read_texts, texts_file
-from dancedata.store.segment_files import read_segment_file, write_segment_file
 from tests.messages import raises_message
 
 WORDS = Layer("description", language="en", author="A", licence="CC0", citation="c", sided="no")
