@@ -222,7 +222,7 @@ def align(
 ) -> Alignment:
     """Estimate the offset between the music and the motion of a source, as ``dancedata align`` does.
 
-    No file of the source is changed; docs/align.md has the method and what it finds of planted offsets.
+    No file of the source is changed; docs/archive/measured.md has the method and what it finds of planted offsets.
 
     Parameters
     ----------

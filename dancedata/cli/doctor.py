@@ -155,7 +155,7 @@ def check_cache() -> Iterator[Finding]:
     if free < _LEAST:
         status = "failed"
     elif not has_locks:
-        fix = f"builds at once may compute the same twice: set {ENVIRONMENT} to another file system (docs/cluster.md)"
+        fix = f"builds at once may compute the same twice: set {ENVIRONMENT} to another file system"
     elif free < _AMPLE:
         fix = "make space before a large build, or dancedata cache prune"
     yield Finding("cache", status, text, "" if status == "ok" else fix)

@@ -190,7 +190,7 @@ def quality(
 ) -> Quality:
     """Score the faults of motions, as ``dancedata quality`` does.
 
-    No file is changed. docs/quality.md has the scores, their limits, and what they find of planted faults.
+    No file is changed. docs/archive/measured.md has the scores, their limits, and what they find of planted faults.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ class Measure:
 
     `what`: In a few words.
     `unit`: Of its values; larger is worse.
-    `limit`: Value above which it is a fault, by default; chosen on real clips, see docs/quality.md.
+    `limit`: Value above which it is a fault, by default; chosen on real clips, see docs/archive/measured.md.
     `least`: Smallest value of a span that is listed.
     `of`: "spans": a clip's value is that of its worst span. "clip": it belongs to the whole clip.
     `source`: Paper or file.

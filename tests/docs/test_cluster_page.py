@@ -1,4 +1,4 @@
-"""The commands of docs/cluster.md build the same bytes, as far as one machine goes.
+"""The commands of docs/guides/beyond-one-machine.md build the same bytes, as far as one machine goes.
 
 python -m pytest -m nightly tests/docs/test_cluster_page.py      Dask, Ray and Spark, two workers each
 """
@@ -15,7 +15,7 @@ import pytest
 from tests import warm
 from tests.clusters import dask_cluster, ray_cluster
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "cluster.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "guides" / "beyond-one-machine.md").read_text(encoding="utf-8")
 SECTION = PAGE.split("## The same build everywhere")[1].split("\n## ")[0]
 MODULES = {"tcp": "distributed", "ray": "ray"}
 

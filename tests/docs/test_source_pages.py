@@ -119,6 +119,6 @@ def test_the_page_on_fbx(tmp_path: Path, example: Path, run: Callable[[str], lis
 def test_the_page_on_what_is_wrong(tmp_path: Path, run: Callable[[str], list[str]]) -> None:
     source = write_synthetic(tmp_path / "SOURCE", songs=2, clips_per_song=4, clip_s=6)
     (source / "wavs" / "mBR0.wav").rename(source / "wavs" / "mbr0.wav")
-    output = run("when-something-is-wrong.md")
-    (message,) = (b for b in blocks("docs/when-something-is-wrong.md", "text") if b.startswith("error:"))
+    output = run("guides/when-something-is-wrong.md")
+    (message,) = (b for b in blocks("docs/guides/when-something-is-wrong.md", "text") if b.startswith("error:"))
     assert message.strip().replace("\n  ", " ") in output[0].splitlines()

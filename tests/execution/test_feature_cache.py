@@ -20,7 +20,7 @@ from dancedata.execution.cache_admin import prune
 from tests.messages import raises_message
 
 FORK = multiprocessing.get_context("fork")
-PAGE = Path(__file__).parents[2] / "docs" / "cache.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guides" / "music.md"
 VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
 
 
@@ -190,7 +190,8 @@ def test_the_dataset_of_the_page(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: Callable[[], int]
 ):
     torch = pytest.importorskip("torch")
-    (code,) = re.findall(r"^```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    blocks = re.findall(r"^```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    code = next(block for block in blocks if "class OnTheFly" in block)
     monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "data"
     folder.mkdir()
