@@ -21,7 +21,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24_EDGE
-from dancedata.datasets.aistpp.reader import AistPP
+from dancedata.datasets.aistpp import AistPP
 from dancedata.evaluation.measuring import in_axes
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.metrics.beats import DETECTORS, BeatAlignment, BeatDetector

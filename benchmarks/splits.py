@@ -9,12 +9,11 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from dancedata.datasets.aioz_gdance.reader import video_of as aioz_video
-from dancedata.datasets.finedance.facts import facts as finedance
-from dancedata.datasets.popdanceset.reader import video_of as pop_video
-
-from dancedata.datasets.aioz_gdance import frames_of
-from dancedata.datasets.motorica.names import parse_name as motorica_name
+from dancedata.core.resources import manifest
+from dancedata.datasets.aioz_gdance import AiozGdance, frames_of
+from dancedata.datasets.finedance import IDS
+from dancedata.datasets.motorica.reader import parse_name as motorica_name
+from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.formats.aist_names import parse_name as aist_name
 
 Lists = dict[str, list[str]]
@@ -56,20 +55,24 @@ def _lda(folder: Path) -> tuple[str, Lists, Keys]:
 
 def _popdg(folder: Path) -> tuple[str, Lists, Keys]:
     lists = {split: _names(folder / "data" / "splits" / f"{split}.txt") for split in ("train", "test")}
-    return "PopDanceSet, as POPDG has it", lists, {"clips": str, "videos": pop_video}
+    return "PopDanceSet, as POPDG has it", lists, {"clips": str, "videos": PopDanceSet().unit_of}
 
 
 def _tcdiff(folder: Path) -> tuple[str, Lists, Keys]:
     data = folder / "data" / "dancernum_split" / "split_files"
     lists = {f"{n} dancers": _names(data / f"split_dancerNum_{n}.txt") for n in range(2, 8)}
-    return "AIOZ-GDANCE by number of dancers, as TCDiff has it", lists, {"sequences": str, "videos": aioz_video}
+    return (
+        "AIOZ-GDANCE by number of dancers, as TCDiff has it",
+        lists,
+        {"sequences": str, "videos": AiozGdance().unit_of},
+    )
 
 
 def _fine() -> list[tuple[str, Lists, Keys]]:
     tables = []
-    for protocol, of in finedance().protocols.items():
-        others = {"val": sorted(of.val), "test": sorted(of.test)}
-        lists = {"train": sorted({*finedance().ids} - {*of.val, *of.test}), **others}
+    for protocol, of in manifest("finedance")["splits"].items():
+        others = {split: sorted(of[split]) for split in ("val", "test")}
+        lists = {"train": sorted({*IDS} - {*of["val"], *of["test"]}), **others}
         tables.append((f"FineDance, {protocol.replace('_', ' ')}", lists, {"recordings, each with its song": str}))
     return tables
 
@@ -117,7 +120,8 @@ def main() -> None:
         if name == "TCDiff":
             sequences = [sequence for of_list in lists.values() for sequence in of_list]
             hours = sum(map(frames_of, sequences)) / 30 / 3600
-            print(f"{len(sequences):,} sequences of {len({*map(aioz_video, sequences)})} videos, {hours:.2f} h.\n")
+            videos = {*map(AiozGdance().unit_of, sequences)}
+            print(f"{len(sequences):,} sequences of {len(videos)} videos, {hours:.2f} h.\n")
     for title, lists, keys in _fine():
         print("\n".join(_table(title, lists, keys)))
 

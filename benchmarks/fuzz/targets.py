@@ -64,9 +64,10 @@ class Target:
 
 
 def _read_aist(path: Path) -> None:
-    from dancedata.datasets.aistpp.load import load_motion
+    from dancedata.core.clip import ClipRef
+    from dancedata.datasets.aistpp import AistPP
 
-    _both(lambda: load_motion(path, 60), lambda: _read_folder(path))
+    _both(lambda: AistPP().load(ClipRef("a", path, None, "train")), lambda: _read_folder(path))
 
 
 def _read_finedance(path: Path) -> None:
@@ -74,7 +75,7 @@ def _read_finedance(path: Path) -> None:
     from dancedata.datasets.finedance import load_motion, motion_length
 
     motion_length(path)
-    _both(lambda: load_motion(path, 30, SMPLX55), lambda: _read_folder(path))
+    _both(lambda: load_motion(path, SMPLX55), lambda: _read_folder(path))
 
 
 def _both(first: Callable[[], Any], second: Callable[[], Any]) -> None:
@@ -145,11 +146,13 @@ def _read_audio(path: Path) -> None:
 
 
 def _read_label(path: Path) -> None:
-    from dancedata.datasets.finedance.layout import read_label
+    from dancedata.datasets.finedance import read_genre
+    from dancedata.datasets.published import LeftOut
 
-    label = read_label(path, path.stem)
-    _require(bool(label.genre) != bool(label.reason), "neither a genre nor a reason")
-    _require(not label.reason or path.name in label.problem, "a problem that does not name the file")
+    try:
+        _require(bool(read_genre(path, path.stem)), "neither a genre nor a reason")
+    except LeftOut as why:
+        _require(path.name in str(why), "a problem that does not name the file")
 
 
 def _read_recipe(path: Path) -> None:

@@ -207,19 +207,20 @@ class FineDance(Published):
 
     @override
     def splits(self, found: Found) -> Splits:
-        ignored = self._ignored
+        kept = ignored_by(self.split) if self.keep == ALL else ignored_by(self.split) & set(self.keep)
+        ignored = {}
+        for clip in sorted(ignored_by(self.split) - kept):
+            names = [name for name in lists_of(clip) if name in manifest("finedance")["ignore_lists"]]
+            split = listed_in(self.split, clip)
+            both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
+            ignored[clip] = f"on the list {' and '.join(names)}{both}; keep: ['{clip}'] keeps it"
         of = {clip: listed_in(self.split, clip) or "train" for clip in IDS}
         without = f"FineDance has {IDS[0]} to {IDS[-1]}; use the dataset `folder` for your own data"
-        notes = tuple(_list_notes(self.split, found.motions.files, ignored_by(self.split) - ignored))
-        return Splits(of, notes, expected=frozenset(IDS) - ignored, without=without)
+        notes = tuple(_list_notes(self.split, found.motions.files, kept))
+        return Splits(of, notes, expected=frozenset(IDS), without=without, ignored=ignored)
 
     @override
     def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
-        if ref.id in self._ignored:
-            names = [name for name in lists_of(ref.id) if name in manifest("finedance")["ignore_lists"]]
-            split = listed_in(self.split, ref.id)
-            both = f", and in {self.split}.{split}; the ignore list takes precedence" if split else ""
-            raise LeftOut("ignored", f"on the list {' and '.join(names)}{both}; keep: ['{ref.id}'] keeps it")
         notes: tuple[str, ...] = ()
         try:
             genre = read_genre(found.beside.files.get(ref.id), ref.id)
@@ -284,11 +285,6 @@ class FineDance(Published):
             write_song(folder / MUSIC / f"{clip}.wav", steps, n / RATE)
             label = {"name": f"synthetic {clip}", "style1": coarse, "style2": fine}
             write_lines(folder / LABELS / f"{clip}.json", [json.dumps(label)], end="")
-
-    @property
-    def _ignored(self) -> frozenset[str]:
-        """The ids on the split's ignore lists that are not kept."""
-        return frozenset() if self.keep == ALL else ignored_by(self.split) - set(self.keep)
 
     def _skeleton(self) -> Skeleton:
         if self.body_model is None:

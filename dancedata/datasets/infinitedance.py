@@ -214,7 +214,7 @@ class InfiniteDance(Published):
             beside = files_by_stem(folders.root / TEST_FOLDER, source, ".npy", self.layout.name_problem)
             motions = replace(motions, files={**beside.files, **motions.files})
         styles = Styles.find(folders.root, folders.source, motions.files)
-        return _Found(folders, motions, Files({}, ()), beside, styles)
+        return _Found(folders, motions, Files({}, ()), beside, styles=styles)
 
     @override
     def song_of(self, name: str) -> str:

@@ -154,12 +154,14 @@ class Found:
     """Folders of a source, its motion and music files by the name of the sequence.
 
     `beside`: Further files: of each dancer, where a motion is a group of files; labels.
+    `layout`: Name of the layout, where the dataset has several.
     """
 
     folders: Folders
     motions: Files
     music: Files
     beside: Files = field(default_factory=lambda: Files({}, ()))
+    layout: str = ""
 
     def relative(self, path: Path) -> str:
         """Return a path below the source, for messages."""
@@ -179,6 +181,7 @@ class Splits:
     `lists`: Names by list: lists of the dataset, the split's first.
     `expected`: Names that should have a motion file.
     `without`: Why a name has no split.
+    `ignored`: Names that are left out whatever their split, each with the reason.
     """
 
     of: Mapping[str, str]
@@ -186,6 +189,7 @@ class Splits:
     lists: Mapping[str, Iterable[str]] = field(default_factory=dict)
     expected: frozenset[str] = frozenset()
     without: str = "on no list of a split"
+    ignored: Mapping[str, str] = field(default_factory=dict)
 
     def lists_of(self, name: str) -> tuple[str, ...]:
         """Return the lists that hold a name."""
@@ -329,6 +333,8 @@ class Published(Dataset):
         left_out: list[Reject] = []
         for name, path in sorted(found.motions.files.items()):
             with rejected(left_out, name, found):
+                if name in splits.ignored:
+                    raise LeftOut("ignored", splits.ignored[name])
                 if name not in splits.of:
                     raise LeftOut("unassigned", splits.without)
                 audio = self.audio_of(name, found)
@@ -338,12 +344,12 @@ class Published(Dataset):
         clips = sorted(self.all_clips(refs, found, left_out), key=lambda clip: clip.id)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no {self.layout.path_of(name)}")
-            for name in sorted(splits.expected - found.motions.files.keys())
+            for name in sorted(splits.expected - found.motions.files.keys() - splits.ignored.keys())
         ]
         unused = [
-            Reject("unused_music", file=found.relative(path), detail=f"there is no {self.layout.path_of(name)}")
+            Reject("unused_music", file=found.relative(path), detail=why)
             for name, path in found.music.files.items()
-            if not self.uses(name, found)
+            if (why := self.why_unused(name, found))
         ]
         counted_splits = (ALL,) if set(splits.of.values()) == {ALL} else SPLITS
         notes = (
@@ -354,11 +360,11 @@ class Published(Dataset):
             clips_note(clips, left_out, counted_splits),
         )
         further = (*self.rejects(found, clips), *found.music.rejects, *found.motions.rejects, *found.beside.rejects)
-        return Scan(self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
+        return Scan(found.layout or self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
 
-    def uses(self, name: str, found: Found) -> bool:
-        """Return whether a motion has the music of this name."""
-        return name in found.motions.files
+    def why_unused(self, name: str, found: Found) -> str:
+        """Return why no motion has the music of this name, "" if one has."""
+        return "" if name in found.motions.files else f"there is no {self.layout.path_of(name)}"
 
     def layout_notes(self, found: Found) -> Iterable[str]:
         """Return the files by which the layout was recognised, with their numbers, and what is not read."""

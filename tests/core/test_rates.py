@@ -11,8 +11,9 @@ from dancedata.core.quality import implausible_flags
 from dancedata.core.rates import rate_factor, repeats
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.aistpp.load import load_motion
+from dancedata.datasets.aistpp import AistPP
 from dancedata.synthetic import synthesise_motion
+from tests.datasets.scans import load
 
 
 def jumps(rate: float, seconds: float = 6, up_m_s: float = 2.5) -> Float64Array:
@@ -54,7 +55,7 @@ def test_calm_or_short_motion_shows_nothing() -> None:
 def test_real_dances_have_their_own_rate(shared: Path) -> None:
     found = {}
     for path in sorted((shared / "realdata" / "aistpp" / "motions").glob("*.pkl")):
-        joints = load_motion(path, 60).joints()
+        joints = load(AistPP(), path).joints()
         assert rate_factor(joints, 60) is None, path.name
         assert repeats(joints) is None, path.name
         found[path.name[:16]] = (rate_factor(joints, 30) is not None, rate_factor(joints, 120) is not None)

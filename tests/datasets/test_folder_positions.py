@@ -16,7 +16,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.aistpp import load as aistpp
+from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.formats.motion_files import motion_file
@@ -24,6 +24,7 @@ from dancedata.representations.humanml263 import Humanml263
 from dancedata.scene.inputs.files import FileClip, FileFormat, clips_of
 from dancedata.synthetic import synthesise_motion
 from tests.commands import run
+from tests.datasets import scans
 from tests.messages import raises_message
 
 N = 200
@@ -302,7 +303,7 @@ def test_the_keypoints_that_aistpp_publishes(shared: Path) -> None:
     source = shared / "realdata" / "aistpp"
     (path, *_) = sorted((source / "keypoints3d").glob("*d03*.pkl"))
     motion = load(path, joints="coco17", unit="guess")
-    expected = aistpp.load_motion(source / "motions" / path.name, 60)
+    expected = scans.load(AistPP(), source / "motions" / path.name)
     for a, b in ((4, 7), (5, 8), (16, 18), (18, 20), (17, 19), (19, 21)):
         bones = [at[:, b] - at[:, a] for at in (motion.joints(), expected.joints())]
         cosine = np.sum(bones[0] * bones[1], axis=-1) / np.prod([np.linalg.norm(x, axis=-1) for x in bones], axis=0)

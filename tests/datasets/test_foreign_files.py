@@ -12,7 +12,7 @@ import pytest
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError
 from dancedata.core.text import listed
-from dancedata.datasets.aistpp.load import load_motion as load_aist
+from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.files import read_names
 from dancedata.datasets.finedance import length_note, motion_length, read_genre
 from dancedata.datasets.finedance import load_motion as load_finedance
@@ -22,6 +22,7 @@ from dancedata.datasets.published import LeftOut
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.values import open_arrays
 from dancedata.recipes.parse import load_recipe
+from tests.datasets.scans import load
 from tests.messages import raises_message
 
 
@@ -40,7 +41,7 @@ def read_array(path: Path) -> None:
     ("suffix", "read"),
     [
         (".pkl", read_array), (".npz", read_array), (".npy", read_array), (".bvh", read_bvh_header),
-        (".pkl", lambda path: load_aist(path, 60)), (".npy", lambda path: load_finedance(path, SMPLX55)),
+        (".pkl", lambda path: load(AistPP(), path)), (".npy", lambda path: load_finedance(path, SMPLX55)),
     ],
 )  # fmt: skip
 def test_a_pipe_for_a_motion(pipe: Path, suffix: str, read: Callable[[Path], Any]) -> None:
@@ -112,9 +113,9 @@ def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
     good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
     with raises_message(DataError, "floats", where="a.pkl, smpl_poses", reason="bad_shape"):
-        load_aist(tmp_path / "a.pkl", 60)
+        load(AistPP(), tmp_path / "a.pkl")
     (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))
-    assert load_aist(tmp_path / "a.pkl", 60).n_frames == 4
+    assert load(AistPP(), tmp_path / "a.pkl").n_frames == 4
 
 
 def test_names_in_a_message_are_cut_and_print() -> None:

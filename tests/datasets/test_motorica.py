@@ -15,7 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.datasets.motorica import Motorica
 from dancedata.datasets.motorica.labels import write_example as write_labels
 from dancedata.datasets.motorica.motion import load_motion, write_example, write_recording
-from dancedata.datasets.motorica.names import IN_BOTH, TEST, parse_name
+from dancedata.datasets.motorica.reader import IN_BOTH, TEST, parse_name
 from dancedata.representations.lda61 import Lda61
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
@@ -124,7 +124,7 @@ def test_offsets_of_music(example: Path) -> None:
     scan = Motorica(audio_start={"mLH4": 0.08, TAP: "-1/3"}).scan(example)
     starts = {clip.id: clip.audio_start for clip in scan.clips}
     assert starts == {JAZZ: 0, TAP: Fraction(-1, 3), HIPHOP: Fraction(2, 25), POPPING: 0}
-    assert "audio_start states the offset of 2 clips" in notes(scan)
+    assert "audio_start states the offset of 2 recordings" in notes(scan)
     with raises_message(SourceError, "audio_start"):
         Motorica(audio_start={"nothing": 1}).scan(example)
     with raises_message(UsageError, "audio_start"):
@@ -157,7 +157,7 @@ def test_two_takes(tmp_path: Path) -> None:
     assert (second.source_start, second.source_end) == (1 + Fraction(1, 60), 3)
     assert (first.audio_start, second.audio_start) == (Fraction(3, 2), Fraction(3, 2) + Fraction(1, 60))
     assert [a.start - b.start for a, b in zip(first.segments, second.segments, strict=True)] == [Fraction(1, 60)] * 4
-    assert "states the offset of 1 clip." in notes(scan)
+    assert "states the offset of 1 recording." in notes(scan)
     assert "NAME_01 begins 1/60 s later" in notes(scan)
     thirty, whole = FrameGrid.of(30), Motorica().load(Motorica().scan(tmp_path).clips[0])
     for clip, begin in ((first, 120), (second, 122)):

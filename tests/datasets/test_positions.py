@@ -14,13 +14,14 @@ from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.quality import implausible_flags
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.aistpp import load as _aistpp_load
+from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.checks import require_rotations
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle
 from dancedata.synthetic import synthesise_motion
 from tests import video_files
+from tests.datasets.scans import load
 from tests.messages import raises_message
 
 READING = Reading(Declared("60", "y", "m"), Declared())
@@ -74,7 +75,7 @@ def test_positions_in_disguise(read: Any, dance: Motion, unit: float, noise_m: f
 @pytest.mark.parametrize("noise_m", [0.005, 0.01])
 def test_measured_positions_in_disguise(peers: Any, noise_m: float) -> None:
     """Markers and fitted skeletons are off by millimetres to a centimetre, each joint by itself."""
-    motion = _aistpp_load.load_motion(sorted((peers / "inputs").rglob("*.pkl"))[0], 60)
+    motion = load(AistPP(), sorted((peers / "inputs").rglob("*.pkl"))[0])
     joints = motion.joints()
     joints = joints + np.random.default_rng(0).normal(0, noise_m, joints.shape)
     with raises_message(DataError, "joint_names", where="x", reason="not_rotations"):
@@ -171,11 +172,11 @@ def test_extreme_numbers_do_not_crash() -> None:
 
 def test_real_motions_are_rotations_and_their_joints_are_not(shared: Path) -> None:
     peers = shared / "golden/peers/inputs"
-    motions = [_aistpp_load.load_motion(path, 60) for path in sorted((peers / "edge_aistpp/motions").glob("*.pkl"))]
+    motions = [load(AistPP(), path) for path in sorted((peers / "edge_aistpp/motions").glob("*.pkl"))]
     motions += [load_motion(path, Reading(Declared("30"), Declared())) for path in sorted(peers.rglob("*.npy"))]
     assert [implausible_flags(motion) for motion in motions] == [[]] * (6 + 3)
     real = sorted((shared / "realdata/aistpp/motions").glob("*.pkl"))
-    motions += [_aistpp_load.load_motion(path, 60) for path in real]
+    motions += [load(AistPP(), path) for path in real]
     for path in (shared / "realdata/finedance").glob("*.npy"):
         motions.append(load_motion(path, Reading(Declared("30"), Declared())))
     for name, up, unit in (("rokoko_jesse_dance", "y", "cm"), ("cmu_01_01", "y", "cmu"), ("fair1_dab", "z", "guess")):

@@ -11,7 +11,7 @@ import pytest
 
 from dancedata.core.segments import Segment
 from dancedata.datasets.motorica.labels import read_chunk, read_labels
-from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name
+from dancedata.datasets.motorica.reader import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name
 from tests.golden.conftest import load
 
 

@@ -14,7 +14,7 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.dance import Dance, MusicBeats, peak_offsets
 from dancedata.core.grid import FrameGrid
-from dancedata.datasets.aistpp.load import load_motion
+from dancedata.datasets.aistpp import AistPP
 from dancedata.evaluation.measuring import measure_pose
 from dancedata.evaluation.music import ClipMusic
 from dancedata.evaluation.protocol import PROTOCOLS
@@ -24,6 +24,7 @@ from dancedata.metrics.set_statistics import STATISTICS, frechet
 from dancedata.store.beats import field_beats
 from dancedata.store.motion_fields import Pose
 from dancedata.store.schema import Field
+from tests.datasets.scans import load
 
 RATES = (20, 24, 30, 60)
 SECONDS = 5
@@ -220,7 +221,7 @@ def test_the_same_dances_have_the_same_numbers_at_four_rates() -> None:
 def test_real_dances_have_the_same_numbers_at_four_rates(shared: Path) -> None:
     paths = sorted((shared / "realdata/aistpp/motions").glob("*.pkl"))
     paths += sorted((shared / "golden/peers/inputs/edge_aistpp/motions").glob("*.pkl"))
-    motions = [load_motion(path, 60) for path in paths]
+    motions = [load(AistPP(), path) for path in paths]
     dances = [{f: m.resampled(FrameGrid.of(f)).joints()[:, :22] for f in RATES} for m in motions]
     # Music that is danced to: the beats of the motion at 60, which are not on frames.
     same_numbers(dances, [at(motion_beat_times(dance[60], 60)) for dance in dances])

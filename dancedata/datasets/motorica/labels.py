@@ -215,12 +215,12 @@ def write_example(folder: Path, name: str) -> None:
         (90, 130, "wave", ["waves with the left arm"]),
         (150, 180, "freeze", ["holds a pose"]),
     ]
-    (folder / "label_segment").mkdir(parents=True, exist_ok=True)
+    from dancedata.datasets._examples import write_lines
+
     for k, (start, end, label, texts) in enumerate(moves):
         lines = {"genre": "jazz", "label": label, "start": start, "end": end - 1, "fps": 30, "description": texts[0]}
-        text = "".join(f"{key}: {value}\n" for key, value in lines.items())
-        (folder / "label_segment" / f"{name}_{k}.txt").write_text(text, encoding="utf-8", newline="\n")
-    (folder / "sliced_labels").mkdir(exist_ok=True)
+        path = folder / "label_segment" / f"{name}_{k}.txt"
+        write_lines(path, [f"{key}: {value}" for key, value in lines.items()])
     for chunk in (0, 1):
         first = chunk * 30
         segments = [
@@ -230,6 +230,4 @@ def write_example(folder: Path, name: str) -> None:
             if start < first + 150 and end > first
         ]  # fmt: skip
         document = json.dumps({"fps": 30, "length": 150, "segments": segments})
-        (folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json").write_text(
-            document, encoding="utf-8", newline="\n"
-        )
+        write_lines(folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json", [document], end="")

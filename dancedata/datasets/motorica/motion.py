@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import MOTORICA21
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -17,7 +16,6 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.formats.bvh.parse import Bvh, read_bvh, read_bvh_header
 from dancedata.formats.bvh.write import write_bvh
-from dancedata.synthetic import synthesise_song
 
 RATE = 120
 #: The published frame time is 0.008333 s; one within this distance of 1/120 s is 1/120 s.
@@ -141,7 +139,6 @@ def _rotations(bvh: Bvh, kept: list[int], values: Floats) -> Floats:
 # The synthetic source.
 
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Pinky")
-_SAMPLE_RATE = 24_000
 #: Music of synthesise_song for each recording, and the delay of its music in seconds; None: no music.
 Recordings = tuple[tuple[str, str | None, float], ...]
 #: Names of several kinds, two of them test recordings; one music begins 80 ms late.
@@ -155,14 +152,13 @@ EXAMPLE: Recordings = (
 
 def write_example(folder: Path, recordings: Recordings = EXAMPLE, dance_s: float = 6, pose_s: float = 0) -> None:
     """Write synthetic recordings with a T-pose of `pose_s` seconds at either end, and their music."""
-    for name in ("bvh", "wav"):
-        (folder / name).mkdir(parents=True, exist_ok=True)
+    (folder / "bvh").mkdir(parents=True, exist_ok=True)
+    from dancedata.datasets._examples import write_song
+
     for k, (name, music, delay) in enumerate(recordings):
         write_recording(folder / "bvh" / f"{name}.bvh", k, dance_s, pose_s)
         if music is not None:
-            song = synthesise_song(music, length_s=dance_s + 2 * pose_s + 0.2, sample_rate=_SAMPLE_RATE, n_channels=1)
-            late = np.zeros((round(delay * _SAMPLE_RATE), 1), np.int16)
-            (folder / "wav" / f"{name}.wav").write_bytes(wav_bytes(np.concatenate([late, song.pcm]), _SAMPLE_RATE))
+            write_song(folder / "wav" / f"{name}.wav", music, dance_s + 2 * pose_s + 0.2, late_s=delay)
 
 
 def write_recording(

@@ -1,6 +1,7 @@
 """The reader of Motorica Dance; the tree on disk is in the package's docstring."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path, PurePath
@@ -8,45 +9,103 @@ from typing import Any, ClassVar, Literal
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.bodies import MOTORICA21
-from dancedata.core.clip import ClipRef, Reject, Scan
+from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import as_fraction
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._split_rule import SplitRule
-from dancedata.datasets.files import Files, clips_note, list_audio, require_choices
-from dancedata.datasets.layout import Folders, Layout
-from dancedata.datasets.motorica.names import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name, shared_songs
-from dancedata.files.listing import relative
+from dancedata.datasets.files import list_audio
+from dancedata.datasets.motorica.labels import FOLDERS, Labels, read_labels
+from dancedata.datasets.published import Found, Layout, Published, Splits
 
 #: Seconds from the first frame of LDA's first take to that of its second.
 SECOND_TAKE = Fraction(1, 60)
-BY_SONG = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)
 #: Appended to the id of the copy in train of a recording that LDA lists in train and test.
 COPY = "_lda-train"
-LAYOUT = Layout(
-    dataset="motorica",
-    title="Motorica Dance",
-    motions="bvh",
-    suffix=".bvh",
-    name_problem=lambda stem: "",
-    is_known=lambda name: "motorica" in name.lower(),
-    looked_for="bvh/NAME.bvh, in the source folder or in one folder below it",
-    named="files NAME.bvh",
-    mistakes={
-        "motorica": "this looks like the features of LDA or STREAM: the motion is the folder bvh/ of Motorica Dance",
-        "motorica_dance": "features of LDA cannot be a source: use the folder bvh/ of Motorica Dance",
-    },
+#: Genre of each code in the names (README of the dataset).
+GENRES = {
+    "LH": "hiphop", "KR": "krump", "PO": "popping", "LO": "locking", "JZ": "jazz", "CH": "charleston", "TP": "tap",
+    "CA": "casual",
+}  # fmt: skip
+#: Recordings of LDA's `dance_test_files.txt`, without the suffixes of its two interleaved takes; STREAM's as well.
+TEST = (
+    "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_whitemanpaulandhisorchestraloisiana_006",
+    "kthjazz_gJZ_sFM_cAll_d02_mJZ_ch01_bennygoodmansugarfootstomp_003",
+    "kthjazz_gTP_sFM_sngl_d02_015",
+    "kthmisc_gCA_sFM_cAll_d01_mCA_ch24",
+    "kthstreet_gKR_sFM_cAll_d01_mKR_ch01_chargedcableupyour_001",
+    "kthstreet_gLH_sFM_cAll_d01_mLH_ch01_thisisit_001",
+    "kthstreet_gLH_sFM_cAll_d02_mLH_ch01_lala_001",
+    "kthstreet_gLO_sFM_cAll_d02_mLO_ch01_arethafranklinrocksteady_002",
+    "kthstreet_gPO_sFM_cAll_d01_mPO_ch01_bombom_002",
+    "kthstreet_gPO_sFM_cAll_d02_mPO_ch01_bombom_001",
 )
+#: Test recordings that LDA's list of train names too.
+IN_BOTH = ("kthmisc_gCA_sFM_cAll_d01_mCA_ch24",)
+#: Recordings that LDA's list of train names.
+TRAIN_COUNT = 112
+
+_GENRE = re.compile(r"g([A-Z]{2})")
+_MUSIC = re.compile(r"m([A-Z]{2})([0-9]*)")
+_DANCER = re.compile(r"d[0-9]{2}")
+_TAKE = re.compile(r"[0-9]{3}")
+_OTHER = re.compile(r"s[A-Z]{2}|c[A-Z][a-z]+|sngl|ch[0-9]+")
+
+
+@dataclass(frozen=True)
+class RecordingName:
+    """What the name of a recording states; a name in any form is a valid one.
+
+    `song`: Recordings with one song have one value: its slug; without one the code of the music with its number
+        ("mLH4"); else the whole name.
+    `genre`: One of GENRES' values, or "".
+    `dancer`: Session and dancer, "kthjazz_d02"; "" if the name has no dancer. Numbers of different sessions need not
+        be the same people.
+    """
+
+    id: str
+    song: str
+    genre: str = ""
+    dancer: str = ""
+
+
+def parse_name(stem: str) -> RecordingName:
+    """Read the tokens of a name, each by its form and not by its place."""
+    session, *tokens = stem.split("_")
+    if not session.startswith("kth"):
+        tokens, session = [session, *tokens], ""
+    genre = dancer = music = ""
+    slug = []
+    for k, token in enumerate(tokens):
+        if match := _GENRE.fullmatch(token):
+            genre = genre or GENRES.get(match[1], "")
+        elif match := _MUSIC.fullmatch(token):
+            music = music or (token if match[2] else "")
+        elif _DANCER.fullmatch(token):
+            dancer = dancer or token
+        elif not _OTHER.fullmatch(token) and not (k == len(tokens) - 1 and _TAKE.fullmatch(token)):
+            slug.append(token)
+    who = "_".join(part for part in (session, dancer) if part) if dancer else ""
+    return RecordingName(stem, "_".join(slug) or music or stem, genre, who)
+
+
+def shared_songs(names: Iterable[RecordingName]) -> dict[str, list[str]]:
+    """Return the songs that official test and train share: song -> recordings of train that test does not list."""
+    names = list(names)
+    test = {name.song for name in names if name.id in TEST}
+    shared: dict[str, list[str]] = {}
+    for name in names:
+        if name.song in test and name.id not in TEST:
+            shared.setdefault(name.song, []).append(name.id)
+    return shared
 
 
 @DATASETS.register("motorica")
 @dataclass(frozen=True)
-class Motorica(Dataset):
+class Motorica(Published):
     """Motorica Dance, from the published BVH and audio files.
 
     Attributes
@@ -93,18 +152,23 @@ class Motorica(Dataset):
         "2023."
     )
 
+    layout: ClassVar[Layout] = Layout(
+        "motorica", "Motorica Dance", "bvh", ".bvh", "NAME.bvh", folder_names=("motorica",),
+        mistakes={
+            "motorica": "this looks like the features of LDA or STREAM: the motion is the folder bvh/ of Motorica "
+            "Dance",
+            "motorica_dance": "features of LDA cannot be a source: use the folder bvh/ of Motorica Dance",
+        },
+    )  # fmt: skip
+    unit: ClassVar[str] = "song"
+
     def __post_init__(self) -> None:
-        require_choices(self)
+        super().__post_init__()
         if not isinstance(self.trim_s, int | float) or isinstance(self.trim_s, bool) or not 0 <= self.trim_s < 3600:
             raise UsageError("motorica: invalid value for trim_s", found=repr(self.trim_s),
                              allowed="seconds, 0 or more; LDA leaves out 10")  # fmt: skip
         for name in self.audio_start or {}:
             self._starts(name)
-
-    @property
-    @override
-    def official_split(self) -> bool:
-        return self.split == "official"
 
     @property
     @override
@@ -116,63 +180,98 @@ class Motorica(Dataset):
         return MOTORICA21 if self.fingers == "drop" else None
 
     @override
-    def scan(self, source: Path) -> Scan:
-        """List the recordings; reads names only, and the length of each in its header if `trim_s` is set.
+    def song_of(self, name: str) -> str:
+        return parse_name(name).song
 
-        Returns
-        -------
-        Scan
-            Clips by name with split, song, genre and dancer. Rejects, each by name: ``missing_music``, ``ignored``
-            (in train, with a song of test; official-clean), ``missing_motion`` (an official test recording without a
-            file), ``unused_music``, ``bad_segment``, ``unused_segments``, ``extra_file``. Notes state the trims, the
-            lists, and what they share.
+    @override
+    def find(self, source: Path) -> Found:
+        folders, motions = self.layout.list_motions(source)
+        mixed = [folders.root / "bvh", *folders.places]
+        music = list_audio([folders.root / "wav", *mixed], source, lambda stem: "", mixed, self.music_dir)
+        extra = tuple(r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES)
+        return Found(folders, replace(motions, rejects=extra), music)
 
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of Motorica Dance, audio_start names what it does not hold, or there are no
-            labels.
-        """
-        folders, motions = LAYOUT.list_motions(Path(source))
-        folder = folders.root / LAYOUT.motions
-        music = list_audio(
-            [folders.root / "wav", folder, *folders.places],
-            folders.source,
-            lambda stem: "",
-            [folder, *folders.places],
-            music_dir=self.music_dir,
+    @override
+    def splits(self, found: Found) -> Splits:
+        names = [parse_name(stem) for stem in sorted(found.motions.files)]
+        unknown = sorted(set(self.audio_start or {}) - {n.id for n in names} - {n.song for n in names})
+        if unknown:
+            raise SourceError("motorica: audio_start names neither a recording nor a song of the source",
+                              found=listed(unknown),
+                              fix="use the name of a file without .bvh, or the song in it")  # fmt: skip
+        lists = {"lda_train": {n.id for n in names} - {*TEST} | {*IN_BOTH}, "lda_test": {*TEST}}
+        if self.split == "by-song":
+            return replace(super().splits(found), lists=lists)
+        of = {name.id: "test" if name.id in TEST else "train" for name in names}
+        songs, clean, ignored = shared_songs(names), self.split == "official-clean", {}
+        if clean:
+            ignored = {clip: f"train has the song {song} of an official test recording"
+                       for song, clips in songs.items() for clip in clips}  # fmt: skip
+        n_test = sum(split == "test" for split in of.values())
+        notes = [
+            f"Splits: {self.split}: {n_test} of LDA's {len(TEST)} test recordings, all others train (LDA's list of "
+            f"train names {TRAIN_COUNT}); it has no val."
+        ]
+        both = [name for name in IN_BOTH if name in of]
+        if both:
+            kept = "train's copy is left out" if clean else f"both are kept, train's as {both[0]}{COPY}"
+            notes.append(f"Leak: {listed(both)} is in LDA's lists of train and test; {kept}.")
+        if songs:
+            named = ", ".join(f"{song} ({counted(len(clips), 'recording')})" for song, clips in sorted(songs.items()))
+            kept = "left out" if clean else "official-clean leaves them out"
+            notes.append(f"Leak: songs of test that train has as well: {named}; {kept}.")
+        return Splits(of, tuple(notes), lists, frozenset(TEST), ignored=ignored)
+
+    @override
+    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+        name, (begin, start, end) = parse_name(ref.id), self._times(ref)
+        clip = replace(
+            ref, genre=name.genre, dancer=name.dancer, audio_start=begin + start, source_start=start or None,
+            source_end=end,
+        )  # fmt: skip
+        yield clip
+        if ref.id in IN_BOTH and self.split == "official":
+            yield replace(clip, id=f"{ref.id}{COPY}", split="train")
+
+    @override
+    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+        """Return the clips with the labels of their recordings, counted from the clip's first frame; two takes."""
+        clips = super().all_clips(refs, found, left_out)
+        labels = self._labels(found)
+        if labels is not None:
+            names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
+            clips = [
+                replace(clip, segments=tuple(
+                    replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
+                    for s in labels.segments.get(names[clip.id], ())
+                ))
+                for clip in clips
+            ]  # fmt: skip
+            detail = "labels of a recording that is left out, or not there"
+            unused = sorted(labels.segments.keys() - set(names.values()))
+            left_out += [*labels.rejects, *(Reject("unused_segments", clip=n, detail=detail) for n in unused)]
+        return [take for clip in clips for take in _takes(clip)] if self.takes == "both" else clips
+
+    @override
+    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+        yield (
+            f"Trims: {self.trim_s:g} s at both ends of each recording are left out, of motion and music."
+            if self.trim_s
+            else "Trims: off. Recordings begin and end with calibration poses; LDA leaves out 10 s (trim_s: 10)."
         )
-        clips, left_out = self._clips(folders, motions, music)
-        clips, unlabelled, labels = self._with_labels(clips, folders.root)
-        left_out += unlabelled
-        starts = self._start_notes(clips)
+        yield "Rates: Frame Time 0.008333 is read as 1/120 s exactly; the rounded one drifts by 10 ms in 4 minutes."
+        stated = self.audio_start or {}
+        n = len({clip.motion_path for clip in clips if clip.motion_path.stem in stated or clip.music in stated})
+        yield (
+            f"Music: audio_start states the offset of {counted(n, 'recording')}."
+            if stated
+            else "Music: frame 0 is taken as second 0 of the audio file; audio_start states other offsets."
+        )
         if self.takes == "both":
-            clips = [take for clip in clips for take in _takes(clip)]
-            starts.append("Takes: two clips of each recording; NAME_01 begins 1/60 s later than NAME_00.")
-        used = {clip.audio_path for clip in clips}
-        others = [r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES]
-        unused = [
-            Reject("unused_music", file=relative(path, folders.source), detail=f"there is no bvh/{stem}.bvh")
-            for stem, path in music.files.items()
-            if path not in used and stem not in motions.files
-        ]
-        missing = [
-            Reject("missing_motion", clip=name, detail=f"in the official test list, but there is no bvh/{name}.bvh")
-            for name in TEST
-            if self.split != "by-song" and name not in motions.files
-        ]
-        notes = (
-            f"Layout: Motorica Dance, by {relative(folder, folders.source)}/*.bvh "
-            f"({counted(len(motions.files), 'file')}); {counted(len(music.files), 'audio file')}.",
-            *music.notes,
-            *self._split_notes(motions),
-            self._trim_note(),
-            "Rates: Frame Time 0.008333 is read as 1/120 s exactly; the rounded one drifts by 10 ms in 4 minutes.",
-            *starts,
-            *labels,
-            clips_note(clips, left_out),
-        )
-        return Scan("motorica", tuple(clips), (*left_out, *missing, *unused, *music.rejects, *others), notes)
+            yield "Takes: two clips of each recording; NAME_01 begins 1/60 s later than NAME_00."
+        labels = self._labels(found)
+        if labels is not None:
+            yield labels.note
 
     @override
     def load(self, ref: ClipRef) -> Motion:
@@ -191,126 +290,28 @@ class Motorica(Dataset):
         write_example(Path(folder))
         write_labels(Path(folder), EXAMPLE[0][0])
 
-    def _clips(self, folders: Folders, motions: Files, music: Files) -> tuple[list[ClipRef], list[Reject]]:
-        """Turn every recording into a clip, or two, or a reject."""
-        names = [parse_name(stem) for stem in sorted(motions.files)]
-        leaks = {clip: song for song, clips in shared_songs(names).items() for clip in clips}
-        clips, rejects = [], []
-        for name in names:
-            path, audio = motions.files[name.id], music.files.get(name.id)
-            file = relative(path, folders.source)
-            if audio is None and self.music == "required":
-                detail = f"no {name.id} as wav, flac, mp3 or ogg; some recordings are published without music"
-                rejects.append(Reject("missing_music", clip=name.id, file=file, detail=detail, music=name.song))
-                continue
-            if self.split == "official-clean" and name.id in leaks:
-                detail = f"train has the song {name.song} of an official test recording"
-                rejects.append(Reject("ignored", clip=name.id, file=file, detail=detail))
-                continue
-            begin, start, end = self._times(name.id, name.song, path)
-            official = "test" if name.id in TEST else "train"
-            clip = ClipRef(
-                id=name.id,
-                motion_path=path,
-                audio_path=audio,
-                split=BY_SONG.split(name.song) if self.split == "by-song" else official,
-                music=name.song,
-                genre=name.genre,
-                dancer=name.dancer,
-                lists=("lda_train", "lda_test") if name.id in IN_BOTH else (f"lda_{official}",),
-                keys=(("song", name.song),),
-                audio_start=begin + start,
-                source_start=start or None,
-                source_end=end,
-            )
-            clips.append(clip)
-            if name.id in IN_BOTH and self.split == "official":
-                clips.append(replace(clip, id=f"{name.id}{COPY}", split="train"))
-        self._require_known({name.id for name in names} | {name.song for name in names})
-        return sorted(clips, key=lambda clip: clip.id), rejects
+    def _labels(self, found: Found) -> Labels | None:
+        root = found.folders.root
+        if self.labels is None and not any((root / name).is_dir() for name in FOLDERS):
+            return None
+        return read_labels(root if self.labels is None else Path(self.labels).expanduser())
 
-    def _with_labels(self, clips: Sequence[ClipRef], root: Path) -> tuple[list[ClipRef], list[Reject], list[str]]:
-        """Return the clips with the labels of their recordings, counted from the clip's first frame."""
-        from dancedata.datasets.motorica.labels import FOLDERS, read_labels
-
-        beside = any((root / name).is_dir() for name in FOLDERS)
-        if self.labels is None and not beside:
-            return list(clips), [], []
-        labels = read_labels(root if self.labels is None else Path(self.labels).expanduser())
-        names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
-        stated = [
-            replace(clip, segments=tuple(
-                replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
-                for s in labels.segments.get(names[clip.id], ())
-            ))
-            for clip in clips
-        ]  # fmt: skip
-        unused = sorted(labels.segments.keys() - set(names.values()))
-        rejects = [Reject("unused_segments", clip=name, detail="labels of a recording that is left out, or not there")
-                   for name in unused]  # fmt: skip
-        return stated, [*labels.rejects, *rejects], [labels.note]
-
-    def _times(self, name: str, song: str, path: Path) -> tuple[Fraction, Fraction, Fraction | None]:
+    def _times(self, ref: ClipRef) -> tuple[Fraction, Fraction, Fraction | None]:
         """Return the second of the audio at the recording's frame 0, and the part of the recording to keep."""
         starts = self.audio_start or {}
-        key = next((key for key in (name, song) if key in starts), None)
+        key = next((key for key in (ref.id, ref.music) if key in starts), None)
         begin = self._starts(key) if key is not None else Fraction(0)
         if not self.trim_s:
             return begin, Fraction(0), None
         from dancedata.datasets.motorica.motion import RATE, seconds_of
 
         # Whole frames, so that motion and music are cut at one instant.
-        trim, length = Fraction(round(as_fraction(self.trim_s, "trim_s") * RATE), RATE), seconds_of(path)
+        trim, length = Fraction(round(as_fraction(self.trim_s, "trim_s") * RATE), RATE), seconds_of(ref.motion_path)
         end = None if length is None else max(length - trim, Fraction(0))
         return begin, trim, end
 
     def _starts(self, name: str) -> Fraction:
         return as_fraction((self.audio_start or {})[name], f"motorica: audio_start of {name}")
-
-    def _require_known(self, known: set[str]) -> None:
-        unknown = sorted(set(self.audio_start or {}) - known)
-        if unknown:
-            raise SourceError("motorica: audio_start names neither a recording nor a song of the source",
-                              found=listed(unknown),
-                              fix="use the name of a file without .bvh, or the song in it")  # fmt: skip
-
-    def _split_notes(self, motions: Files) -> list[str]:
-        """Return the split in use, and what LDA's lists share."""
-        if self.split == "by-song":
-            return ["Splits: by-song: a tenth of the songs each is val and test, by a hash of their names."]
-        present = sum(name in motions.files for name in TEST)
-        notes = [
-            f"Splits: {self.split}: {present} of LDA's {len(TEST)} test recordings, all others train (LDA's list of "
-            f"train names {TRAIN_COUNT}); it has no val."
-        ]
-        both = [name for name in IN_BOTH if name in motions.files]
-        if both:
-            kept = (
-                f"both are kept, train's as {both[0]}{COPY}"
-                if self.split == "official"
-                else "train's copy is left out"
-            )
-            notes.append(f"Leak: {listed(both)} is in LDA's lists of train and test; {kept}.")
-        songs = shared_songs(parse_name(stem) for stem in motions.files)
-        if songs:
-            named = ", ".join(f"{song} ({counted(len(clips), 'recording')})" for song, clips in sorted(songs.items()))
-            kept = "official-clean leaves them out" if self.split == "official" else "left out"
-            notes.append(f"Leak: songs of test that train has as well: {named}; {kept}.")
-        return notes
-
-    def _trim_note(self) -> str:
-        if self.trim_s:
-            return f"Trims: {self.trim_s:g} s at both ends of each recording are left out, of motion and music."
-        return (
-            "Trims: off. Recordings begin and end with calibration poses; LDA leaves out 10 s at both ends "
-            "(trim_s: 10)."
-        )
-
-    def _start_notes(self, clips: Sequence[ClipRef]) -> list[str]:
-        if not self.audio_start:
-            return ["Music: frame 0 is taken as second 0 of the audio file; audio_start states other offsets."]
-        n = sum(clip.id in self.audio_start or clip.music in self.audio_start for clip in clips)
-        return [f"Music: audio_start states the offset of {counted(n, 'clip')}."]
 
 
 def _takes(clip: ClipRef) -> tuple[ClipRef, ClipRef]:
