@@ -8,17 +8,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dancedata.building.free_columns import free_columns
 from dancedata.building.left_out import NOTED, describe_implausible, left_out_lines
 from dancedata.core.clip import Reject
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
+from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown, size_text, table
 from dancedata.execution.addresses import path_text
 from dancedata.store import Problem, Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.free_columns import free_columns
-from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.queries import network_weights, slice_length
 from dancedata.store.schema import sort_splits
 

@@ -41,3 +41,11 @@ def recipe_hash(recipe: Mapping[str, Any]) -> str:
 def self_hash(document: Mapping[str, Any]) -> str:
     """Return the hash of a document without its own key self_sha256, which is to hold it."""
     return json_sha256({key: value for key, value in document.items() if key != "self_sha256"})
+
+
+def dataset_hashes(document: Mapping[str, Any]) -> dict[str, str]:
+    """Return the hashes of recipe, source and dataset, as far as a dataset.json states them."""
+    source = document.get("source", {}).get("sha256")
+    recipe = recipe_hash(document["recipe"]) if "recipe" in document else None
+    stated = {"recipe_sha256": recipe, "source_sha256": source, "self_sha256": document.get("self_sha256")}
+    return {name: sha256 for name, sha256 in stated.items() if sha256}

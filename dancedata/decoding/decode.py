@@ -18,8 +18,7 @@ from dancedata.recipes.plugins import make_named
 
 if TYPE_CHECKING:
     from dancedata.store import Store
-    from dancedata.store.like import Reader
-    from dancedata.store.normalize import Scaler
+    from dancedata.store.normalize import Reader, Scaler
 
 
 #: The representation that holds the places of dancers.
@@ -255,7 +254,7 @@ class Decoder:
 
     def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
         """Return columns as they are stored, and their rate."""
-        from dancedata.store.like import opened, scaling_of, store_of
+        from dancedata.scene.like import opened, scaling_of, store_of
 
         like = None if self.like is None else opened(self.like)
         grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)

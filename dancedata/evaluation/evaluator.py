@@ -25,10 +25,10 @@ from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
+from dancedata.scene.like import opened, scaling_of, store_of
 from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
-from dancedata.store.like import Reader, opened, scaling_of, store_of
-from dancedata.store.normalize import Scaler
+from dancedata.store.normalize import Reader, Scaler
 from dancedata.store.samples import Sample, Samples
 from dancedata.store.saved_samples import as_numpy
 

@@ -30,7 +30,7 @@ from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.units import run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.store.motion_fields import Pose
+from dancedata.scene.poses import Pose
 from dancedata.store.queries import require_intact
 
 #: Raised by hand when a stage here gives other numbers for the same input.

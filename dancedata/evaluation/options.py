@@ -26,12 +26,12 @@ from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, file_clip, folder_clips
 from dancedata.scene.inputs.naming import named_clips
 from dancedata.scene.inputs.songs import MusicSources
+from dancedata.scene.like import scaling_of
+from dancedata.scene.poses import ColumnsReader, motion_readers
+from dancedata.scene.scaling import Scaling
 from dancedata.store import Store, open_store
-from dancedata.store.like import Reader, scaling_of
-from dancedata.store.motion_fields import ColumnsReader, motion_readers
-from dancedata.store.normalize import Scaler
+from dancedata.store.normalize import Reader, Scaler
 from dancedata.store.samples import Sample
-from dancedata.store.scaling import Scaling
 from dancedata.store.schema import DATASET_FILE
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.

@@ -22,7 +22,7 @@ from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_t
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
 from dancedata.scene.inputs.clip import ClipInput, MemoryClip
-from dancedata.store.motion_fields import Pose
+from dancedata.scene.poses import Pose
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -21,14 +21,13 @@ from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import check_backend
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
+from dancedata.scene.like import opened, store_of
 from dancedata.store import Store
-from dancedata.store.like import opened, store_of
 from dancedata.store.saved_samples import saved_samples
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store.like import Reader
-    from dancedata.store.normalize import Scaler
+    from dancedata.store.normalize import Reader, Scaler
 
 __all__ = ["evaluate", "self_test"]
 

@@ -12,8 +12,8 @@ from dancedata.store.queries import optional_fields
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
+    from dancedata.scene.poses import ColumnsReader
     from dancedata.store import Clip
-    from dancedata.store.motion_fields import ColumnsReader
 
 
 _FIX = "motion: {edge151: {}}, or another representation that decodes"
@@ -46,7 +46,7 @@ def field_name(job: ExportJob, field: str) -> str:
 
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
-    from dancedata.store.motion_fields import motion_readers  # reads HDF5, which listing plug-ins need not
+    from dancedata.scene.poses import motion_readers  # reads HDF5, which listing plug-ins need not
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
     optional = optional_fields(job.store)

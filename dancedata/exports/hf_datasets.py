@@ -32,7 +32,7 @@ class HfDatasets(SampleExport):
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
-        from dancedata.store.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
+        from dancedata.formats.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
 
         missing, unnamed = super().missing(job), unnamed_splits(job.store.splits)
         if unnamed:

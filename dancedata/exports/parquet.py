@@ -40,7 +40,7 @@ class Parquet(SampleExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        from dancedata.store.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
+        from dancedata.formats.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
 
         table, rows = self.table(job), {}
         for split in job.store.splits:
@@ -59,7 +59,7 @@ class Parquet(SampleExport):
 
     @override
     def head(self, job: ExportJob) -> str:
-        from dancedata.store.hub_head import head, unnamed_splits
+        from dancedata.formats.hub_head import head, unnamed_splits
 
         splits = [split for split in job.store.splits if split not in unnamed_splits(job.store.splits)]
         return head(job.store, splits, {"default": "data/{}-*.parquet"}, viewer=True)

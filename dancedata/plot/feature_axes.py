@@ -12,8 +12,8 @@ from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.text import shown
 from dancedata.plot.axes import axes_or_new
 from dancedata.scene import Scenes
+from dancedata.scene.poses import motion_readers
 from dancedata.store import Store, open_store
-from dancedata.store.motion_fields import motion_readers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,6 +17,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.packages import load, require
 from dancedata.core.rotations import Float64Array
 from dancedata.core.system import shielded
+from dancedata.core.terms import require_shareable
 from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
@@ -29,7 +30,6 @@ from dancedata.scene.palette import Theme
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import ClipSound, ClipSource
 from dancedata.store import Store, open_store
-from dancedata.store.licence import require_shareable
 
 
 def write_mp4(

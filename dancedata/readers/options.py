@@ -15,8 +15,7 @@ from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.readers.music_beats import StartAt
 from dancedata.store.columns import MAX_ROWS
-from dancedata.store.like import Reader
-from dancedata.store.normalize import Scaler
+from dancedata.store.normalize import Reader, Scaler
 
 MirrorWords = Literal["error", "keep"]
 #: Of Lodge's primitives: as its paper has them, or as its code finds them.

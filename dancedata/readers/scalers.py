@@ -16,8 +16,7 @@ from dancedata.core.text import listed, shown
 from dancedata.readers.options import Relative, Scale, ScalerLike, Select, clash
 from dancedata.readers.selection import Choice, select
 from dancedata.store.dataset import Store
-from dancedata.store.like import scaling_of
-from dancedata.store.normalize import Scaler
+from dancedata.store.normalize import Scaler, scaler_from
 from dancedata.store.schema import Field
 
 _log = logging.getLogger(__name__)
@@ -55,10 +54,13 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
         if name not in fields:
             raise UsageError("the scaler is not of a field that is read", found=shown(name),
                              allowed=", ".join(fields), fix="name the field: scale={FIELD: ...}")  # fmt: skip
-    joined = {
-        name: scaling_of(store, name, store.fields[name].labels, scaler=choice) for name, choice in by_field.items()
-    }
-    return {name: choice.scaler for name, choice in joined.items() if choice.scaler is not None}
+    scalers = {}
+    for name, choice in by_field.items():
+        has_own = store.field(name).codebook is None and name in store.stats["fields"]
+        dataset = store.scaler(name).sha256 if has_own else ""
+        scaler_ = scaler_from(choice, name)
+        scalers[name] = scaler_.require(field=name, columns=store.fields[name].labels, dataset=dataset)
+    return scalers
 
 
 def normalized_fields(store: Store, fields: tuple[str, ...], names: tuple[str, ...] | None) -> tuple[str, ...]:

@@ -6,11 +6,11 @@ from typing import Any
 
 import yaml
 
+from dancedata.core.hashing import dataset_hashes
+from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown
+from dancedata.formats.hub_head import OTHER, Publication, citations, head, strictest
 from dancedata.store import Store
-from dancedata.store.dataset_json import dataset_hashes
-from dancedata.store.hub_head import OTHER, Publication, citations, head, strictest
-from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.queries import network_weights, required_fields
 
 #: Found in files that this module wrote, and only there.

@@ -15,11 +15,11 @@ from dancedata.core.version import __version__
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
+from dancedata.formats.hub_head import Publication
 from dancedata.remote.card import Pictures
 from dancedata.remote.card_text import card_text, plain_recipe
 from dancedata.store import Store
 from dancedata.store.dataset_json import MAX_BYTES
-from dancedata.store.hub_head import Publication
 from dancedata.store.listing import check_names, copied_files
 from dancedata.store.schema import CARD_FILE, DATASET_FILE, PUBLICATION_FILE, REJECTS_FILE, STATS_FILE
 from dancedata.store.writer import dump_json, dump_lines

@@ -13,6 +13,7 @@ from dancedata.core.packages import require
 from dancedata.core.text import counted, size_text
 from dancedata.execution.addresses import is_address, require_whole
 from dancedata.execution.progress import Progress
+from dancedata.formats.hub_head import Publication
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
 from dancedata.remote.card import Pictures
@@ -20,7 +21,6 @@ from dancedata.remote.contents import contents
 from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
 from dancedata.store import open_store
-from dancedata.store.hub_head import Publication
 from dancedata.store.queries import require_intact
 
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
+from dancedata.building.free_columns import FreeColumn
+from dancedata.building.segment_numbers import LayerNumbers
 from dancedata.report.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.report.groups import Groups
 from dancedata.report.measure import ClipNumbers
@@ -11,8 +13,6 @@ from dancedata.report.outliers import Outlier
 from dancedata.report.scaling import ScaledGroup
 from dancedata.report.stage import StageNumbers
 from dancedata.scene.pose_space import Poses
-from dancedata.store.free_columns import FreeColumn
-from dancedata.store.segment_numbers import LayerNumbers
 
 #: Raised whenever a key of the document is removed or means something else.
 SCHEMA = 1

@@ -9,6 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.free_columns import free_columns
+from dancedata.building.segment_numbers import layer_numbers
+from dancedata.core.hashing import dataset_hashes
+from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.report.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.report.document import (
     About,
@@ -39,11 +43,7 @@ from dancedata.report.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.report.scaling import scaled_groups
 from dancedata.scene.pose_space import Space, poses_of
 from dancedata.store import Clip, Store
-from dancedata.store.dataset_json import dataset_hashes
-from dancedata.store.free_columns import free_columns
-from dancedata.store.licence import clips_by_terms, terms_text
 from dancedata.store.queries import network_weights
-from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
 
 #: Stands for a genre, dancer or song that the dataset does not name.

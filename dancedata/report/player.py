@@ -10,6 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from dancedata.core.errors import UsageError
+from dancedata.core.terms import require_shareable
 from dancedata.report.markup import Markup
 from dancedata.scene import Item, Scenes
 from dancedata.scene.opus import opus
@@ -18,7 +19,6 @@ from dancedata.scene.payload import link, page_json, scene_payload
 from dancedata.scene.scene_list import SceneList
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store
-from dancedata.store.licence import require_shareable
 
 #: Clips inside the page; further clips are separate files.
 INLINE = 12

@@ -20,13 +20,13 @@ from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.files import FileClip, FileFormat
+from dancedata.scene.like import scaling_of
 from dancedata.scene.payload import Json, curve, figure_payload
+from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Item, Scene, SceneList, begins_after
 from dancedata.scene.scenes import Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store, open_store
-from dancedata.store.like import scaling_of
-from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.normalize import Scaler
 
 

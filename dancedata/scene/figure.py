@@ -20,8 +20,8 @@ from dancedata.formats.body_mesh import BodyMesh, Float32
 from dancedata.metrics.key_motion import KeyMotion, key_motion
 from dancedata.scene.body import floor_height, lowest_feet, standing_height
 from dancedata.scene.limbs import Limbs, chest_looks, looks, sides_of
+from dancedata.scene.poses import ColumnsReader, Pose
 from dancedata.scene.turns import rest_pose, turns_of_bones
-from dancedata.store.motion_fields import ColumnsReader, Pose
 
 BoolArray = npt.NDArray[np.bool_]
 #: Joints that the speed is a mean of: the body's, without fingers, jaw and eyes.

@@ -12,6 +12,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.sample_id import SampleId
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.terms import OVERRIDE, require_shareable
 from dancedata.core.text import counted, listed
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.scene.comparisons import Comparison, OriginalComparison, comparison_of, file_format
@@ -24,7 +25,6 @@ from dancedata.scene.source import ClipSource, Sounds
 from dancedata.scene.wall import Wall, WallSounds
 from dancedata.scene.windows import SampleScenes, samples_in
 from dancedata.store import Store, open_store
-from dancedata.store.licence import OVERRIDE, require_shareable
 from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
 

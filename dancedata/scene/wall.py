@@ -20,9 +20,9 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.scene.comparisons import Comparison
 from dancedata.scene.figure import Figure
+from dancedata.scene.poses import Pose
 from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
 from dancedata.scene.source import ClipSound, Sounds
-from dancedata.store.motion_fields import Pose
 
 #: Protocol of the numbers of dancers.
 PROTOCOL = "dancedata"

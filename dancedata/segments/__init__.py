@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dancedata.building.out_folder import check_out, locked, new_dataset
+from dancedata.building.segment_numbers import layer_numbers
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import json_sha256
@@ -23,7 +24,6 @@ from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Clip, Store, open_store
 from dancedata.store.queries import overlay
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
-from dancedata.store.segment_numbers import layer_numbers
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json
 

@@ -124,9 +124,9 @@ class Clip(ClipRecord):
 
         A dataset without rotations gives the joints of its first field of positions.
         """
-        from dancedata.store.motion_fields import clip_pose
+        from dancedata.store.motion_fields import clip_joints
 
-        return clip_pose(self.store, self.id, field).joints
+        return clip_joints(self.store, self.id, field)
 
     def beats(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the instants of the stored beats, (M,) seconds from the clip's first frame.

@@ -12,7 +12,7 @@ import numpy as np
 
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.hashing import canonical_json, recipe_hash, self_hash
+from dancedata.core.hashing import canonical_json, self_hash
 from dancedata.core.segments import Layer
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
@@ -289,14 +289,6 @@ def _check_about(document: Mapping[str, Any]) -> None:
     notes = document.get("source", {}).get("notes", [])
     if not isinstance(notes, list) or not all(isinstance(note, str) for note in notes):
         raise ValueError("the notes on the source are not a list of texts")
-
-
-def dataset_hashes(document: Mapping[str, Any]) -> dict[str, str]:
-    """Return the hashes of recipe, source and dataset, as far as a dataset.json states them."""
-    source = document.get("source", {}).get("sha256")
-    recipe = recipe_hash(document["recipe"]) if "recipe" in document else None
-    stated = {"recipe_sha256": recipe, "source_sha256": source, "self_sha256": document.get("self_sha256")}
-    return {name: sha256 for name, sha256 in stated.items() if sha256}
 
 
 def stated_weights(document: Mapping[str, Any], field: str) -> str:

@@ -15,7 +15,7 @@ from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import SampleField
 from dancedata.core.sample_steps import Step
-from dancedata.core.text import shown
+from dancedata.core.text import listed, shown
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
 
@@ -29,6 +29,25 @@ _FORMAT = 1
 _ABOUT = ("scaler", "field", "columns", "dataset", "dtype")
 #: Far above the widest field, 4,800 columns with their names.
 _MAX_BYTES = 1 << 24
+
+
+class Reader(Protocol):
+    """A `WindowDataset` or `ClipDataset`, which has the scalers of its fields."""
+
+    @property
+    def store(self) -> Any:
+        """The dataset."""
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the fields that it reads."""
+
+    @property
+    def normalized(self) -> tuple[str, ...]:
+        """Names of the fields that it normalises."""
+
+    def scaler(self, field: str) -> Scaler:
+        """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
 
 
 class _Array(Protocol):
@@ -262,6 +281,20 @@ class Scaler:
             return x, [x.new_tensor(operand) for _, operand in self.steps]
         dtype = np.promote_types(x.dtype, np.float32) if np.issubdtype(x.dtype, np.floating) else np.dtype(np.float64)
         return x.astype(dtype, copy=False), [operand.astype(dtype) for _, operand in self.steps]
+
+
+def scaler_from(source: Scaler | str | Path | Reader, field: str) -> Scaler:
+    """Return a scaler, that of its file, or that of a reader of a field; UsageError for anything else."""
+    if isinstance(source, Scaler | str | Path):
+        return source if isinstance(source, Scaler) else Scaler.load(source)
+    if not hasattr(source, "normalized"):
+        raise UsageError("this is not a scaler", found=shown(source),
+                         allowed="a scaler, its file, or a reader or a Mix that has it",
+                         fix="of a dataset, give its scaler(FIELD)")  # fmt: skip
+    if field not in source.fields:
+        raise UsageError(f"the reader that names the scaler does not read {field!r}", found=listed(source.fields),
+                         fix="name a reader of this field")  # fmt: skip
+    return source.scaler(field)
 
 
 _INVERSE: Mapping[Callable[[Any, Any], Any], Callable[[Any, Any], Any]] = {

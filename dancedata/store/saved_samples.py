@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import DataError, StoreError, UsageError
+from dancedata.core.hashing import dataset_hashes
 from dancedata.core.text import listed, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
 from dancedata.store.dataset import Store, open_store
-from dancedata.store.dataset_json import dataset_hashes
 from dancedata.store.normalize import Scaler
 from dancedata.store.samples import Samples
 

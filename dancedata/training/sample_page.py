@@ -12,11 +12,11 @@ from dancedata.core.typing import override
 from dancedata.scene.comparisons import Comparison
 from dancedata.scene.figure import Figure
 from dancedata.scene.page import clip_page
+from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Scene
 from dancedata.scene.wall import Wall
 from dancedata.scene.windows import SampleScenes
 from dancedata.store import Store
-from dancedata.store.motion_fields import ColumnsReader
 from dancedata.store.samples import Sample
 
 

@@ -14,7 +14,7 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.report import Report
 from dancedata.metrics import MusicBeats
 from dancedata.metrics.set_statistics import STATISTICS
-from dancedata.store.motion_fields import Pose
+from dancedata.scene.poses import Pose
 
 # Relative; the README of the golden set gives these.
 BAS, BAS_FLOAT32, PFC, FEATURES, SETS = 1e-9, 1e-6, 1e-6, 1e-6, 1e-5

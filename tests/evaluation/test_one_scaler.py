@@ -24,9 +24,9 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.readers import ClipDataset, Scale, WindowDataset
 from dancedata.scene.comparisons import comparison_of, file_format
 from dancedata.scene.inputs.files import FileClip
+from dancedata.scene.scaling import Scaling, _warn_once
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
-from dancedata.store.scaling import Scaling, _warn_once
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {

@@ -21,8 +21,8 @@ from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
+from dancedata.scene.poses import Pose
 from dancedata.store.beats import field_beats
-from dancedata.store.motion_fields import Pose
 from dancedata.store.schema import Field
 from tests.datasets.scans import load
 

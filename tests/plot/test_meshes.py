@@ -17,9 +17,9 @@ from dancedata.plot.bodies import Camera, body
 from dancedata.plot.frames import Frames
 from dancedata.scene import Figure, Scenes
 from dancedata.scene.motion_page import motion_scenes_of
+from dancedata.scene.poses import Pose
 from dancedata.scene.selection import ViewRequest
 from dancedata.scene.wall import Wall
-from dancedata.store.motion_fields import Pose
 from dancedata.testing.examples import random_motion
 from dancedata.viewer.view import export_page
 from tests.body_models import body_model

@@ -18,9 +18,9 @@ from dancedata import plot
 from dancedata.cli import interrupts
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.terms import require_shareable
 from dancedata.plot.frames import Frames
 from dancedata.scene import Scene, Scenes
-from dancedata.store.licence import require_shareable
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")

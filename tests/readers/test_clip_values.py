@@ -15,14 +15,14 @@ import torch
 from torch.utils.data import DataLoader
 
 import dancedata
+from dancedata.building.free_columns import free_columns
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
+from dancedata.core.terms import OVERRIDE, may_share_audio, require_shareable
 from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, Select, WindowDataset
 from dancedata.store import open_store, verify_store, write_store
-from dancedata.store.free_columns import free_columns
-from dancedata.store.licence import OVERRIDE, may_share_audio, require_shareable
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.testing.stores import write_random_store
 from tests.commands import as_json, run

@@ -5,7 +5,6 @@ docs/guides/batches.md has what that means.
 
 import re
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,6 @@ from dancedata.readers import (
 from dancedata.readers.split_dataset import mirrored_samples
 from dancedata.store.dataset import Store
 
-PAGE = Path(__file__).parents[2] / "docs" / "reading.md"
 FIELDS = ("lodge139", "librosa35")
 EPOCHS = 3
 
@@ -339,10 +337,3 @@ def test_the_sampler_reaches_wrapped_datasets(train: WindowDataset) -> None:
     for epoch in (2**63, -1):
         with raises_message(UsageError, "large|epoch"):
             train.set_epoch(epoch)
-
-
-def test_the_page_has_these_ways() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.+?) \| .+ \| .+ \| .+ \|$", text, flags=re.MULTILINE)
-    for way in [*FRESH, *EXACT, "`BatchStream`"]:
-        assert way in rows, way

@@ -253,7 +253,7 @@ def test_shares_are_rounded_by_largest_remainders(stores: dict[str, Store]) -> N
 
 def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) -> None:
     from dancedata.readers import BalancedSampler
-    from dancedata.store.like import opened, scaling_of, store_of
+    from dancedata.scene.like import opened, scaling_of, store_of
 
     mix = Mix(windows(stores))
     field = mix.normalized[0]

@@ -11,12 +11,12 @@ import yaml
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
+from dancedata.formats.hub_head import hub_licence, size_category, strictest
 from dancedata.plot import card_pictures
 from dancedata.recipes.parse import parse_recipe
 from dancedata.remote.card import write_card
 from dancedata.remote.card_text import without_paths
 from dancedata.store import open_store
-from dancedata.store.hub_head import hub_licence, size_category, strictest
 from tests.commands import run
 from tests.messages import raises_message
 from tests.report.conftest import HOSTILE, demo, hostile, relabelled  # noqa: F401 (the datasets of reports)

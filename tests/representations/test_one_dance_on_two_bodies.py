@@ -18,7 +18,7 @@ from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import conformed, measure_pose
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
-from dancedata.store.motion_fields import Pose
+from dancedata.scene.poses import Pose
 from dancedata.synthetic import synthesise_motion
 
 THIRTY = FrameGrid.of(30)

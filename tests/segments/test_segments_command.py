@@ -7,6 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 import dancedata
+from dancedata.building.segment_numbers import layer_numbers
 from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
@@ -15,7 +16,6 @@ from dancedata.report.write import write_report
 from dancedata.segments import segments
 from dancedata.store import Store, verify_store
 from dancedata.store.schema import SEGMENTS_FILE
-from dancedata.store.segment_numbers import layer_numbers
 from tests.messages import raises_message
 
 RECIPE = {

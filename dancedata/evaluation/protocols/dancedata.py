@@ -7,7 +7,7 @@ from dancedata.metrics.foot_skating import FootSkating
 from dancedata.metrics.geometric_features import Geometric
 from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.metrics.physical_contact import Pfc
-from dancedata.store.motion_fields import Pose
+from dancedata.scene.poses import Pose
 
 _JOINTS = 22
 

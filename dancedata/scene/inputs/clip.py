@@ -23,9 +23,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
+from dancedata.scene.poses import ColumnsReader, Pose
 from dancedata.store import Store
 from dancedata.store.dataset import reopen
-from dancedata.store.motion_fields import ColumnsReader, Pose
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

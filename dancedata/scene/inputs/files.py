@@ -34,8 +34,8 @@ from dancedata.formats.stated import (
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 from dancedata.formats.video_tracks import people_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
+from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
 from dancedata.store import Store
-from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")

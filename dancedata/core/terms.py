@@ -1,12 +1,14 @@
 """Permission to copy music into a page or a video: its licence decides, not the person at the keyboard."""
 
 from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Protocol
 
 from dancedata.core.errors import UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import counted, listed, quoted, shown
-from dancedata.store.dataset import Store
 
 #: The option by which a user states the right to share music.
 OVERRIDE = "--i-may-share-this-music"
@@ -14,7 +16,20 @@ OVERRIDE = "--i-may-share-this-music"
 _LICENCE = 600
 
 
-def clips_by_terms(store: Store) -> dict[Licence | None, int]:
+class Dataset(Protocol):
+    """An open dataset: its folder, dataset.json, terms of clips, and clips."""
+
+    path: Path
+    info: Mapping[str, Any]
+
+    @property
+    def licences(self) -> tuple[Licence, ...]:
+        """Terms of clips that differ from the dataset's."""
+
+    def __iter__(self) -> Iterator[Any]: ...
+
+
+def clips_by_terms(store: Dataset) -> dict[Licence | None, int]:
     """Return the number of clips, without copies, of each of `Store.licences`; None: those of the dataset."""
     if not store.licences:
         return {}
@@ -37,7 +52,7 @@ def terms_text(terms: dict[Licence | None, int]) -> list[str]:
     ]  # fmt: skip
 
 
-def may_share_audio(store: Store) -> bool:
+def may_share_audio(store: Dataset) -> bool:
     """Return whether the strictest licence of a dataset allows its music to be passed on; False where unknown."""
     name = store.info.get("source", {}).get("reader", "")
     of_dataset = name in DATASETS.names() and DATASETS.get(name).may_share_audio
@@ -45,7 +60,7 @@ def may_share_audio(store: Store) -> bool:
     return all(of_dataset if licence is None or not licence.text else licence.may_share for licence in terms)
 
 
-def require_shareable(store: Store, *, allowed_by_caller: bool = False) -> str:
+def require_shareable(store: Dataset, *, allowed_by_caller: bool = False) -> str:
     """Return the notice that goes with a copy of the music: one sentence with the licence as the dataset states it.
 
     UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.

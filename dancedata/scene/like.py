@@ -3,33 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.text import listed
+from dancedata.scene.scaling import Scaling
 from dancedata.store.dataset import Store, open_store
-from dancedata.store.normalize import Scaler
-from dancedata.store.scaling import Scaling
-
-
-class Reader(Protocol):
-    """A `WindowDataset` or `ClipDataset`."""
-
-    @property
-    def store(self) -> Store:
-        """The dataset."""
-
-    @property
-    def fields(self) -> tuple[str, ...]:
-        """Names of the fields that it reads."""
-
-    @property
-    def normalized(self) -> tuple[str, ...]:
-        """Names of the fields that it normalises."""
-
-    def scaler(self, field: str) -> Scaler:
-        """Return the scaler of a field: of one that is not normalised, what normalising it would use."""
-
+from dancedata.store.normalize import Reader, Scaler, scaler_from
 
 #: An open dataset, or a reader of it.
 Like = Store | Reader
@@ -74,7 +52,7 @@ def scaling_of(
             raise UsageError(
                 "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
             )
-        read = _scaler_of(scaler, field)
+        read = scaler_from(scaler, field)
         stored = None if store is None else _stored(store, field)
         dataset = "" if stored is None else stored.sha256
         return Scaling(read.require(field=field, columns=columns, dataset=dataset), True, clamp)
@@ -93,21 +71,6 @@ def scaling_of(
             return Scaling(like.scaler(field), normalized, clamp)
     stored_scaler = store.scaler(field) if normalized else _stored(store, field)
     return Scaling(stored_scaler, False if stored_scaler is None else normalized, clamp)
-
-
-def _scaler_of(scaler: Scaler | str | Path | Reader, field: str) -> Scaler:
-    if isinstance(scaler, Store):
-        raise UsageError("a dataset is not a scaler", found=repr(scaler),
-                         fix="name it as like, or give a reader or its scaler(FIELD)")  # fmt: skip
-    if isinstance(scaler, Scaler | str | Path):
-        return scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
-    if not hasattr(scaler, "scaler"):
-        raise UsageError("this is not a scaler", found=type(scaler).__name__,
-                         allowed="a scaler, its file, or a reader or a Mix that has it")  # fmt: skip
-    if field not in scaler.fields:
-        raise UsageError(f"the reader that names the scaler does not read {field!r}", found=listed(scaler.fields),
-                         fix="name a reader of this field")  # fmt: skip
-    return scaler.scaler(field)
 
 
 def _stored(store: Store, field: str) -> Scaler | None:

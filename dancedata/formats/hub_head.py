@@ -4,15 +4,14 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import yaml
 
+from dancedata.core.hashing import dataset_hashes
 from dancedata.core.licence import Licence
+from dancedata.core.terms import clips_by_terms
 from dancedata.core.text import shown
-from dancedata.store.dataset import Store
-from dancedata.store.dataset_json import dataset_hashes
-from dancedata.store.licence import clips_by_terms
-from dancedata.store.queries import required_fields
 
 #: Licences of hubs by what they are written as, the strictest last; unknown ones are stricter than all of them.
 _LICENCES = (
@@ -51,7 +50,7 @@ def hub_licence(text: str) -> str:
     return ids[-1] if ids and len(known) <= 1 else OTHER
 
 
-def strictest(store: Store) -> tuple[str, Licence]:
+def strictest(store: Any) -> tuple[str, Licence]:
     """Return the strictest licence of the clips of a dataset, as hubs name it and as it is written."""
     of_dataset = Licence(str(store.info.get("licence") or "unknown"), str(store.info.get("citation") or ""))
     terms = clips_by_terms(store) or {None: 1}
@@ -90,7 +89,7 @@ def unnamed_splits(splits: Sequence[str]) -> list[str]:
 
 
 def head(
-    store: Store,
+    store: Any,
     splits: Sequence[str],
     files: Mapping[str, str],
     *,
@@ -104,7 +103,8 @@ def head(
     `viewer`: Whether a hub can show the files as a table.
     """
     name, licence = strictest(store)
-    n = sum(len(store.windows(split, fields=required_fields(store))) for split in splits) or len(store)
+    required = tuple(name for name in store.fields if not store.field(name).optional)
+    n = sum(len(store.windows(split, fields=required)) for split in splits) or len(store)
     kinds = {store.field(field).kind for field in store.fields}
     tags = ["dance", "human-motion", "motion-capture", "dancedata"]
     tags += ["music", "music-to-dance"] if "audio" in kinds else []
@@ -125,7 +125,7 @@ def head(
     return "\n".join(["---", *lines, "---", ""])
 
 
-def citations(store: Store) -> tuple[str, ...]:
+def citations(store: Any) -> tuple[str, ...]:
     """Return the works to cite: that of the dataset, then those of clips."""
     texts = (str(store.info.get("citation") or ""), *(licence.citation for licence in store.licences))
     return tuple(dict.fromkeys(text for text in texts if text))
@@ -136,7 +136,7 @@ def _terms(licence: Licence) -> str:
     return f"By asking for access you accept the terms of the source. {shown(licence.text, 2000)}{shown(cite, 2000)}"
 
 
-def _about(store: Store, place: Publication | None) -> dict[str, object]:
+def _about(store: Any, place: Publication | None) -> dict[str, object]:
     """Return machine-readable facts of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
     meta = store.info
     counts = meta["splits"]
