@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.fields.motion import RepresentationField
+from dancedata.building.leaks import alike_between, leaks, sound_field
 from dancedata.building.left_out import NOTED, implausible_problems, relative_to
 from dancedata.building.rejects import attempt
 from dancedata.building.signals import SignalId
@@ -36,7 +37,7 @@ from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.schema import DATASET_FILE, PUBLICATION_FILE, is_shard_name
-from dancedata.store.songs import alike_between, music_hash, songs_of, sound_field
+from dancedata.store.songs import music_hash, songs_of
 
 #: Clip, seconds of its motion, seconds of its music; and how many of them a note shows.
 _Length = tuple[str, float, float]
@@ -149,7 +150,7 @@ def check_several(paths: Sequence[Path]) -> list[Problem]:
 def _check_built(path: Path) -> list[Problem]:
     problems = verify_store(path)
     if not any(p.severity == "error" for p in problems):
-        problems += _implausible(path)
+        problems += [*leaks(path), *_implausible(path)]
     return problems
 
 

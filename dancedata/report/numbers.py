@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.building.free_columns import free_columns
+from dancedata.building.leaks import AlikeSongs, alike_songs, sound_field
 from dancedata.building.segment_numbers import layer_numbers
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
@@ -44,7 +45,7 @@ from dancedata.report.scaling import scaled_groups
 from dancedata.scene.pose_space import Space, poses_of
 from dancedata.store import Clip, Store
 from dancedata.store.queries import network_weights
-from dancedata.store.songs import AlikeSongs, alike_songs, songs_of, sound_field
+from dancedata.store.songs import songs_of
 
 #: Stands for a genre, dancer or song that the dataset does not name.
 UNKNOWN = "unknown"

@@ -13,6 +13,7 @@ import soundfile
 import dancedata
 from dancedata import plot
 from dancedata.building.describe import reasons
+from dancedata.building.leaks import alike_songs
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import StoreError, UsageError
@@ -33,7 +34,7 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.pieces import ClipReader
 from dancedata.store import Store, verify_store
 from dancedata.store.beats import field_beats
-from dancedata.store.songs import alike_songs, songs_of
+from dancedata.store.songs import songs_of
 from dancedata.synthetic import synthesise_song
 from tests.messages import raises_message
 

@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dancedata.building.build import build
+from dancedata.building.leaks import leaks
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.representations.edge151 import Edge151
-from dancedata.store.verify import verify_store
 from dancedata.testing.dataset_checks import recipe_with
 from tests.datasets.scans import change_pickle, load, notes, rejects, splits
 from tests.messages import raises_message
@@ -59,7 +59,7 @@ def test_check_reports_shared_videos(source: Path, tmp_path: Path) -> None:
     (source / "splits" / "train.txt").write_text(f"{FIRST}\n{MATRICES}")
     recipe = recipe_with(dataset="popdanceset", skeleton=SMPL24_EDGE)
     build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
-    problems = verify_store(tmp_path / "out")
+    problems = leaks(tmp_path / "out")
     assert {problem.severity for problem in problems} == {"note"}
     assert any("the official train and test share 1 song: BVaaaaaaaa1a" in str(problem) for problem in problems)
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building import leaks
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.report import write_report
 from dancedata.report.findings import findings
-from dancedata.store import open_store, songs
+from dancedata.store import open_store
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +128,7 @@ def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled:
 def test_songs_not_compared_by_sound_are_reported(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(songs, "MAX_PAIRS", 1)
+    monkeypatch.setattr(leaks, "MAX_PAIRS", 1)
     write_report(demo, tmp_path / "page.html")
     assert "compared by name and samples, not by sound" in (tmp_path / "page.html").read_text()
 

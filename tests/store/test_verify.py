@@ -346,22 +346,6 @@ def test_clip_in_two_splits(make_store: Any) -> None:
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
-def test_songs_that_splits_share(make_store: Any, tmp_path: Path) -> None:
-    made = make_store()
-
-    def build(name: str, **music: str) -> list[Any]:
-        clips = [dataclasses.replace(c, music=music.get(c.split, c.music)) for c in made.clips]
-        (tmp_path / name).mkdir()
-        write_store(tmp_path / name, made.header, clips)
-        return verify_store(tmp_path / name)
-
-    for one, other, severity in (("train", "test", "error"), ("train", "val", "error"), ("val", "test", "note")):
-        [problem] = build(f"{one} {other}", **{one: "mBR0", other: "mBR0"})
-        assert problem.severity == severity
-        assert f"{one} and {other} share songs: mBR0" in problem.message
-    assert build("d", train="", val="", test="") == []
-
-
 def test_copy_of_a_clip_of_another_split(make_store: Any, out: Path) -> None:
     made = make_store()
     copy = dataclasses.replace(made.clips[0], id="test_c00__mirror", source="test_c00")
@@ -400,16 +384,6 @@ def test_a_tempo_that_is_infinite_is_unknown(make_store: Any) -> None:
     edit(made.path, "clips/tempo_bpm", 0, np.inf, TABLES)
     with open_store(made.path) as store:
         assert next(iter(store)).tempo_bpm is None
-
-
-def test_what_official_splits_share_is_a_counted_note(make_store: Any, out: Path) -> None:
-    made = make_store()
-    clips = [dataclasses.replace(c, music="mBR0") for c in made.clips]
-    header = dataclasses.replace(made.header, meta={**made.header.meta, "source": {"split_rule": "official"}})
-    write_store(out, header, clips)
-    problems = verify_store(out)
-    assert {p.severity for p in problems} == {"note"}
-    assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)
 
 
 def test_a_group_has_no_name_of_a_single_clip(out: Path) -> None:

@@ -16,14 +16,15 @@ import soxr
 
 import dancedata
 from dancedata.audio.librosa35 import Librosa35
+from dancedata.building.leaks import LIKENESS, AlikeSongs, alike_between, alike_songs, leaks
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.music.signal import load_audio
 from dancedata.report.numbers import splits
-from dancedata.store import AudioBlock, Field, open_store, verify_store, write_store
+from dancedata.store import AudioBlock, Field, open_store, write_store
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.songs import LIKENESS, AlikeSongs, alike_between, alike_songs, music_hashes, songs_of
+from dancedata.store.songs import music_hashes, songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.testing.stores import random_columns, slices_of, write_random_store
 from tests.messages import raises_message
@@ -104,7 +105,7 @@ def test_one_song_under_two_names_by_its_samples(write: Callable[..., Path]) -> 
     songs = {"train": {"blue": noise, "red": noise[::-1]}, "val": {"azul": noise}, "test": {"green": -noise}}
     hashes = {"blue": "b" * 12, "azul": "b" * 12, "red": "0" * 12, "green": "d" * 12}
     path = write(songs, hashes)
-    messages = [str(p) for p in verify_store(path)]
+    messages = [str(p) for p in leaks(path)]
     assert messages == [f"error: {path}: train and val share songs: azul (also blue)"]
     with open_store(path) as store:
         shared = splits(store).songs
@@ -125,11 +126,11 @@ def test_copies_have_the_song_of_their_clip_and_clips_without_music_have_none() 
 
 
 @pytest.mark.parametrize(
-    ("splits_of", "leaks"), [(("train", "val"), True), (("val", "train"), True), (("val", "test"), False)]
+    ("splits_of", "is_leak"), [(("train", "val"), True), (("val", "train"), True), (("val", "test"), False)]
 )
-def test_what_train_shares_leaks(splits_of: tuple[str, str], leaks: bool) -> None:
+def test_what_train_shares_leaks(splits_of: tuple[str, str], is_leak: bool) -> None:
     one, two = (frozenset({split}) for split in splits_of)
-    assert AlikeSongs(("blue", "azul"), (one, two), 0.9, 0.0).leaks == leaks
+    assert AlikeSongs(("blue", "azul"), (one, two), 0.9, 0.0).leaks == is_leak
 
 
 def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
@@ -140,7 +141,7 @@ def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
     with open_store(path) as store:
         (pair,) = alike_songs(store, songs_of(store.clips()))
         assert (pair.songs, pair.shift_s) == (("first", "second"), 0.0)
-        monkeypatch.setattr("dancedata.store.songs.MAX_PAIRS", 2)
+        monkeypatch.setattr("dancedata.building.leaks.MAX_PAIRS", 2)
         assert alike_songs(store, songs_of(store.clips())) is None
 
 
@@ -151,7 +152,7 @@ def test_a_copy_in_another_format_is_found(write: Callable[..., Path], tmp_path:
     copy = as_mp3(np.concatenate([0.3 * first[RATE:], np.zeros(RATE // 2, "f4")]), tmp_path)
     songs = {"train": {"first": rows_of(CLOSE[0])}, "test": {"second": rows_of(CLOSE[1]), "copy": rows(copy)}}
     path = write(songs, slices=slices)
-    (problem,) = verify_store(path)
+    (problem,) = leaks(path)
     assert problem.severity == "error"
     assert "sound alike: first of train and copy of test" in problem.message
     with open_store(path) as store:
@@ -191,7 +192,7 @@ def test_the_clip_with_the_most_slices_represents_a_song(write: Callable[..., Pa
 def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
     """Different songs with their gaps at the same places."""
     songs = {"train": {"first": rows_of(CLOSE[0], 30)}, "test": {"second": rows_of(CLOSE[1], 30)}}
-    assert verify_store(write(songs, slices=True, n_frames=780, stride=260)) == []
+    assert leaks(write(songs, slices=True, n_frames=780, stride=260)) == []
 
 
 @pytest.mark.nightly
@@ -211,7 +212,7 @@ def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path,
         "3.2 s cut off": rows(first[int(3.217 * RATE) :]),
     }
     path = write({"train": {"first": rows(first)}, "test": {"second": rows(second), **copies}})
-    monkeypatch.setattr("dancedata.store.songs.LIKENESS", -1.0)
+    monkeypatch.setattr("dancedata.building.leaks.LIKENESS", -1.0)
     with open_store(path) as store:
         found = alike_songs(store, songs_of(store.clips()))
     likeness = {set(pair.songs).difference({"first"}).pop(): pair.likeness for pair in found}
@@ -222,7 +223,7 @@ def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path,
 def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> None:
     silence, noise = np.zeros((320, 35), "f4"), np.random.default_rng(0).normal(size=(320, 35)).astype("f4")
     songs = {"train": {"a": silence, "b": noise}, "test": {"c": silence, "d": silence + 1}}
-    assert verify_store(write(songs)) == []
+    assert leaks(write(songs)) == []
 
 
 def test_datasets_that_share_a_re_encoded_song(write: Callable[..., Path], tmp_path: Path) -> None:
@@ -280,3 +281,30 @@ def test_what_cannot_be_compared_is_stated(write: Callable[..., Path], tmp_path:
         dancedata.check(a, made.path, dataset="folder", progress=False)
     (tmp_path / "empty").mkdir()
     assert [p.severity for p in dancedata.check(a, tmp_path / "empty", progress=False)] == ["error"]
+
+
+def test_songs_that_splits_share(random_store: Any, tmp_path: Path) -> None:
+    made = random_store(tmp_path / "made")
+
+    def build(name: str, **music: str) -> list[Any]:
+        clips = [dataclasses.replace(c, music=music.get(c.split, c.music)) for c in made.clips]
+        (tmp_path / name).mkdir()
+        write_store(tmp_path / name, made.header, clips)
+        return leaks(tmp_path / name)
+
+    for one, other, severity in (("train", "test", "error"), ("train", "val", "error"), ("val", "test", "note")):
+        [problem] = build(f"{one} {other}", **{one: "mBR0", other: "mBR0"})
+        assert problem.severity == severity
+        assert f"{one} and {other} share songs: mBR0" in problem.message
+    assert build("d", train="", val="", test="") == []
+
+
+def test_what_official_splits_share_is_a_counted_note(random_store: Any, tmp_path: Path) -> None:
+    made, out = random_store(tmp_path / "made"), tmp_path / "out"
+    clips = [dataclasses.replace(c, music="mBR0") for c in made.clips]
+    header = dataclasses.replace(made.header, meta={**made.header.meta, "source": {"split_rule": "official"}})
+    out.mkdir()
+    write_store(out, header, clips)
+    problems = leaks(out)
+    assert {p.severity for p in problems} == {"note"}
+    assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)
