@@ -12,25 +12,29 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.compute import made
 from dancedata.building.fields.music import MusicField
+from dancedata.building.inputs import Music
 from dancedata.building.left_out import implausible_problems
-from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
-from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
+from dancedata.building.plugins import Loadable
+from dancedata.building.signals import SignalId, identify_audio
+from dancedata.core.audio_signal import AUDIO_SUFFIXES
+from dancedata.core.clip import Reject
+from dancedata.core.errors import DataError, SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
-from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.execution.progress import Progress
 from dancedata.execution.units import as_in_builds
 from dancedata.files.atomic import atomic_file, write_json
 from dancedata.files.listing import named_files
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
-from dancedata.music.signal import load_audio
-from dancedata.music.silence import noted
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
@@ -99,18 +103,17 @@ def write_features(
     dataset = None if like is None else _dataset_like(like)
     folders = _weights_of([weights] if isinstance(weights, Path) else weights, jobs)
     jobs = [replace(job, feature=_ready(job, folders.get(job.name), dataset)) for job in jobs]
-    _check_signals(songs, jobs)
+    cache = Cache(default_cache())
+    signals = {song: _identified(cache, song, jobs) for song in songs}  # all, before anything is computed
     written = []
     try:
         with _undone_if_it_fails(out) as new:
-            for song in songs:
-                signal = load_audio(song)
-                stated = (bpm, "--bpm") if bpm is not None else _stated_tempo(dataset, signal, song)
+            for song, signal in signals.items():
+                stated = (bpm, "--bpm") if bpm is not None else _stated_tempo(dataset, signal.sha256, song)
                 for job in jobs:
                     path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    compute = as_in_builds(job.feature.exact)
-                    computed = compute(_compute, job, signal, stated[0], song)
+                    computed = _compute(cache, job, Music(signal, bpm=stated[0]))
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
                     record = _about(job, song, signal, computed, stated, path)
@@ -160,14 +163,22 @@ def _is_free(path: Path) -> bool:
         return False
 
 
-def _check_signals(songs: Sequence[Path], jobs: Sequence[MusicField]) -> None:
-    """Raise the error of the first song that cannot be used, before the others are computed."""
-    if len(songs) > 1:  # for a single song, computing it raises the same error
-        for song in songs:
-            signal = load_audio(song)
-            for job in jobs:
-                if job.windows is not None:
-                    _windows(job, signal, song)
+def _identified(cache: Cache, song: Path, jobs: Sequence[MusicField]) -> SignalId:
+    """Return the signal of a song; DataError if it cannot be decoded, UsageError if it has no slices for a job."""
+    signal: SignalId = _unwrapped(identify_audio(cache, song.absolute()))
+    for job in (job for job in jobs if job.windows is not None):
+        starts, length = job.slices(signal.n_samples, signal.sample_rate)
+        if not len(starts):
+            raise UsageError("the song is shorter than one window", where=song,
+                             found=f"{signal.n_samples / signal.sample_rate:.2f} s",
+                             allowed=f"at least {length / signal.sample_rate:g} s")  # fmt: skip
+    return signal
+
+
+def _unwrapped(result: Any) -> Any:
+    if isinstance(result, Reject):
+        raise DataError(result.detail, reason=result.reason)
+    return result
 
 
 @contextmanager
@@ -222,7 +233,7 @@ def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> Audi
         raise
 
 
-def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tuple[float | None, str]:
+def _stated_tempo(dataset: Store | None, sha256: str, song: Path) -> tuple[float | None, str]:
     """Return a dataset's tempo of a song, in BPM, and the evidence: "samples" or "name".
 
     None if the dataset states none: then training estimated it too.
@@ -231,7 +242,7 @@ def _stated_tempo(dataset: Store | None, signal: AudioSignal, song: Path) -> tup
         return None, ""
     hashes = music_hashes(dataset.clips())
     clips = [clip for clip in dataset.clips() if not clip.source]
-    same = {clip.tempo_bpm for clip in clips if signal.sha256.startswith(hashes.get(clip.id, "-"))}
+    same = {clip.tempo_bpm for clip in clips if sha256.startswith(hashes.get(clip.id, "-"))}
     tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
     if len(tempos) > 1:
         raise UsageError("the dataset states several tempos of this song", where=song,
@@ -249,39 +260,41 @@ class _Computed:
     estimated_bpm: float | list[float] | None = None
 
 
-def _compute(job: MusicField, signal: AudioSignal, bpm: float | None, song: Path) -> _Computed:
-    feature = job.feature
-    if job.windows is None:
-        estimated = feature.estimated_bpm(signal, job.grid) if bpm is None else None
-        start_bpm = bpm if estimated is None else estimated
-        return _Computed(feature.extract(signal, job.grid, start_bpm=start_bpm), estimated_bpm=estimated)
-    starts, length = _windows(job, signal, song)
-    rows = feature.extract_windows(signal, starts, length, job.grid, job.slice_rows, start_bpm=bpm)
-    tempos = feature.estimated_window_bpms(signal, starts, length, job.grid) if bpm is None else None
-    frames = job.windows.grid
-    first_rows = [frames.rows(start, of=job.grid) for start in job.windows.starts(len(starts))]
-    return _Computed(rows, first_rows, tempos)
+def _compute(cache: Cache, field: MusicField, music: Music) -> _Computed:
+    """Return the rows of a song as a build has them, from the cache or into it."""
+    asks = [field.ask(music)] if field.windows is None else field.slice_asks(music)
+
+    def rows(cache: Cache) -> list[npt.NDArray[Any]]:
+        by_key = made(cache, field, asks, jobs=1, progress=Progress(quiet=True))
+        return [np.asarray(_unwrapped(by_key[ask.key])) for ask in asks]
+
+    of_asks = with_lost_entries(cache, rows, Progress(quiet=True))
+    estimated = _estimated(field, asks[0].source) if music.bpm is None else None
+    if field.windows is None:
+        return _Computed(of_asks[0], estimated_bpm=estimated)
+    first_rows = [field.windows.grid.rows(start, of=field.grid) for start in field.windows.starts(len(asks))]
+    return _Computed(np.stack(of_asks), first_rows, estimated)
 
 
-def _windows(job: MusicField, signal: AudioSignal, song: Path) -> tuple[npt.NDArray[np.int64], int]:
-    """Return first samples and length of a song's windows; UsageError if it has none."""
-    starts, length = job.slices(signal.n_samples, signal.sample_rate)
-    if not len(starts):
-        raise UsageError("the song is shorter than one window", where=song,
-                         found=f"{signal.n_samples / signal.sample_rate:.2f} s",
-                         allowed=f"at least {length / signal.sample_rate:g} s")  # fmt: skip
-    return starts, length
+def _estimated(field: MusicField, song: Loadable) -> Any:
+    """Return the tempo that a feature estimates: one, or of each slice; None where it estimates none."""
+    signal, compute = song.load(), as_in_builds(field.feature.exact)
+    if field.windows is None:
+        return compute(field.feature.estimated_bpm, signal, field.grid)
+    starts, length = field.slices(signal.n_samples, signal.sample_rate)
+    return compute(field.feature.estimated_window_bpms, signal, starts, length, field.grid)
 
 
 def _about(
     job: MusicField,
     song: Path,
-    signal: AudioSignal,
+    signal: SignalId,
     computed: _Computed,
     stated: tuple[float | None, str],
     path: Path,
 ) -> dict[str, Any]:
     bpm, source = stated
+    seconds = signal.grid.seconds(signal.n_samples)
     tempo = computed.estimated_bpm if bpm is None else bpm if job.feature.uses_tempo else None
     return {
         "song": song.name,
@@ -297,14 +310,9 @@ def _about(
         "tempo_estimated": computed.estimated_bpm is not None,
         "tempo_from": None if tempo is None else "estimate" if bpm is None else source,
         "signal_sha256": signal.sha256,
-        "music": [[kind, value] for kind, value in _noted(signal)],
+        "music": [[kind, value] for kind, value in signal.noted(Fraction(0), seconds)],
         "columns": list(job.feature.columns.labels),
     }
-
-
-def _noted(signal: AudioSignal) -> list[tuple[str, float]]:
-    """Return what is to be said of a song: (kind of flag, value)."""
-    return noted(signal, Fraction(0), FrameGrid.of(signal.sample_rate).seconds(signal.n_samples))
 
 
 def describe_features(out: Path, record: Mapping[str, Any]) -> str:

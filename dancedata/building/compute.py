@@ -114,6 +114,12 @@ def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, prog
     return {key: result for of_unit in of_units for key, result in of_unit.items()}
 
 
+def made(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
+    """Return what one maker makes by key; a Reject of each that cannot be made."""
+    units = list(units_of([maker], [((maker.place, ""), asks)]))
+    return run_all(cache, units, jobs=jobs, label=maker.place, progress=progress)
+
+
 def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
     """Return all that is made of a source by key; None if a part is missing."""
     by_key = {}

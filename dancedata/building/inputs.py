@@ -12,7 +12,6 @@ from dancedata.building.signals import SignalId, decode_again, decode_ahead
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.quality import music_flags
 from dancedata.execution.cache import Cache
-from dancedata.music.silence import without_sound
 
 
 @dataclass(frozen=True)
@@ -101,5 +100,4 @@ class Music:
         """Return the flags of the music of a take of this length, as JSON."""
         if self.signal is None:
             return []
-        silent = without_sound(self.signal.levels, self.start, seconds)
-        return [flag.to_json() for flag in music_flags([*silent, *self.signal.findings])]
+        return [flag.to_json() for flag in music_flags(self.signal.noted(self.start, seconds))]

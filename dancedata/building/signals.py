@@ -20,7 +20,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
 from dancedata.music.ffmpeg import ffmpeg_version
-from dancedata.music.silence import Level, levels
+from dancedata.music.silence import Level, levels, without_sound
 
 #: Raised by hand when the stage gives other numbers for the same input.
 SIGNAL_STAGE = 5
@@ -118,6 +118,10 @@ class SignalId:
         )
         n_samples = stretch.stretched_length(self.n_samples, speed)
         return replace(self, sha256=stretched_sha256, n_samples=n_samples, speed=speed, decoded_sha256=self.sha256)
+
+    def noted(self, start: Fraction, seconds: Fraction) -> list[tuple[str, float]]:
+        """Return (kind of flag, value) of a part: where it has no sound, and what decoding noticed."""
+        return [*without_sound(self.levels, start, seconds), *self.findings]
 
     def without(self, samples: int) -> SignalId:
         """Return the signal without some samples at its beginning."""

@@ -289,7 +289,7 @@ def segments(
 
     These are the segments of a dataset.
     """
-    from dancedata.segments import segments as run_segments
+    from dancedata.segments.command import segments as run_segments
 
     result = run_segments(path, to=to, set_file=set_file, layer=layer)
     print_result(as_json, result.to_json, lambda: str(result))

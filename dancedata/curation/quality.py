@@ -12,20 +12,22 @@ import numpy as np
 
 from dancedata.building.check import scan_folder
 from dancedata.building.commands import RecipeLike, folder_of, jobs_of
+from dancedata.building.compute import compute
 from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
-from dancedata.building.rejects import attempt
-from dancedata.building.take import Scene, Scenes, Transform
-from dancedata.core.clip import ClipRef, Reject
+from dancedata.building.result import Result
+from dancedata.building.source import takes_of
+from dancedata.building.sources import identify
+from dancedata.core.clip import Reject
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, csv_cell, shown, table
+from dancedata.curation.annotators import Faults
 from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span
 from dancedata.execution.addresses import local_folder
-from dancedata.execution.cache import Cache, default_cache
+from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import run_units
 from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Store, open_store
@@ -239,17 +241,13 @@ def quality(
             with open_store(path) as store:
                 result = _of_store(store, reporter)
         else:
-            parsed = None if recipe is None else _parsed(recipe, overrides, cache)
-            result = _of_source(path, dataset, parsed, jobs_of(jobs), reporter)
+            held = Cache((folder_of(cache) or default_cache()).absolute())
+            parsed = None if recipe is None else resolve(load_recipe(recipe, overrides), held.file_sha256)
+            result = _of_source(path, dataset, parsed, held, jobs_of(jobs), reporter)
     if file is None:
         return result
     write_csv(file, result.to_csv())
     return replace(result, file=file)
-
-
-def _parsed(recipe: RecipeLike, overrides: Overrides, cache: str | Path | None) -> Recipe:
-    held = Cache((folder_of(cache) or default_cache()).absolute())
-    return resolve(load_recipe(recipe, overrides), held.file_sha256)
 
 
 def _of_store(store: Store, progress: Progress) -> Quality:
@@ -262,28 +260,34 @@ def _of_store(store: Store, progress: Progress) -> Quality:
     return Quality(str(store.path), tuple(rows))
 
 
-def _of_source(path: Path, dataset: str | None, recipe: Recipe | None, jobs: int, progress: Progress) -> Quality:
+def _of_source(
+    path: Path, dataset: str | None, recipe: Recipe | None, held: Cache, jobs: int, progress: Progress
+) -> Quality:
     reader, scan = scan_folder(path, dataset if recipe is None else recipe.dataset)
     if recipe is None and any(reject.reason == "missing_music" for reject in scan.rejects):
         reader, scan = scan_folder(path, _without_music(reader))
     steps = () if recipe is None else tuple(step for step in recipe.transforms if step.moves)
-    calls = [(reader, steps, ref) for ref in scan.clips]
-    scored = run_units(score_clip, calls, jobs=jobs, label="scoring motion", progress=progress)
-    rows = tuple(row for row in scored if not isinstance(row, Reject))
-    rejects = [*scan.rejects, *(row for row in scored if isinstance(row, Reject))]
+    alone = replace(scan, clips=tuple(replace(ref, group="") for ref in scan.clips))  # each as his file has him
+    faults = Faults()
+
+    def run(cache: Cache) -> tuple[list[Result], list[Reject]]:
+        sources = identify(cache, reader, (), alone, jobs=jobs, progress=progress)
+        takes, unusable = takes_of(cache, reader, sources, jobs=jobs, progress=progress)
+        results = [Result(replace(take, steps=steps), (0,), (0,)) for take in takes]
+        results = compute(cache, results, [faults], jobs=jobs, progress=progress)
+        return results, [*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects)]
+
+    results, rejects = with_lost_entries(held, run, progress)
+    rows = tuple(_scored(result.take.name, result.made[faults.place][0]) for result in results if result.stay)
     return Quality(str(path), rows, tuple(relative_to(reject, path) for reject in rejects))
+
+
+def _scored(clip: str, rows: Sequence[Any]) -> ClipQuality:
+    """Return the scores of a clip from the rows of `Faults`."""
+    scores = {name: Score(value, tuple(Span(*span) for span in spans)) for name, value, spans, _ in rows}
+    return ClipQuality(clip, Fraction(rows[0][-1]), scores)
 
 
 def _without_music(reader: Dataset) -> Dataset:
     """Return a reader that keeps clips without music, where it has such a key: faults are those of the motion."""
     return replace(reader, music="optional") if getattr(reader, "music", None) == "required" else reader
-
-
-def score_clip(reader: Dataset, steps: Sequence[Transform], ref: ClipRef) -> ClipQuality | Reject:
-    """Load a clip, go through the transforms of a recipe, and score it."""
-
-    def load() -> Motion:
-        return Scenes(Scene((reader.load(ref),), (ref,), ((),))).after(steps).motions[0]
-
-    motion = attempt(load, ref.motion_path, ref.id)
-    return motion if isinstance(motion, Reject) else ClipQuality(ref.id, motion.grid.rate, score_motion(motion))

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.compute import run_all, units_of
+from dancedata.building.compute import made
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Ask
@@ -231,9 +231,7 @@ def _windows(resources: Resources, field: MusicField, songs: Sequence[Music]) ->
 
 
 def _made(resources: Resources, field: MusicField, asks: Sequence[Ask]) -> dict[str, Any]:
-    units = list(units_of([field], [((field.place, ""), asks)]))
-    label = f"beats, {field.name}"
-    return run_all(resources.cache, units, jobs=resources.jobs, label=label, progress=resources.progress)
+    return made(resources.cache, field, asks, jobs=resources.jobs, progress=resources.progress)
 
 
 def stored_beats(

@@ -366,6 +366,7 @@ def test_features_that_fail_late_leave_nothing_of_their_own(
         return real(self, *args, **options)
 
     monkeypatch.setattr(Librosa35, "extract", extract)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
     out = tmp_path / "out"
     out.mkdir()
     (out / "mine.txt").write_text("mine")

@@ -13,7 +13,7 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.files.regular_file import sha256_file
 from dancedata.report.write import write_report
-from dancedata.segments import segments
+from dancedata.segments.command import segments
 from dancedata.store import Store, verify_store
 from dancedata.store.schema import SEGMENTS_FILE
 from tests.messages import raises_message

@@ -17,6 +17,7 @@ from dancedata.building.fields.music import MusicField
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
+from dancedata.music.signal import load_audio
 from dancedata.recipes.plugins import make_named
 from dancedata.store import open_store
 from dancedata.testing.stores import write_random_store
@@ -68,7 +69,7 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
         clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips())]
         stand_in: Any = SimpleNamespace(meta=store.info, clips=lambda: clips)
         with raises_message(UsageError, "tempos", where="source/wavs/mBR0.wav"):
-            own_songs._stated_tempo(stand_in, own_songs.load_audio(song), song)
+            own_songs._stated_tempo(stand_in, load_audio(song).sha256, song)
 
 
 def jobs(*names: str) -> list[MusicField]:

@@ -1,0 +1,216 @@
+"""dancedata segments: segments of a dataset, listed, written as files and replaced."""
+
+import os
+import shutil
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dancedata.building.out_folder import check_out, locked, new_dataset
+from dancedata.building.segment_numbers import layer_numbers
+from dancedata.building.transforms.copy import Copy
+from dancedata.core.errors import RecipeError, UsageError
+from dancedata.core.hashing import json_sha256
+from dancedata.core.segments import Layer, Segment
+from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
+from dancedata.core.text import counted, listed, table
+from dancedata.execution.addresses import local_folder
+from dancedata.files.atomic import atomic_file, write_text
+from dancedata.files.regular_file import sha256_file
+from dancedata.files.segment_files import write_segment_file
+from dancedata.recipes.parse import parse_recipe
+from dancedata.store import Clip, Store, open_store
+from dancedata.store.queries import overlay
+from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
+from dancedata.store.table_writer import write_segments
+from dancedata.store.writer import dump_json
+
+SUFFIXES = (".csv", ".jsonl")
+
+
+@dataclass(frozen=True)
+class SegmentsResult:
+    """Layers of a dataset with their numbers (`LayerNumbers`), the file that was written, and notes."""
+
+    path: Path
+    layers: tuple[Mapping[str, Any], ...]
+    file: Path | None = None
+    notes: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data."""
+        return {
+            "path": str(self.path),
+            "layers": list(self.layers),
+            "file": None if self.file is None else str(self.file),
+        }
+
+    def __str__(self) -> str:
+        notes = [f"note: {note}" for note in self.notes]
+        if not self.layers:
+            return "\n".join([f"{self.path} has no segments", *notes])
+        names = ("name", "language", "author", "sided", "segments", "clips", "median_s", "coverage", "texts", "words")
+        rows = [[_cell(layer[name]) for name in names] for layer in self.layers]
+        lines = table(("layer", *names[1:]), rows)
+        return "\n".join([*lines, *([f"written to {self.file}"] if self.file else []), *notes])
+
+
+def _cell(value: Any) -> Any:
+    return f"{value:.2f}" if isinstance(value, float) else "" if value is None else value
+
+
+class _Clip(NamedTuple):
+    id: str
+    n_frames: int
+    segments: Sequence[Segment]
+
+
+def segments(
+    path: str | Path, *, to: str | Path | None = None, set_file: str | Path | None = None, layer: str | None = None
+) -> SegmentsResult:
+    """Summarise the segments of a dataset, write them to a file, or replace layers by those of a file.
+
+    `path`: A built dataset.
+    `to`: New file, .csv or .jsonl, for its segments.
+    `set_file`: File whose layers take the place of those of the same name, language and author. The segments and
+        dataset.json are rewritten, and nothing else; copies of clips get theirs unless the file has rows of them.
+    `layer`: Name of the layers to write or to summarise; default: all.
+    Raises UsageError: for an unknown layer, and a file that exists or is neither .csv nor .jsonl.
+    Raises SourceError: for a mistake in the file.
+    Raises StoreError: if there is no dataset, or it cannot be written.
+    """
+    folder = (local_folder(path) if set_file is None else Path(path).expanduser()).absolute()
+    notes = () if set_file is None else _set(folder, Path(set_file).expanduser())
+    with open_store(folder) as store:
+        if layer is not None:
+            store._require_layer(layer)
+        file = None if to is None else Path(to).expanduser()
+        if file is not None:
+            _write(store, file, layer)
+        numbers = [asdict(row) for row in layer_numbers(store) if layer in (None, row.name)]
+        return SegmentsResult(folder, tuple(numbers), file, notes)
+
+
+def _write(store: Store, file: Path, layer: str | None) -> None:
+    if file.suffix.lower() not in SUFFIXES or file.exists():
+        raise UsageError("the file exists already" if file.exists() else "not a file of segments", where=file,
+                         allowed="a new .csv or .jsonl", fix="choose another --to")  # fmt: skip
+    clips = [(clip.id, found) for clip in store if (found := store.segments(clip.id, layer))]
+    try:
+        with atomic_file(file) as temporary:
+            write_segment_file(temporary, clips, suffix=file.suffix)
+    except OSError as error:
+        raise UsageError(
+            "the file cannot be written", where=file, found=str(error), fix="choose another --to"
+        ) from error
+
+
+def _set(folder: Path, file: Path) -> tuple[str, ...]:
+    """Replace layers of a dataset; its other files become those of the new folder as they are. Return notes."""
+    with locked(folder):
+        check_out(folder, overwrite=True)
+        with open_store(folder, segments=file) as laid, open_store(folder) as store:
+            augment, lexicons = _recipe(store)
+            of_file = overlay(laid).segments
+            stored_layers: dict[tuple[Any, ...], Layer] = {
+                (layer_id(layer), layer.kind): layer for layer in store.layers
+            }
+            read = [[_with_labels_of(s, stored_layers) for s in segments] for segments in of_file.values()]
+            stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
+            new = {layer_id(s.layer) for segments in stated.values() for s in segments}
+            clips = {
+                split: [
+                    _Clip(clip.id, clip.n_frames, [
+                        *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
+                        *_of_clip(stated, store, clip, augment),
+                    ])
+                    for clip in store if clip.split == split
+                ]
+                for split in store.splits
+            }  # fmt: skip
+            with new_dataset(folder) as out:
+                _link(folder, out, store)
+                _write_dataset(out, store, clips)
+            return (*overlay(laid).notes, *_lost(stated, store))
+
+
+def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
+    """Return a note on the segments that mirrored copies go without."""
+    copied = {clip.source for clip in store if clip.id == f"{clip.source}__mirror" and clip.id not in stated}
+    lost = [s.layer.name for clip in copied for s in stated.get(clip, ()) if not s.can_be_mirrored]
+    if not lost:
+        return []
+    n = counted(len(lost), "segment")
+    return [f"mirrored copies go without {n} of {listed(sorted(set(lost)))}: no lexicon of the language"]
+
+
+def _with_labels_of(segment: Segment, by_name: Mapping[tuple[Any, ...], Layer]) -> Segment:
+    """Return a segment whose layer also has the units and pairs of labels without a row, as the dataset has them."""
+    layer = segment.layer
+    earlier = by_name.get((layer_id(layer), layer.kind))
+    if earlier is None:
+        return segment
+    units = dict(earlier.units) | dict(layer.units)
+    named = {label for pair in layer.mirror for label in pair}
+    pairs = {pair for pair in earlier.mirror if not named & set(pair)} | set(layer.mirror)
+    return replace(segment, layer=replace(layer, units=tuple(sorted(units.items())), mirror=tuple(sorted(pairs))))
+
+
+def layer_id(layer: Layer) -> tuple[str, str, str]:
+    """Return what makes two layers the same one: name, language, author."""
+    return layer.name, layer.language, layer.author
+
+
+def _of_clip(
+    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, augment: Mapping[str, Copy]
+) -> Sequence[Segment]:
+    """Return the segments of a file for a clip; of a copy without rows those of its clip, changed like the copy."""
+    if clip.id in stated or clip.source not in stated:
+        return stated.get(clip.id, ())
+    spec = augment.get(clip.id.removeprefix(f"{clip.source}__"))
+    if spec is None:
+        raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
+                         where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
+    unit = store[clip.source].group or clip.source
+    segments = (spec.segment_of(segment, unit) for segment in stated[clip.source])
+    return [segment for segment in segments if segment is not None]
+
+
+def _recipe(store: Store) -> tuple[Mapping[str, Copy], Sequence[Lexicon]]:
+    """Return the augmentations and lexicons of a dataset's recipe; without them if a plug-in is not installed."""
+    try:
+        recipe = parse_recipe(store.info.get("recipe", {}))
+    except RecipeError:
+        return {}, (ENGLISH,)
+    lexicons = dict.fromkeys(lexicon for annotator in recipe.annotators for lexicon in annotator.lexicons)
+    return {copy.name: copy for copy in recipe.augment}, [*lexicons]
+
+
+def _link(folder: Path, out: Path, store: Store) -> None:
+    """Put all files of a dataset into a new folder, except its segments and dataset.json."""
+    written = {DATASET_FILE, SEGMENTS_FILE}
+    for path in folder.iterdir():
+        if path.name in written or not path.is_file() or path.name.startswith(".dancedata"):
+            continue
+        with suppress(OSError):  # a file system without links
+            os.link(path, out / path.name)
+            continue
+        shutil.copyfile(path, out / path.name)
+
+
+def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
+    layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
+    document = {key: value for key, value in store.info.items() if key not in ("self_sha256", "layers")}
+    entries = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
+    counts = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
+    for layer, entry in zip(layers, entries, strict=True):
+        entry["empty"] = max(entry["empty"], counts.get(layer, 0))  # a file of --to does not have those of the build
+    document |= {"layers": entries} if entries else {}
+    document["files"] = {name: entry for name, entry in document["files"].items() if name != SEGMENTS_FILE}
+    path = out / SEGMENTS_FILE
+    if path.exists():
+        document["files"][SEGMENTS_FILE] = {"size": path.stat().st_size, "sha256": sha256_file(path)}
+    document["self_sha256"] = json_sha256(document)
+    write_text(out / DATASET_FILE, dump_json(document))
