@@ -113,7 +113,7 @@ def worker_cases(folder: Path) -> list[Case]:
     """Return what workers do: load a unit, and run it."""
     from dancedata.building.clips import sources_of
     from dancedata.building.compute import make, units_of
-    from dancedata.building.source import takes_of
+    from dancedata.building.measuring import takes_of
     from dancedata.execution.cache import Cache
     from dancedata.execution.progress import Progress
     from dancedata.recipes.parse import load_recipe
@@ -125,7 +125,7 @@ def worker_cases(folder: Path) -> list[Case]:
     motion, music = (f for f in recipe.parts.fields if f.kind in ("motion", "audio"))
     found = []
     for name, maker in (("motion", motion), ("librosa35", music)):
-        (unit,) = units_of([maker], [((maker.place, ""), maker.asks(take))])
+        (unit,) = units_of([maker], [((maker.id, ""), maker.asks(take))])
         (folder / name).write_bytes(pickle.dumps((make, (cache, unit))))
         arguments = ["-c", UNIT, str(folder / name)]
         found.append(Case(f"a worker loads a unit: {name}", arguments))

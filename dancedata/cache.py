@@ -142,7 +142,7 @@ class FeatureCache:
         read: Callable[[CachedArray], npt.NDArray[Any]],
     ) -> list[npt.NDArray[Any]]:
         """Return what is asked of a song, of the first field that has it; damaged entries are made again."""
-        by_field = [list(units_of([field], [((field.place, ""), asks(field))])) for field in fields]
+        by_field = [list(units_of([field], [((field.id, ""), asks(field))])) for field in fields]
         rows: list[npt.NDArray[Any]] = []
         for units in zip(*by_field, strict=True):
 

@@ -41,7 +41,7 @@ def keys_of(recipe: Recipe, take: Take, dancer: int = 0) -> dict[str, str]:
 
 def unit_of(maker: Maker, take: Take) -> Unit:
     """Return the unit of work that makes a result of a take."""
-    (unit,) = units_of([maker], [((maker.place, ""), maker.asks(take))])
+    (unit,) = units_of([maker], [((maker.id, ""), maker.asks(take))])
     return unit
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.groups import Groups, groups_of
-from dancedata.building.source import takes_of
+from dancedata.building.measuring import takes_of
 from dancedata.building.sources import Sources, identify, scan_source
 from dancedata.building.spine import Parts, build_clips
 from dancedata.building.starts import with_found_starts

@@ -47,7 +47,7 @@ def compute(
     cache: Cache, results: Sequence[Result], makers: Sequence[Maker], *, jobs: Jobs, progress: Progress
 ) -> list[Result]:
     """Return results with what all makers make of takes that have windows; dancers that one cannot make go."""
-    asks = {(maker.place, r.take.place): maker.asks(r.take) for maker in makers for r in results if r.starts}
+    asks = {(maker.id, r.take.id): maker.asks(r.take) for maker in makers for r in results if r.starts}
     by_key: dict[str, Any] = {}
     for lane in dict.fromkeys(maker.lane for maker in makers):
         of_lane = [maker for maker in makers if maker.lane == lane]
@@ -84,14 +84,14 @@ def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequ
 
     `asks`: By the place of the maker and anything else; those of other makers are left out.
     """
-    by_place = {maker.place: maker for maker in makers}
+    by_name = {maker.id: maker for maker in makers}
     by_source: dict[str, tuple[Loadable, dict[str, dict[str, Ask]]]] = {}
     for (place, _), of_maker in asks:
-        for ask in of_maker if place in by_place else ():
+        for ask in of_maker if place in by_name else ():
             _, of_source = by_source.setdefault(ask.source.key, (ask.source, {}))
             of_source.setdefault(place, {})[ask.key] = ask
     for source, of_source in by_source.values():
-        of_makers = [(by_place[place], list(of.values())) for place, of in of_source.items()]
+        of_makers = [(by_name[place], list(of.values())) for place, of in of_source.items()]
         for number, begin in enumerate(range(0, max(len(of) for _, of in of_makers), _PARTS)):
             cut = [(maker, of[begin : begin + _PARTS]) for maker, of in of_makers]
             yield Unit(source, [(maker, of) for maker, of in cut if of], number)
@@ -116,8 +116,8 @@ def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, prog
 
 def made(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
     """Return what one maker makes by key; a Reject of each that cannot be made."""
-    units = list(units_of([maker], [((maker.place, ""), asks)]))
-    return run_all(cache, units, jobs=jobs, label=maker.place, progress=progress)
+    units = list(units_of([maker], [((maker.id, ""), asks)]))
+    return run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
 
 
 def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
@@ -140,9 +140,9 @@ def _with(
     """Return a result with what was made of its take, without the dancers whose results are rejects."""
     of_take: dict[str, list[Any]] = {}
     for maker in makers if result.starts else ():
-        pairs = [(ask, by_key[ask.key]) for ask in asks[maker.place, result.take.place]]
+        pairs = [(ask, by_key[ask.key]) for ask in asks[maker.id, result.take.id]]
         rows = [Rows(x, ask.key, ask.offset) if isinstance(x, CachedArray) else x for ask, x in pairs]
-        of_take[maker.place] = rows or [()] * len(result.take.dancers)
+        of_take[maker.id] = rows or [()] * len(result.take.dancers)
     lost = {k: [of[k] for of in of_take.values() if isinstance(of[k], Reject)] for k in result.stay}
     return replace(result, made=of_take).without(lost)
 

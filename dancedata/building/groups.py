@@ -41,17 +41,17 @@ def _unlisted(n: int) -> list[str]:
 def whole(results: Sequence[Result], groups: Groups) -> list[Result]:
     """Set groups aside that lack a dancer of the source, with their copies; or keep the others."""
     members, keep = groups.members, groups.keep
-    roots = {result.take.place: result for result in results}
-    return [result if keep else _whole(result, roots[result.take.root.place], members) for result in results]
+    origins = {result.take.id: result for result in results}
+    return [result if keep else _whole(result, origins[result.take.origin.id], members) for result in results]
 
 
-def _whole(result: Result, root: Result, members: Mapping[str, Sequence[str]]) -> Result:
-    stored = {root.take.dancers[k].id for k in root.stay}
-    lacking = [member for member in members.get(root.take.group, ()) if member not in stored]
+def _whole(result: Result, origin: Result, members: Mapping[str, Sequence[str]]) -> Result:
+    stored = {origin.take.dancers[k].id for k in origin.stay}
+    lacking = [member for member in members.get(origin.take.group, ()) if member not in stored]
     if not lacking or not result.stay:
         return result
-    detail = f"group {root.take.group} is incomplete without {listed(lacking)}"
+    detail = f"group {origin.take.group} is incomplete without {listed(lacking)}"
     fix = "mend the dancers that were left out, or store the others: --set groups.incomplete=keep"
-    dancers = [root.take.dancers[k] for k in root.stay if root is result]
+    dancers = [origin.take.dancers[k] for k in origin.stay if origin is result]
     rejects = [Reject("incomplete_group", d.id, str(d.ref.motion_path), detail=detail, fix=fix) for d in dancers]
     return result.left_out(rejects)

@@ -23,10 +23,10 @@ def judged(
 ) -> list[Result]:
     """Return what the rules leave of windows and dancers. A copy has what its parent has, if it keeps the time."""
     done: dict[tuple[str, str], Result] = {}
-    computed = {result.take.place: result for result in results}
+    computed = {result.take.id: result for result in results}
     for result in results:
         take = result.take
-        parent = None if take.parent is None else done[take.parent.place]
+        parent = None if take.parent is None else done[take.parent.id]
         if parent is not None:
             stay = tuple(k for k in result.stay if k in parent.stay)
             rejects = result.rejects if parent.stay else ()  # those of its parent are enough
@@ -34,11 +34,11 @@ def judged(
         if parent is not None and take.steps[-1].keeps_time:
             result = replace(result, starts=parent.starts if result.stay else ())
         elif rules and result.starts:
-            of_parent = None if take.parent is None else computed[take.parent.place]
-            segments = all_segments(computed[take.place], annotators, of_parent, windows.grid)
+            of_parent = None if take.parent is None else computed[take.parent.id]
+            segments = all_segments(computed[take.id], annotators, of_parent, windows.grid)
             for rule in rules:
                 result = _judged(result, rule, Seen(result, fields, windows.grid, windows.length, segments))
-        done[take.place] = result
+        done[take.id] = result
     return list(done.values())
 
 
@@ -62,7 +62,7 @@ def _judged(result: Result, rule: WindowRule, seen: Seen) -> Result:
     starts = tuple(start for start in result.starts if start not in gone)
     if starts:
         return replace(result, starts=starts, rejects=(*result.rejects, *lost))
-    is_one = len(gone) == 1 and any(step.cuts for step in result.take.steps)  # a slice, which is told once
+    is_one = len(gone) == 1 and any(step.is_part for step in result.take.steps)  # a slice, which is told once
     files = {dancer.id: str(dancer.ref.motion_path) for dancer in dancers}
     of_clips = {reject.clip: _of_all(reject, files[reject.clip], gone) for reject in reversed(lost)}
     return result.left_out([*(() if is_one else lost), *(of_clips[dancers[k].id] for k in result.stay)])

@@ -16,13 +16,13 @@ from dancedata.building.compute import compute
 from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
 from dancedata.building.left_out import describe_implausible, left_out_lines, nothing_left, relative_to
+from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Field
 from dancedata.building.rejects import attempt
 from dancedata.building.result import Result
 from dancedata.building.signals import SignalId, known_signal
-from dancedata.building.source import takes_of
 from dancedata.building.spine import expand
-from dancedata.building.windows import cut
+from dancedata.building.windows import cut_windows
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.quality import IMPLAUSIBLE
@@ -178,7 +178,7 @@ def make_plan(
         groups = source_groups(ready, parts, scan)
         sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
         takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
-        results = cut(expand(takes, parts.transforms), parts.fields, parts.windows)
+        results = cut_windows(expand(takes, parts.transforms), parts.fields, parts.windows)
         results = whole(_examined(cache, results, jobs, progress), groups)
         rejects = (*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects))
         kept = [result for result in results if result.starts]
@@ -198,9 +198,9 @@ def make_plan(
 
 def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Progress) -> list[Result]:
     """Return results with the flags of motion; without takes that cannot be loaded, nor their copies."""
-    roots = [result for result in results if result.take.parent is None]
-    done = {r.take.place: r for r in compute(cache, roots, [Vitals()], jobs=jobs, progress=progress)}
-    return [done.get(r.take.place, r if done[r.take.root.place].starts else r.left_out(())) for r in results]
+    origins = [result for result in results if result.take.parent is None]
+    done = {r.take.id: r for r in compute(cache, origins, [Vitals()], jobs=jobs, progress=progress)}
+    return [done.get(r.take.id, r if done[r.take.origin.id].starts else r.left_out(())) for r in results]
 
 
 def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:

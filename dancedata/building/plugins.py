@@ -119,7 +119,7 @@ class Maker(ABC):
 
     @property
     @abstractmethod
-    def place(self) -> str:
+    def id(self) -> str:
         """What tells it from all other makers of a recipe."""
 
     @property
@@ -215,7 +215,7 @@ class Field(RecipePart, Maker):
         """The D columns."""
 
     @property
-    def place(self) -> str:
+    def id(self) -> str:
         """What tells it from all other makers of a recipe."""
         return f"field {self.name}"
 
@@ -294,7 +294,7 @@ class Annotator(Plugin, Maker):
     lexicons: ClassVar[tuple[Lexicon, ...]] = (ENGLISH,)
 
     @property
-    def place(self) -> str:
+    def id(self) -> str:
         """What tells it from all other makers of a recipe."""
         return f"annotator {self.name}"
 
@@ -307,7 +307,7 @@ class Annotator(Plugin, Maker):
         """Return what is asked for each dancer: of slices that of the whole, of copies only what is their own."""
         if take.parent is not None and self.copies != "own":
             return []
-        steps = [step for step in take.motion_steps if not step.cuts]
+        steps = [step for step in take.motion_steps if not step.is_part]
         return [self.motion_ask(take, k, steps) for k in range(len(take.dancers))]
 
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[Any]:
@@ -355,7 +355,7 @@ class Seen:
         NaN before music that begins later.
         """
         chosen, take = self.field(name), self.result.take
-        stored = self.result.made[chosen.place][dancer]
+        stored = self.result.made[chosen.id][dancer]
         if isinstance(stored, Nothing):
             return np.empty((0, chosen.columns.width), dtype=chosen.dtype)
         rows = np.asarray(stored.array)

@@ -25,7 +25,7 @@ def annotated(results: Sequence[Result], annotators: Sequence[Annotator], grid: 
         of_round = [r for r in results if (r.take.parent is not None) is of_copies]
         for annotator in annotators:
             segments = [
-                _of_copy(r, k, annotator, done[r.take.root.place].segments[annotator.name][k], grid)
+                _of_copy(r, k, annotator, done[r.take.origin.id].segments[annotator.name][k], grid)
                 if of_copies
                 else _own(r, k, annotator, grid)
                 for r in of_round
@@ -33,7 +33,7 @@ def annotated(results: Sequence[Result], annotators: Sequence[Annotator], grid: 
             ]
             words = iter(with_mirrored_words(segments, annotator.lexicons))
             of_round = [_with(r, annotator, {k: next(words) for k in r.stay}) for r in of_round]
-        done |= {r.take.place: r for r in of_round}
+        done |= {r.take.id: r for r in of_round}
     return list(done.values())
 
 
@@ -57,7 +57,7 @@ def all_segments(
 
 def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> list[Reject]:
     """Return a reject for each layer of which copies of a kind go without segments."""
-    by_place = {r.take.place: r for r in results}
+    by_name = {r.take.id: r for r in results}
     by_step: dict[str, list[Result]] = {}
     for result in (r for r in results if r.take.parent is not None):
         by_step.setdefault(result.take.steps[-1].sha256, []).append(result)
@@ -69,7 +69,7 @@ def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> li
             for annotator in annotators
             if annotator.stored and annotator.copies != "none"
             for k in result.stay
-            for segment in by_place[result.take.root.place].segments[annotator.name][k]
+            for segment in by_name[result.take.origin.id].segments[annotator.name][k]
         ]
         lost = [(take.dancers[k].id, s, words) for take, k, s, words in of_parents if _is_lost(s, take)]
         for layer, lexicons in sorted({s.layer: words for _, s, words in lost}.items(), key=repr):
@@ -95,8 +95,8 @@ def _own(result: Result, k: int, annotator: Annotator, grid: FrameGrid) -> list[
     """Return the segments that an annotator finds of a dancer; of a slice those of the whole, moved."""
     take = result.take
     seconds = grid.seconds(take.time.whole.frames_on(grid))
-    segments = [s.within(seconds) for s in annotator.segments(result.made[annotator.place][k], take, k)]
-    for step in (step for step in take.steps if step.cuts):
+    segments = [s.within(seconds) for s in annotator.segments(result.made[annotator.id][k], take, k)]
+    for step in (step for step in take.steps if step.is_part):
         segments = [moved for s in segments if (moved := step.segment(s, take)) is not None]
     return segments
 

@@ -12,7 +12,7 @@ from dancedata.building.plugins import Annotator, Field, WindowRule
 from dancedata.building.segments import annotated
 from dancedata.building.stored import Clips, stored
 from dancedata.building.take import Take, Transform
-from dancedata.building.windows import cut
+from dancedata.building.windows import cut_windows
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import WindowSpec
 from dancedata.execution.cache import Cache
@@ -42,7 +42,7 @@ def build_clips(
 ) -> Clips:
     """Return the clips of a source's takes, with rows of the fields `computed`, which in a build are all fields."""
     transforms, fields, annotators, rules, windows = parts
-    results = cut(expand(takes, transforms), fields, windows)
+    results = cut_windows(expand(takes, transforms), fields, windows)
     results = compute(cache, results, [*computed, *annotators], jobs=jobs, progress=progress)
     results = judged(results, rules, fields, annotators, windows)
     results = whole(results, groups)
@@ -66,6 +66,6 @@ def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]
         for name in [*([f"group {take.group}"] if take.group else []), *(f"clip {d.id}" for d in take.dancers)]:
             if named.setdefault(name, take) is not take:
                 raise SourceError("two clips or groups would get the same name", where=name,
-                                  found=f"{take.root.name} and its copies, or another one",
+                                  found=f"{take.origin.name} and its copies, or another one",
                                   fix="rename one, or leave out the transform that makes the copy")  # fmt: skip
     return sorted(takes, key=lambda take: take.parent is not None)

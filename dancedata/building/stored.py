@@ -27,11 +27,11 @@ class Clips(NamedTuple):
     quality: Sequence[dict[str, Any]]
 
 
-class _Place(NamedTuple):
+class _Stays(NamedTuple):
     """A dancer to store: his take, that of the source, and his number."""
 
     result: Result
-    root: Result
+    origin: Result
     k: int
 
     @property
@@ -41,8 +41,8 @@ class _Place(NamedTuple):
 
     def flags(self, annotators: Sequence[Annotator]) -> list[dict[str, Any]]:
         """Return the quality flags of motion and music; of a copy those of its source."""
-        take = self.root.take
-        of_motion = [flag for a in annotators for flag in a.flags(self.root.made[a.place][self.k])]
+        take = self.origin.take
+        of_motion = [flag for a in annotators for flag in a.flags(self.origin.made[a.id][self.k])]
         return [*of_motion, *take.dancers[self.k].music.flags(take.time.seconds)]
 
 
@@ -57,35 +57,35 @@ def stored(
 
     `sizes`: Dancers of each group in the source.
     """
-    roots = {r.take.place: r for r in results}
-    places = [_Place(r, roots[r.take.root.place], k) for r in results for k in r.stay]
-    places.sort(key=lambda place: (place.result is not place.root, place.id))
+    origins = {r.take.id: r for r in results}
+    staying = [_Stays(r, origins[r.take.origin.id], k) for r in results for k in r.stay]
+    staying.sort(key=lambda stays: (stays.result is not stays.origin, stays.id))
     return Clips(
-        [_clip(place, fields, annotators, sizes, grid) for place in places],
+        [_clip(stays, fields, annotators, sizes, grid) for stays in staying],
         [
             *(reject for r in results for reject in r.rejects),
-            *(reject for place in places for reject in _without(place, fields)),
+            *(reject for stays in staying for reject in _without(stays, fields)),
             *unmirrored(results, annotators),
         ],
-        [{"clip": p.id, **flag} for p in places if p.result is p.root for flag in p.flags(annotators)],
+        [{"clip": p.id, **flag} for p in staying if p.result is p.origin for flag in p.flags(annotators)],
     )
 
 
 def _clip(
-    place: _Place,
+    stays: _Stays,
     fields: Sequence[Field],
     annotators: Sequence[Annotator],
     sizes: Mapping[str, int],
     grid: FrameGrid,
 ) -> StoredClip:
-    result, root, k = place
+    result, origin, k = stays
     take, dancer = result.take, result.take.dancers[k]
-    ref, music, is_copy = dancer.ref, dancer.music, result is not root
+    ref, music, is_copy = dancer.ref, dancer.music, result is not origin
     signal = music.signal if music.is_file else None
     sides: dict[str, dict[str, Any]] = {"motion": {}, "audio": {}}
     for field in fields:
-        sides[field.side][field.name] = field.block(result.made[field.place][k], take, k, grid)
-    measured = {name: value for a in annotators for name, value in a.measured(result.made[a.place][k]).items()}
+        sides[field.side][field.name] = field.block(result.made[field.id][k], take, k, grid)
+    measured = {name: value for a in annotators for name, value in a.measured(result.made[a.id][k]).items()}
     return StoredClip(
         id=dancer.id,
         split=ref.split,
@@ -93,10 +93,10 @@ def _clip(
         music=music.name,
         dancer=ref.dancer,
         tempo_bpm=music.bpm,
-        source=root.take.dancers[k].id if is_copy else "",
-        n_flags=len(place.flags(annotators)),
+        source=origin.take.dancers[k].id if is_copy else "",
+        n_flags=len(stays.flags(annotators)),
         trim_start=take.time.trim_on(grid),
-        source_rate=str(root.take.time.recorded or root.take.time.rate),
+        source_rate=str(origin.take.time.recorded or origin.take.time.rate),
         lists=ref.lists,
         n_frames=take.time.frames_on(grid),
         starts=result.starts,
@@ -122,12 +122,12 @@ def _clip(
     )
 
 
-def _without(place: _Place, fields: Sequence[Field]) -> list[Reject]:
+def _without(stays: _Stays, fields: Sequence[Field]) -> list[Reject]:
     """Return a reject for each field that a dancer is kept without; of a copy none that its source lacks, too."""
     rejects = []
     for field in fields:
-        rows, of_root = place.result.made[field.place][place.k], place.root.made[field.place][place.k]
-        if isinstance(rows, Nothing) and (place.result is place.root or not isinstance(of_root, Nothing)):
-            file = str(place.result.take.dancers[place.k].ref.motion_path)
-            rejects.append(Reject("no_field", place.id, file, detail=f"kept without {field.name}: {rows.reason}"))
+        rows, of_origin = (result.made[field.id][stays.k] for result in (stays.result, stays.origin))
+        if isinstance(rows, Nothing) and (stays.result is stays.origin or not isinstance(of_origin, Nothing)):
+            file = str(stays.result.take.dancers[stays.k].ref.motion_path)
+            rejects.append(Reject("no_field", stays.id, file, detail=f"kept without {field.name}: {rows.reason}"))
     return rejects

@@ -17,6 +17,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
 from dancedata.core.motion import Motion
+from dancedata.core.plugin_files import plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.quality import Flag
 from dancedata.core.segments import Segment
@@ -187,12 +188,12 @@ class Take:
         return self.group or self.dancers[0].id
 
     @property
-    def place(self) -> tuple[str, str]:
+    def id(self) -> tuple[str, str]:
         """What tells it from all other takes; a group may have the name of a clip."""
         return self.group, "" if self.group else self.dancers[0].id
 
     @property
-    def root(self) -> Take:
+    def origin(self) -> Take:
         """Its parent, or itself."""
         return self.parent or self
 
@@ -266,7 +267,7 @@ class Transform(RecipePart):
         Whether `rows` changes rows.
     keeps_time
         Whether windows of a copy are those of its parent.
-    cuts
+    is_part
         Whether it takes a part of the motion: segments are those of the whole, changed by `segment`.
     keeps_original
         Whether a second field, NAME.original, is stored beside each motion field: the motion before this step.
@@ -279,7 +280,7 @@ class Transform(RecipePart):
     moves: ClassVar[bool] = True
     changes_rows: ClassVar[bool] = False
     keeps_time: ClassVar[bool] = True
-    cuts: ClassVar[bool] = False
+    is_part: ClassVar[bool] = False
     keeps_original: ClassVar[bool] = False
     not_for_groups: ClassVar[str] = ""
     excerpts: ClassVar[WindowSpec | None] = None
@@ -310,8 +311,9 @@ class Transform(RecipePart):
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of `key`, computed once."""
-        return json_sha256(self.key())
+        """Hash of `key`, of a local plug-in with that of its file."""
+        file = plugin_file(type(self))
+        return json_sha256(self.key() if file is None else [*self.key(), file.sha256])
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,19 +12,19 @@ from dancedata.core.clip import Reject
 from dancedata.core.grid import WindowSpec
 
 
-def cut(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> list[Result]:
+def cut_windows(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> list[Result]:
     """Return the windows that all fields of takes cover, by lengths alone; copies that keep the time have them too.
 
     Parents come before their copies.
     """
     results: dict[tuple[str, str], Result] = {}
     for take in takes:
-        of_parent = None if take.parent is None else results[take.parent.place].starts
+        of_parent = None if take.parent is None else results[take.parent.id].starts
         if of_parent is not None and (not of_parent or take.steps[-1].keeps_time):
             stay = tuple(range(len(take.dancers))) if of_parent else ()
-            results[take.place] = Result(take, of_parent, stay)
+            results[take.id] = Result(take, of_parent, stay)
         else:
-            results[take.place] = _cut(take, fields, windows)
+            results[take.id] = _cut(take, fields, windows)
     return list(results.values())
 
 

@@ -15,8 +15,8 @@ from dancedata.building.commands import RecipeLike, folder_of, jobs_of
 from dancedata.building.compute import compute
 from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
+from dancedata.building.measuring import takes_of
 from dancedata.building.result import Result
-from dancedata.building.source import takes_of
 from dancedata.building.sources import identify
 from dancedata.core.clip import Reject
 from dancedata.core.motion import Motion
@@ -278,7 +278,7 @@ def _of_source(
         return results, [*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects)]
 
     results, rejects = with_lost_entries(held, run, progress)
-    rows = tuple(_scored(result.take.name, result.made[faults.place][0]) for result in results if result.stay)
+    rows = tuple(_scored(result.take.name, result.made[faults.id][0]) for result in results if result.stay)
     return Quality(str(path), rows, tuple(relative_to(reject, path) for reject in rejects))
 
 

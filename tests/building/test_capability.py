@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.building.plugins import Seen
+from dancedata.building.plugins import TRANSFORMS, Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
@@ -125,12 +125,26 @@ def test_nothing_follows_the_step_that_copies(transforms: list[Transform]) -> No
         expand([take], transforms)
 
 
+@pytest.mark.usefixtures("no_local_plugins")
+def test_a_transform_of_a_file_that_has_changed_is_another_one_whatever_its_key(tmp_path: Path) -> None:
+    text = LEAPS.read_text().replace(
+        "    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1
+    )
+    hashes = []
+    for number in (1, 2):
+        file = tmp_path / f"leaps{number}.py"
+        file.write_text(f"{text}# {number}\n")
+        dancedata.load_plugins(file)
+        hashes.append(TRANSFORMS.make("moving-average", {}).sha256)
+    assert hashes[0] != hashes[1]
+
+
 @pytest.mark.parametrize("offset", [0, 3, -2])
 def test_a_rule_sees_rows_from_frame_0_on(offset: int) -> None:
     recipe, take = aistpp()
     field = makers_of(recipe)["librosa35"]
     rows = np.arange(10 * 35, dtype=np.float32).reshape(10, 35)
-    result = Result(take, (0,), (0,), made={field.place: [Rows(rows, "", offset)]})  # type: ignore[arg-type]
+    result = Result(take, (0,), (0,), made={field.id: [Rows(rows, "", offset)]})  # type: ignore[arg-type]
     seen = Seen(result, [field], recipe.grid, 30, [[]]).rows("librosa35", 0)  # type: ignore[list-item]
     assert len(seen) == 10 - offset
     np.testing.assert_array_equal(seen[max(0, -offset)], rows[max(0, offset)])

@@ -30,7 +30,7 @@ def stages(*names: str) -> dict[str, ast.Module]:
 
 
 #: The spine: the stages of a build, and what they stand on.
-SPINE = stages("source", "spine")
+SPINE = stages("measuring", "spine")
 #: Names that the spine gives to plug-ins.
 PARTS = {
     "a", "annotator", "chosen", "f", "field", "maker", "rule", "step", "transform", "plugin", "parent_step", "self",

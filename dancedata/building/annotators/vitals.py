@@ -50,7 +50,7 @@ class Vitals(Annotator):
 
 
 #: Place of its rows in a result.
-VITALS = Vitals().place
+VITALS = Vitals().id
 
 
 def vertical_extent(motion: Motion) -> float:

@@ -83,7 +83,7 @@ class Copy(Transform):
                              "of each")  # fmt: skip
         if self.keeps_time:
             return [take, take.copy(self, self.clip_id)]
-        if any(step.cuts for step in take.steps):
+        if any(step.is_part for step in take.steps):
             raise UsageError("a part of a clip has no copy at another speed", where=f"augment.{self.name}",
                              found=f"clip {take.name}", fix="leave it out, or build whole clips")  # fmt: skip
         speed = self.speed_of(_clip(take))
@@ -186,4 +186,4 @@ class Copy(Transform):
 
 def _clip(take: Take) -> str:
     """Return what a copy is drawn by: the group, or the clip on disk, whose slices have one speed."""
-    return take.root.group or take.dancers[0].ref.id
+    return take.origin.group or take.dancers[0].ref.id

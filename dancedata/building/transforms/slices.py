@@ -37,7 +37,7 @@ class Slices(Transform):
     """
 
     version: ClassVar[int] = 1
-    cuts: ClassVar[bool] = True
+    is_part: ClassVar[bool] = True
     not_for_groups: ClassVar[str] = "groups are stored whole"
 
     length_s: float | str = 5.0
@@ -104,7 +104,7 @@ class Part(Transform):
 
     name: ClassVar[str] = "part"
     version: ClassVar[int] = 1
-    cuts: ClassVar[bool] = True
+    is_part: ClassVar[bool] = True
 
     rate: Fraction
     start: int
