@@ -1,1 +1,1 @@
-"""Segments of datasets: listed, written as files and replaced; events that are computed."""
+"""Segments: listed, written, replaced, and found in motion."""

@@ -125,7 +125,6 @@ def test_nothing_follows_the_step_that_copies(transforms: list[Transform]) -> No
         expand([take], transforms)
 
 
-@pytest.mark.usefixtures("no_local_plugins")
 def test_a_transform_of_a_file_that_has_changed_is_another_one_whatever_its_key(tmp_path: Path) -> None:
     text = LEAPS.read_text().replace(
         "    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1

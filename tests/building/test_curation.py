@@ -270,7 +270,7 @@ def test_slices_are_scored_by_themselves(build: Any, plain: Store) -> None:
     slices = build(transforms=[{"slices": {"length_s": 2, "stride_s": 1}}])
     scores = {clip.clip: clip for clip in dancedata.quality(slices, progress=False).clips}
     ((start, end, value, _),) = whole["spike"]["spikes"].above(0.075)
-    for clip in (clip for clip in slices.clips if clip.slice_of == "spike"):
+    for clip in (clip for clip in slices.clips() if clip.slice_of == "spike"):
         spans = scores[clip.id].scores["spikes"].above(0.075)
         if clip.slice_start < start and end < clip.slice_start + clip.n_frames - 1:
             assert [s[:2] for s in spans] == [(start - clip.slice_start, end - clip.slice_start)]
