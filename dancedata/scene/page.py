@@ -17,23 +17,8 @@ from dancedata.scene.scene_list import Item, SceneList
 
 _STATIC = Path(__file__).resolve().parent / "static"
 _IMPORT = re.compile(r"^import \{[^}]*\} from '\./(\w+)\.js';\n", re.MULTILINE)
-#: Indentation, empty lines and comments, which a page does not need.
+#: Indentation, empty lines and comments, which the script of a page does not need.
 _LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
-#: A string of a line, which stays; or an operator between spaces, which it does not need. `a + +b` keeps its spaces.
-_OPERATOR = re.compile(
-    r"('[^']*'|`[^`]*`)| ?(=>|[-+*%&|^<>=!?]?=?==?|&&|\|\||\?\?|[?:,;{}()<>*%|&/]|[-+](?= [^-+])) ?"
-)
-#: What a line has that may not be squeezed: other strings, escapes, regular expressions, nested templates.
-_INTRICATE = re.compile(r"[\"\\]|/(?! )|(?<! )/|`.*`.*`|^[^`]*`[^`]*$")
-#: Values of attributes that need no quotation marks.
-_QUOTED = re.compile(r'="([\w-]+)"(?=[ >])')
-#: What a style sheet does not need.
-_CSS = re.compile(r"/\*[^*]*\*/|;?\s*([{}])\s*|([:;,])\s+")
-#: Names of the browser that stand in a page hundreds of times, and what they are called there.
-_SHORT = {"document.documentElement": "$e", "document": "$d", "Math.max": "$x", "Math.min": "$n", "Math": "$m"}
-_GLOBAL = re.compile(rf"\b({'|'.join(map(re.escape, _SHORT))})(?=[.(])")
-#: Line ends within brackets and after statements, with a semicolon before a closing brace.
-_BREAK = re.compile(r"(?<=[{,;(\[])\n|;?\n(?=\})|\n(?=[)\],])")
 
 
 @dataclass(frozen=True)
@@ -60,35 +45,9 @@ class Parts:
 @cache
 def page_parts() -> Parts:
     """Read the viewer's files. The script is one function, so that it shares no name with others of its page."""
-    text = _GLOBAL.sub(lambda match: _SHORT[match[1]], "".join(_modules("viewer", {}).values()))
-    short = ", ".join(f"{name} = {what}" for what, name in _SHORT.items())
-    script = f"'use strict';\n(() => {{\nconst {short};\n{text}}})();\n"
     css, body = ((_STATIC / name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.html"))
-    return Parts(_CSS.sub(r"\1\2", css), _QUOTED.sub(r"=\1", body), _squeezed(script))
-
-
-def _squeezed(script: str) -> str:
-    """Return a script as Biome formats it without comments, and without most of its spaces and line ends."""
-    lines = [
-        line if _INTRICATE.search(line) else _OPERATOR.sub(lambda match: match[1] or match[2], line)
-        for line in _merged(_LAYOUT.sub("", script).split("\n"))
-    ]
-    return _BREAK.sub("", "\n".join(lines))
-
-
-def _merged(lines: Sequence[str]) -> list[str]:
-    """Return lines without the keyword of a declaration that follows another one, which then ends with a comma."""
-    merged: list[str] = []
-    before = ""
-    for line in lines:
-        kind, _, declared = line.partition(" ")
-        if kind in {"const", "let"} and kind == before and merged[-1].endswith(";"):
-            merged[-1] = merged[-1][:-1] + ","
-            merged.append(declared)
-        else:
-            merged.append(line)
-        before = kind
-    return merged
+    script = f"'use strict';\n(() => {{\n{''.join(_modules('viewer', {}).values())}}})();\n"
+    return Parts(css, body, _LAYOUT.sub("", script))
 
 
 def _modules(name: str, read: dict[str, str]) -> dict[str, str]:
