@@ -23,7 +23,7 @@ from dancedata.evaluation.scores import DRAWS
 from dancedata.execution.addresses import local_folder
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
-from dancedata.scene.inputs.files import FileFormat, field_of_width, file_clip, folder_clips
+from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.like import scaling_of
@@ -206,14 +206,8 @@ class EvaluationOptions:
             fps=None if self._grid() is None else str(self._grid()), up=self.up, unit=self.unit, body=self.body,
             columns=self._columns(), groups=self.protocol.of_groups,
         )  # fmt: skip
-        if path.is_dir():
-            # On a cluster, too, where a relative path would name another file.
-            clips = folder_clips(path.absolute(), form)
-            return ClipSet(clips, str(path), role, scaler_sha256=self.scaler_sha256)
-        if not path.exists():
-            raise UsageError("there is nothing to evaluate", where=path, allowed="a built dataset, a folder, a file")
-        file = file_clip(path.absolute(), form)
-        return ClipSet((file,), str(path), role, scaler_sha256=self.scaler_sha256)
+        # Absolute: on a cluster, a relative path would name another file.
+        return ClipSet(path_clips(path.absolute(), form), str(path), role, scaler_sha256=self.scaler_sha256)
 
     def _grid(self) -> FrameGrid | None:
         if self.fps is not None:

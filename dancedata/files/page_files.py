@@ -11,7 +11,7 @@ from typing import Any, Self
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.files import publish
-from dancedata.files.atomic import atomic_file, require_free
+from dancedata.files.atomic import atomic_file, require_free, write_bytes
 from dancedata.files.atomic_folder import atomic_folder, foreign_files, read_about, remove_listed
 
 #: Bytes of a megabyte, as file managers count.
@@ -97,3 +97,12 @@ class PageFiles:
                                         problem="the folder for further clips has other files in it",
                                         allowed="the files of a report of this name, as they were written",
                                         choose="another --to", error=UsageError)  # fmt: skip
+
+
+def save_page(path: Path, page: str) -> Path:
+    """Write a page, and return its path; StoreError if it cannot be written."""
+    try:
+        write_bytes(path, page.encode())
+    except OSError as error:
+        raise StoreError("the page cannot be written", where=path, found=str(error)) from error
+    return path

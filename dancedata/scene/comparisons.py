@@ -16,11 +16,11 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.files import FileClip, FileFormat
 from dancedata.scene.like import scaling_of
+from dancedata.scene.inputs.files import FileClip, FileFormat, motion_files
 from dancedata.scene.payload import Json, curve, figure_payload
 from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Item, Scene, SceneList, begins_after
@@ -196,20 +196,9 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
     """
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
-    any_clip: Path | None = None
-    if path.is_file() and path.suffix.lower() in MOTION_SUFFIXES:
-        files, any_clip = [path], None if scenes.has(path.stem) else path
-    elif path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    else:
-        allowed = f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}"
-        raise UsageError("there is nothing to compare with", where=path, allowed=allowed)
-    if not files:
-        raise UsageError("no motion files to compare with", where=path, allowed=f"files {', '.join(MOTION_SUFFIXES)}")
-    paths = {p.stem: p for p in files}
-    if len(paths) < len(files):
-        twice = [p.name for p in files if paths[p.stem] != p]
-        raise UsageError("two files have one name", where=path, found=listed(twice), fix="rename one of them")
+    files = motion_files(path, "compare with")
+    paths = {file.stem: file for file in files}
+    any_clip = None if path.is_dir() or scenes.has(path.stem) else path
     _require_stated(files[0], form)
     return FilesComparison(paths=paths, any_clip=any_clip, form=form, body=scenes.body, name=path.name)
 

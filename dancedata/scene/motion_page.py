@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
-from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.files.page_files import save_page
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.motions import MotionScenes, MusicFiles
 from dancedata.scene.opus import opus
@@ -41,12 +41,7 @@ class View:
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the page; UsageError if the file is there, StoreError if it cannot be written."""
-        target = require_free(Path(path), [], "page", overwrite=overwrite)
-        try:
-            atomic.write_bytes(target, self.page.encode())
-        except OSError as error:
-            raise StoreError("the page cannot be written", where=target, found=str(error)) from error
-        return target
+        return save_page(require_free(Path(path), [], "page", overwrite=overwrite), self.page)
 
     def open(self) -> Path:
         """Write the page to a new temporary file, open it in the browser, and return the file."""

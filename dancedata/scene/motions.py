@@ -18,12 +18,11 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.music.signal import load_audio
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.inputs.files import FileFormat, clips_of
+from dancedata.scene.inputs.files import FileFormat, clips_of, motion_files, require_unique
 from dancedata.scene.inputs.naming import named_clips
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
@@ -31,7 +30,6 @@ from dancedata.scene.scenes import rhythm_of
 from dancedata.scene.source import MAX_SECONDS, ClipSound, cut
 from dancedata.store import Store
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 from dancedata.store.schema import Field
 
 #: Feature whose beats and onsets are drawn, and its rows per second.
@@ -218,22 +216,8 @@ def motion_scenes(
     Raises UsageError: if there is none, two have one name, or nothing states how their columns are scaled.
     Raises DataError: if none of them can be read.
     """
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    else:
-        files = [path] if path.is_file() else []
-    if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
-        content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
-        raise UsageError(
-            "there is nothing to look at", where=path, found=content if path.exists() else "no such file or folder",
-            allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
-            fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,
-        )  # fmt: skip
-    clips = [clip for file in files for clip in clips_of(file, form)]
-    names = [clip.id for clip in clips]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        raise UsageError("two files have one name", where=path, found=listed(twice, 5), fix="rename one of them")
+    clips = [clip for file in motion_files(path, "look at") for clip in clips_of(file, form)]
+    require_unique([clip.id for clip in clips], path)
     beside = None if music is None else MusicFiles.beside(music, clips, like)
     try:
         return MotionScenes(named_clips(clips, MusicSources(), like).clips, path.name, beside, body)

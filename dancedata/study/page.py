@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, json_text
-from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.files.page_files import save_page
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, Parts, page_data, whole_page
 from dancedata.scene.payload import page_json, scene_payload
@@ -127,10 +127,7 @@ def write_study(
         for trial in trials
     }
     page = _page(request, trials, _Trials(scenes, systems[first]), PageSound(music, notice))
-    try:
-        atomic.write_bytes(to, page.encode())
-    except OSError as error:
-        raise StoreError("the page cannot be written", where=to, found=str(error)) from error
+    save_page(to, page)
     return trials
 
 

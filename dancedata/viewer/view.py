@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.system import has_display
 from dancedata.core.text import shown
-from dancedata.files import atomic
 from dancedata.files.atomic import require_free
+from dancedata.files.page_files import save_page
 from dancedata.scene.motions import MotionScenes
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, clip_page
@@ -102,10 +102,7 @@ def export_page(
         sound = PageSound({0: opus(signal)}, notice)
     address = opened.address if "&" in opened.address else ""  # the only item is shown without one
     page = clip_page(opened.scenes, [opened.item], sound=sound, comparisons=opened.comparisons, address=address)
-    try:
-        atomic.write_bytes(to, page.encode())
-    except OSError as error:
-        raise StoreError("the page cannot be written", where=to, found=str(error)) from error
+    save_page(to, page)
     n = len(opened.scenes.items)
     if n > 1 and not request.clip:
         say(f"  of {n} it shows {shown(opened.item.name)}; for another, give its name after the dataset")

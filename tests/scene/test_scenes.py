@@ -271,7 +271,7 @@ def test_another_dataset_is_compared(scenes) -> None:
 
 def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
     dataset = scenes("thirty")
-    for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "no motion files")):
+    for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "nothing to compare with")):
         with pytest.raises(UsageError, match=problem):
             comparison_of(path, dataset, file_format(dataset.store))
 

@@ -36,6 +36,8 @@ from dancedata.formats.video_tracks import people_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
 from dancedata.store import Store
+from dancedata.store.dataset_json import INTERRUPTED, describe_folder
+from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
@@ -308,18 +310,40 @@ def _is_positions(arrays: ArrayFile, name: str) -> bool:
     return len(shape) == 3 and shape[1] >= _LEAST_JOINTS and shape[2] == 3
 
 
-def folder_clips(folder: Path, form: FileFormat) -> tuple[ClipInput, ...]:
-    """List the motion files of a folder by name, a clip each; UsageError for none, or for two of one name."""
-    paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    if not paths:
-        raise UsageError("no motion to evaluate", where=folder,
-                         found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder",
-                         allowed=f"files {', '.join(MOTION_SUFFIXES)}")  # fmt: skip
-    stems = [path.stem for path in paths]
-    twice = sorted({stem for stem in stems if stems.count(stem) > 1})
+def motion_files(path: Path, purpose: str) -> list[Path]:
+    """Return the motion files of a folder by name, or one file: the trip of every command that takes motion.
+
+    UsageError for none to `purpose`, such as "look at", and for two of one name.
+    """
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+    else:
+        files = [path] if path.is_file() else []
+    if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
+        content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
+        raise UsageError(
+            f"there is nothing to {purpose}", where=path,
+            found=content if path.exists() else "no such file or folder",
+            allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
+            fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,
+        )  # fmt: skip
+    require_unique([file.stem for file in files], path)
+    return files
+
+
+def require_unique(names: Sequence[str], where: Path) -> None:
+    """Raise UsageError for two motions of one name."""
+    twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise UsageError("two files have one name", where=folder, found=listed(twice), fix="rename one of them")
-    return _groups_of(paths, form) if form.groups else tuple(file_clip(path, form) for path in paths)
+        raise UsageError("two files have one name", where=where, found=listed(twice, 5), fix="rename one of them")
+
+
+def path_clips(path: Path, form: FileFormat) -> tuple[ClipInput, ...]:
+    """Return the motion files of a folder, or one file, a clip each; of groups as `_groups_of` finds them."""
+    files = motion_files(path, "evaluate")
+    if form.groups and path.is_dir():
+        return _groups_of(files, form)
+    return tuple(file_clip(file, form) for file in files)
 
 
 def columns_width(path: Path) -> int:
