@@ -44,42 +44,23 @@ _FEW = 10
 class Report:
     """The scores of a set of clips under a protocol.
 
-    Attributes
-    ----------
-    protocol
-        Protocol of the scores.
-    role
-        "truth" or "generated".
-    source
-        Origin of the clips.
-    scores
-        One for each line of the table.
-    clips
-        Ids of the clips that were measured.
-    pieces
-        Number of pieces.
-    fps
-        Frames per second that were measured.
-    seconds
-        Length of the shortest piece, the median and the longest.
-    pool
-        Pool that the set was compared with; None: none.
-    left_out
-        Clips that could not be measured, with the reason.
-    warnings, notes
-        Remarks for readers of the numbers: on this set, and on the protocol.
-    per_clip
-        A row for each piece: id, and the numbers of the metrics that have a few.
-    versions
-        Of the packages that shape numbers.
-    matched
-        How many files are of a clip, window or song of a dataset; "" where none is looked for.
-    recordings
-        Independent clips: windows, copies and parts of one file count once.
-    truth_source
-        What the real dances beside the scores are; "" without any.
-    inputs, music
-        For pages: the clips, not loaded, and the beats of those that have music, by their ids.
+    `protocol`: Protocol of the scores.
+    `role`: "truth" or "generated".
+    `source`: Origin of the clips.
+    `scores`: One for each line of the table.
+    `clips`: Ids of the clips that were measured.
+    `pieces`: Number of pieces.
+    `fps`: Frames per second that were measured.
+    `seconds`: Length of the shortest piece, the median and the longest.
+    `pool`: Pool that the set was compared with; None: none.
+    `left_out`: Clips that could not be measured, with the reason.
+    `warnings`, `notes`: Remarks for readers of the numbers: on this set, and on the protocol.
+    `per_clip`: A row for each piece: id, and the numbers of the metrics that have a few.
+    `versions`: Of the packages that shape numbers.
+    `matched`: How many files are of a clip, window or song of a dataset; "" where none is looked for.
+    `recordings`: Independent clips: windows, copies and parts of one file count once.
+    `truth_source`: What the real dances beside the scores are; "" without any.
+    `inputs`, `music`: For pages: the clips, not loaded, and the beats of those that have music, by their ids.
     """
 
     protocol: Protocol
@@ -159,18 +140,10 @@ class Report:
     def to_pandas(self, table: str = "scores") -> DataFrame:
         """Return a table as a pandas DataFrame.
 
-        Parameters
-        ----------
-        table
-            "scores": a row a score, with its interval as "low" and "high", what stands beside it, and the number of
-            clips without a value. "clips": the rows of `per_clip`.
-
-        Raises
-        ------
-        UsageError
-            For another table.
-        MissingPackageError
-            Without pandas.
+        `table`: "scores": a row a score, with its interval as "low" and "high", what stands beside it, and the number
+            of clips without a value. "clips": the rows of `per_clip`.
+        Raises UsageError: for another table.
+        Raises MissingPackageError: without pandas.
         """
         tables: dict[str, Sequence[Mapping[str, Any]]] = {
             "scores": [_score_row(score) for score in self.scores],

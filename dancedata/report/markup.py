@@ -71,24 +71,14 @@ def _cell(cell: Any, label: str, place: int) -> str:
 class Figure:
     """A figure of the page.
 
-    Attributes
-    ----------
-    key
-        Its id in the page, without the prefix.
-    title, note
-        Above it: what is shown, and how to read it.
-    body
-        SVG or HTML.
-    head, rows
-        Its numbers, below it.
-    legend
-        Names of the groups that colours stand for, in order.
-    other, chance
-        What dashed outlines stand for, and dotted ones; "" without them.
-    kind
-        "" for a column of the page, "wide" for the whole width.
-    sortable
-        Whether the table of its numbers is sorted by the head that is pressed.
+    `key`: Its id in the page, without the prefix.
+    `title`, `note`: Above it: what is shown, and how to read it.
+    `body`: SVG or HTML.
+    `head`, `rows`: Its numbers, below it.
+    `legend`: Names of the groups that colours stand for, in order.
+    `other`, `chance`: What dashed outlines stand for, and dotted ones; "" without them.
+    `kind`: "" for a column of the page, "wide" for the whole width.
+    `sortable`: Whether the table of its numbers is sorted by the head that is pressed.
     """
 
     key: str

@@ -60,29 +60,18 @@ class Movement:
 class Figure:
     """A dancer.
 
-    Attributes
-    ----------
-    joints
-        (T, J, 3) positions, metres, +Y up, read-only.
-    skeleton
-        Names, parents, pairs and feet of the J joints.
-    grid
-        Rate of the frames.
-    contacts
-        (T, 4) whether a foot joint is on the ground.
-    contact_joints
-        (4,) joints of the columns of `contacts`.
-    contacts_stored
-        Whether the contacts are those of the dataset; if not, they were computed by the rule "velocity".
-    facing
-        (T, 3) unit vectors in which the head faces; None where rotations are unknown.
-    rotations
-        (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
-    mesh
-        Body model that is drawn, whose bones the figure has; None for limbs.
-    measured
-        The figure before it got these bones, of the same frames and place, which distances are measured on; None if
-        it has its own.
+    `joints`: (T, J, 3) positions, metres, +Y up, read-only.
+    `skeleton`: Names, parents, pairs and feet of the J joints.
+    `grid`: Rate of the frames.
+    `contacts`: (T, 4) whether a foot joint is on the ground.
+    `contact_joints`: (4,) joints of the columns of `contacts`.
+    `contacts_stored`: Whether the contacts are those of the dataset; if not, they were computed by the rule
+        "velocity".
+    `facing`: (T, 3) unit vectors in which the head faces; None where rotations are unknown.
+    `rotations`: (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
+    `mesh`: Body model that is drawn, whose bones the figure has; None for limbs.
+    `measured`: The figure before it got these bones, of the same frames and place, which distances are measured on;
+        None if it has its own.
     """
 
     joints: Float64Array
@@ -107,10 +96,7 @@ class Figure:
     def of_pose(cls, pose: Pose, body: Skeleton, where: object) -> Figure:
         """Make the figure of a pose; `body` has the bones of positions whose names are those of its joints.
 
-        Raises
-        ------
-        DataError
-            For positions that are too far away to be drawn.
+        Raises DataError: for positions that are too far away to be drawn.
         """
         farthest = float(np.abs(pose.joints).max())
         if not farthest <= _FARTHEST_M:
@@ -130,10 +116,7 @@ class Figure:
     def of_columns(cls, rows: npt.NDArray[np.generic], reader: ColumnsReader) -> Figure:
         """Make the figure of the (T, D) columns of a representation.
 
-        Raises
-        ------
-        DataError
-            If the columns are not those of the representation, or not finite.
+        Raises DataError: if the columns are not those of the representation, or not finite.
         """
         pose = reader.pose(rows)
         checked_joints(pose.joints)
@@ -227,10 +210,7 @@ class Figure:
     def part(self, begin: float, seconds: float) -> Figure:
         """Return the frames of a part of the time; fewer where the figure ends before.
 
-        Raises
-        ------
-        DataError
-            If the figure has no frame there.
+        Raises DataError: if the figure has no frame there.
         """
         first = round(begin * float(self.grid.rate))
         count = max(1, round(seconds * float(self.grid.rate)))
@@ -289,10 +269,7 @@ class Figure:
     def with_mesh(self, mesh: BodyMesh) -> Figure:
         """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
 
-        Raises
-        ------
-        UsageError
-            If its rotations are unknown, or not those of the SMPL family.
+        Raises UsageError: if its rotations are unknown, or not those of the SMPL family.
         """
         motion = self.motion
         if motion is None:

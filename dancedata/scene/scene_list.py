@@ -80,26 +80,15 @@ class Rhythm:
 class Item:
     """One entry of the list of a viewer: a clip, a window of it, or a group. Or a dancer of a group.
 
-    Attributes
-    ----------
-    number
-        Place in the list; a dancer has that of the group.
-    clip
-        The clip's row of the table /clips; that of the first dancer of a group.
-    start, n_frames
-        First frame in the clip and number of frames, at the store's rate.
-    window
-        The window; None for a whole clip.
-    members
-        The dancers of a group, in stored order; empty for a clip.
-    n_source
-        Dancers of the group in the source, more than `members` where some were left out.
-    source
-        Id of the clip, or of the group, that this one is a copy of; else empty.
-    called
-        What a dancer is called beside the others; "": by number and role.
-    sample
-        Id of the sample that it is the truth of; "" for none.
+    `number`: Place in the list; a dancer has that of the group.
+    `clip`: The clip's row of the table /clips; that of the first dancer of a group.
+    `start`, `n_frames`: First frame in the clip and number of frames, at the store's rate.
+    `window`: The window; None for a whole clip.
+    `members`: The dancers of a group, in stored order; empty for a clip.
+    `n_source`: Dancers of the group in the source, more than `members` where some were left out.
+    `source`: Id of the clip, or of the group, that this one is a copy of; else empty.
+    `called`: What a dancer is called beside the others; "": by number and role.
+    `sample`: Id of the sample that it is the truth of; "" for none.
     """
 
     number: int
@@ -169,10 +158,7 @@ class Word:
 class Flag:
     """A quality flag of an item.
 
-    Attributes
-    ----------
-    time
-        Seconds from the item's first frame; None for a flag of the whole clip.
+    `time`: Seconds from the item's first frame; None for a flag of the whole clip.
     """
 
     time: float | None
@@ -186,28 +172,16 @@ class Flag:
 class Scene:
     """The drawing of one item. Times are in seconds from its first frame.
 
-    Attributes
-    ----------
-    grid
-        The store's rate, of windows and of loops in links.
-    field
-        Motion field that is drawn; "" if none can be.
-    figure
-        The dancer; None if no field of the dataset has joint positions, and for a group.
-    movement
-        Speed and key motions; None without a figure and a stored field of them, and for a group.
-    windows
-        First frame and length of the dataset's windows, frames at the store's rate.
-    notes
-        Sentences on what is missing or was computed.
-    members
-        Scenes of the dancers of a group; empty for a clip.
-    together
-        Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
-    numbers
-        What is measured of a dancer of a wall: name and value as text.
-    words
-        Segments, in the order of their layers and times.
+    `grid`: The store's rate, of windows and of loops in links.
+    `field`: Motion field that is drawn; "" if none can be.
+    `figure`: The dancer; None if no field of the dataset has joint positions, and for a group.
+    `movement`: Speed and key motions; None without a figure and a stored field of them, and for a group.
+    `windows`: First frame and length of the dataset's windows, frames at the store's rate.
+    `notes`: Sentences on what is missing or was computed.
+    `members`: Scenes of the dancers of a group; empty for a clip.
+    `together`: Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
+    `numbers`: What is measured of a dancer of a wall: name and value as text.
+    `words`: Segments, in the order of their layers and times.
     """
 
     item: Item
@@ -250,10 +224,7 @@ class Scene:
     def with_mesh(self, mesh: BodyMesh) -> Scene:
         """Return the scene with body models in the place of limbs; where that is impossible, a note says so.
 
-        Raises
-        ------
-        UsageError
-            If no dancer can be drawn so.
+        Raises UsageError: if no dancer can be drawn so.
         """
         if self.members:
             members, notes, refused = [], list(self.notes), []

@@ -71,17 +71,9 @@ def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
 class Scenes(SceneList):
     """The items of a dataset; arrays are read item by item.
 
-    Parameters
-    ----------
-    store
-        An open dataset.
-    field
-        Motion field to draw. Default: the first one that decodes to the motion itself.
-
-    Raises
-    ------
-    UsageError
-        If the field is unknown or cannot be drawn.
+    `store`: An open dataset.
+    `field`: Motion field to draw. Default: the first one that decodes to the motion itself.
+    Raises UsageError: if the field is unknown or cannot be drawn.
     """
 
     def __init__(self, store: Store, field: str | None = None) -> None:
@@ -107,20 +99,11 @@ class Scenes(SceneList):
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         """Read an item.
 
-        Parameters
-        ----------
-        field
-            Motion field to draw, one of `readers`. Default: that of these scenes.
-        first_s
-            Seconds of the dancers that are read, from the first frame on; music, windows and flags are those of the
-            whole item. Default: all.
-
-        Raises
-        ------
-        UsageError
-            For a field that cannot be drawn.
-        StoreError
-            If the dataset cannot be read, or was built again in the meantime.
+        `field`: Motion field to draw, one of `readers`. Default: that of these scenes.
+        `first_s`: Seconds of the dancers that are read, from the first frame on; music, windows and flags are those
+            of the whole item. Default: all.
+        Raises UsageError: for a field that cannot be drawn.
+        Raises StoreError: if the dataset cannot be read, or was built again in the meantime.
         """
         name = self._drawn(item) if field is None else self._drawable(field)
         if item.members:
