@@ -18,9 +18,8 @@ from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.recipes.plugins import make_named
 from dancedata.scene.figure import Figure
-from dancedata.scene.inputs.files import FileClip, FileFormat
-from dancedata.scene.like import scaling_of
 from dancedata.scene.inputs.files import FileClip, FileFormat, motion_files
+from dancedata.scene.like import scaling_of
 from dancedata.scene.payload import Json, curve, figure_payload
 from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Item, Scene, SceneList, begins_after
