@@ -37,7 +37,6 @@ from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
 from dancedata.store import Store
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
-from dancedata.store.motion_fields import ColumnsReader, Pose, motion_readers
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
