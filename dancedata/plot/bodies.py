@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.formats.body_mesh import BodyMesh, Float32, vertex_normals
-from dancedata.scene import Figure
+from dancedata.scene.figure import Figure
 
 #: From the edge inwards: share of the width, shift towards the light in radii, share of white, or of black below 0.
 STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))

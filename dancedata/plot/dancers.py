@@ -16,10 +16,12 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
 from dancedata.plot.bodies import Camera, body
-from dancedata.scene import Figure, Scene, Scenes
+from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.motions import figures_of
 from dancedata.scene.palette import Theme, colours_of
+from dancedata.scene.scene_list import Scene
+from dancedata.scene.scenes import Scenes
 from dancedata.store import Clip, Store, open_store
 
 if TYPE_CHECKING:

@@ -19,8 +19,8 @@ from dancedata.core.text import shown
 from dancedata.plot.bodies import Camera, blend, body
 from dancedata.plot.dancers import Dancer, dancers_of
 from dancedata.plot.timeline import DPI, FONT, THEMES, Timeline
-from dancedata.scene import Scene
 from dancedata.scene.palette import Theme
+from dancedata.scene.scene_list import Scene
 from dancedata.scene.wall import ROW
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from dancedata.core.text import shown
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.bodies import Camera
 from dancedata.plot.dancers import Dancer, bare, dancers_of, draw_pose, extent, figure_of, moments, scene_of
-from dancedata.scene import Figure, Scene
+from dancedata.scene.figure import Figure
+from dancedata.scene.scene_list import Scene
 from dancedata.store import Store
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.rotations import Float64Array
 from dancedata.core.tracks import runs
 from dancedata.plot.dancers import Dancer
-from dancedata.scene import Scene
 from dancedata.scene.palette import Theme
+from dancedata.scene.scene_list import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

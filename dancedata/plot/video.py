@@ -24,9 +24,11 @@ from dancedata.files.atomic import require_free
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.frames import Frames
 from dancedata.plot.timeline import THEMES
-from dancedata.scene import Figure, Scene, Scenes
+from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import PlayedMotion, motion_scenes_of
 from dancedata.scene.palette import Theme
+from dancedata.scene.scene_list import Scene
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import ClipSound, ClipSource
 from dancedata.store import Store, open_store

@@ -12,11 +12,11 @@ from urllib.parse import quote
 from dancedata.core.errors import UsageError
 from dancedata.core.terms import require_shareable
 from dancedata.report.markup import Markup
-from dancedata.scene import Item, Scenes
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
 from dancedata.scene.payload import link, page_json, scene_payload
-from dancedata.scene.scene_list import SceneList
+from dancedata.scene.scene_list import Item, SceneList
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.store import Store
 

@@ -29,9 +29,9 @@ from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.readers import Scale, WindowDataset
 from dancedata.report import write_report
-from dancedata.scene import Scenes
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.pieces import ClipReader
+from dancedata.scene.scenes import Scenes
 from dancedata.store import Store, verify_store
 from dancedata.store.beats import field_beats
 from dancedata.store.songs import songs_of

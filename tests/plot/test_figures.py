@@ -8,7 +8,7 @@ import pytest
 import dancedata
 from dancedata import plot
 from dancedata.core.errors import UsageError
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")

@@ -11,9 +11,10 @@ from dancedata import plot
 from dancedata.core.errors import UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.plot.frames import Frames
-from dancedata.scene import Scene, Scenes
 from dancedata.scene.motion_page import motion_scenes_of
 from dancedata.scene.palette import DANCERS, Theme
+from dancedata.scene.scene_list import Scene
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.wall import Wall
 from dancedata.testing.examples import random_motion
 from tests.commands import run

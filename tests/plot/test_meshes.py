@@ -15,9 +15,10 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.bodies import Camera, body
 from dancedata.plot.frames import Frames
-from dancedata.scene import Figure, Scenes
+from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import motion_scenes_of
 from dancedata.scene.poses import Pose
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest
 from dancedata.scene.wall import Wall
 from dancedata.testing.examples import random_motion

@@ -14,8 +14,8 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.plot.motion_axes import places_of
 from dancedata.report import write_report
-from dancedata.scene import Scenes
 from dancedata.scene.scene_list import HIT_S
+from dancedata.scene.scenes import Scenes
 from dancedata.store import Clip
 from tests.messages import raises_message
 

@@ -20,7 +20,8 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.terms import require_shareable
 from dancedata.plot.frames import Frames
-from dancedata.scene import Scene, Scenes
+from dancedata.scene.scene_list import Scene
+from dancedata.scene.scenes import Scenes
 from tests.messages import raises_message
 
 pytest.importorskip("matplotlib")

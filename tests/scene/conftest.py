@@ -9,7 +9,7 @@ import pytest
 
 import dancedata
 from dancedata.core.registry import DATASETS
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from dancedata.store import StoredClip
 from dancedata.store.schema import StoreHeader
 from dancedata.store.writer import write_store

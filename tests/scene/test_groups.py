@@ -10,12 +10,14 @@ import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import facing_angles
-from dancedata.scene import Figure, Item, Scenes
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.page import clip_page
 from dancedata.scene.palette import DANCERS
 from dancedata.scene.payload import item_rows, link, scene_payload
+from dancedata.scene.scene_list import Item
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.source import ClipSource
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site

@@ -19,7 +19,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.files.atomic import PREFIX
 from dancedata.formats.motion_files import motion_file
-from dancedata.scene import Figure
+from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import motion_scenes_of, view_motions
 from dancedata.scene.motions import MotionScenes
 from dancedata.scene.selection import ViewRequest, ViewSelection

@@ -14,10 +14,10 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.scene import Figure, Scenes
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.scene.figure import Figure
 from dancedata.scene.payload import curve, figure_payload, link, scene_payload
-from dancedata.scene.scenes import rhythm_fields
+from dancedata.scene.scenes import Scenes, rhythm_fields
 from dancedata.scene.source import ClipSource, cut, flac
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store

@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.scene import Scenes
 from dancedata.scene.figure import Figure
 from dancedata.scene.page import clip_page
 from dancedata.scene.payload import scene_payload, turns_payload
+from dancedata.scene.scenes import Scenes
 from dancedata.synthetic import synthesise_motion
 from tests.browser import Browser
 from tests.viewer.test_body_browser import DRAWN, stage

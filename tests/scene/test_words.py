@@ -10,11 +10,10 @@ import pytest
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Layer, Segment
-from dancedata.scene import Scenes
 from dancedata.scene.figure import Movement
 from dancedata.scene.payload import scene_payload
 from dancedata.scene.scene_list import Rhythm
-from dancedata.scene.scenes import rhythm_of
+from dancedata.scene.scenes import Scenes, rhythm_of
 from dancedata.store import open_store, write_store
 from dancedata.store.schema import Field
 from tests.groups_store import HEADER, SIZES, stored

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.report.test_colours import luminance

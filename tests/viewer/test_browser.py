@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.scene import Scenes
 from dancedata.scene.page import clip_page, page_data, whole_page
 from dancedata.scene.payload import scene_payload
+from dancedata.scene.scenes import Scenes
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from dancedata.viewer.notebook import html_of

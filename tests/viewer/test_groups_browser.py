@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.browser import Browser
 from tests.scene.helpers import serving

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from dancedata.viewer import server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest

@@ -13,8 +13,8 @@ import pytest
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh, skinned
-from dancedata.scene import Scenes
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
+from dancedata.scene.scenes import Scenes
 from dancedata.viewer.model import ModelScenes, model_payload
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
-from dancedata.scene import Scenes
+from dancedata.scene.scenes import Scenes
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
 from tests.browser import Browser

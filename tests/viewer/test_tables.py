@@ -14,7 +14,7 @@ import pytest
 import dancedata
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.scene import Figure
+from dancedata.scene.figure import Figure
 from dancedata.synthetic import synthesise_motion
 from dancedata.viewer.notebook import MOST_CLIPS, html_of, pose_svg
 from tests.scene.helpers import HOSTILE
