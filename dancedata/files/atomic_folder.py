@@ -200,9 +200,16 @@ def read_about(folder: Path) -> dict[str, Any] | None:
 def atomic_folder(out: Path, *, overwrite: bool, link: bool = False) -> Iterator[AtomicFolder]:
     """Yield a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
 
-    `link`: Whether a file with the bytes of an earlier one becomes a hard link of it.
-    Raises StoreError: if `out` holds anything but an export that may be replaced, another export is writing there, or
-        nothing can be written.
+    Parameters
+    ----------
+    link
+        Whether a file with the bytes of an earlier one becomes a hard link of it.
+
+    Raises
+    ------
+    StoreError
+        If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can be
+        written.
     """
     problem = "the folder of the export cannot be written"
     fix = "choose an --out that you can write to, on a disk with free space; nothing was left there"
