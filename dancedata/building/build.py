@@ -7,14 +7,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
 from dancedata.building.documents import document_differences, shaping
 from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
-from dancedata.building.rebuild import Published
 from dancedata.building.signals import libsndfile_version
 from dancedata.building.source_record import SourceRecord, source_differences
 from dancedata.building.sources import Sources
@@ -27,13 +26,17 @@ from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
+from dancedata.execution.engines import engine_at
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import check_backend, start_workers
+from dancedata.execution.units import start_workers
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE
 from dancedata.store.songs import songs_of
+
+if TYPE_CHECKING:
+    from dancedata.building.rebuild import Published
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def build(
     With `published`, the source and the result are compared with those of a publication.
     """
     progress = progress or Progress(quiet=True)
-    check_backend(backend, scheduler)
+    engine_at(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
         raise UsageError(
             "cannot replace the current working directory", where=out, fix="build from another working folder"

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 from dancedata.building.build import BuildResult
 from dancedata.building.build import build as _build
-from dancedata.building.rebuild import Published
 from dancedata.core.errors import UsageError
 from dancedata.execution.addresses import local_folder
 from dancedata.execution.progress import Progress
-from dancedata.recipes.parse import Overrides, load_recipe
+from dancedata.recipes.parse import Overrides, load_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
-from dancedata.store import Problem
 
 if TYPE_CHECKING:
     from dancedata.building.part import PartResult
     from dancedata.building.plan import Plan
+    from dancedata.building.rebuild import Published
+    from dancedata.store import Problem
 
 __all__ = ["build", "build_part", "check", "plan"]
 
@@ -273,7 +273,7 @@ class _Request:
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Request:
-        published = Published.at(recipe)
+        published = _published(recipe)
         parsed = load_recipe(recipe, overrides) if published is None else published.recipe(overrides)
         target = folder_of(out) or Path("data") / parsed.name
         if source is not None:
@@ -283,6 +283,15 @@ class _Request:
         raise UsageError(f"the dataset {parsed.dataset.name} needs a source",
                          fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "
                          "or source=DIR in Python")  # fmt: skip
+
+
+def _published(recipe: RecipeLike) -> Published | None:
+    """Return the publication at an address or in a folder; None if that names a recipe."""
+    if not isinstance(recipe, str | Path) or str(recipe) in recipe_names():
+        return None
+    from dancedata.building.rebuild import Published
+
+    return Published.at(recipe)
 
 
 def folder_of(path: str | Path | None) -> Path | None:

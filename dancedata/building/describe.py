@@ -17,7 +17,7 @@ from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown, size_text, table
 from dancedata.execution.addresses import path_text
-from dancedata.store import Problem, Store, open_store
+from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.queries import network_weights, slice_length
 from dancedata.store.schema import sort_splits
@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # `info` needs neither stages nor recipes
     from dancedata.building.stored import Clips
     from dancedata.core.clip import Scan
     from dancedata.recipes.recipe import Recipe
+    from dancedata.store import Problem
 
 #: Notes of one kind that `check` prints.
 _NAMED = 3

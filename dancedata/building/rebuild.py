@@ -19,7 +19,7 @@ from dancedata.execution.addresses import is_address, local_folder, origin_of, r
 from dancedata.execution.progress import Progress
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.files.strict_json import parse_json
-from dancedata.recipes.parse import Overrides, load_recipe, recipe_names
+from dancedata.recipes.parse import Overrides, load_recipe
 from dancedata.recipes.plugins import SLOTS
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
@@ -48,13 +48,11 @@ class Published:
     files: Mapping[str, str]
 
     @classmethod
-    def at(cls, recipe: object) -> Published | None:
+    def at(cls, recipe: str | Path) -> Published | None:
         """Return the publication at an address or in a folder; None if that names a recipe.
 
         Raises StoreError: if there is none, or it is damaged.
         """
-        if not isinstance(recipe, str | Path) or str(recipe) in recipe_names():
-            return None
         if not is_address(recipe) and not description_of(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)

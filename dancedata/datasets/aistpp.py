@@ -28,7 +28,7 @@ file. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal, cast
+from typing import TYPE_CHECKING, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,9 @@ from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
 from dancedata.datasets.published import Folders, Found, Layout, LeftOut, Published, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
-from dancedata.formats.safe_pickle import load_pickle
-from dancedata.formats.values import ValueArrays
+
+if TYPE_CHECKING:
+    from dancedata.formats.values import ValueArrays
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"
@@ -290,6 +291,9 @@ class AistPP(Published):
         DataError
             ``broken_file``, ``unsafe_pickle``, those of `read_frames`, ``not_rotations`` or ``bad_scaling``.
         """
+        from dancedata.formats.safe_pickle import load_pickle
+        from dancedata.formats.values import ValueArrays
+
         path, content = ref.motion_path, load_pickle(ref.motion_path)
         keys = (*_SHAPES, "smpl_scaling")
         if not isinstance(content, Mapping):
@@ -389,7 +393,7 @@ def _mapping(folders: Folders) -> tuple[frozenset[str], tuple[str, ...]]:
     return frozenset(), ()
 
 
-def _in_metres(arrays: ValueArrays, trans: Floats) -> Floats:
+def _in_metres(arrays: "ValueArrays", trans: Floats) -> Floats:
     """Divide by the factor between the file's units and metres: 89 to 99 in AIST++, 1 for data in metres."""
     array = arrays.read("smpl_scaling")
     if array.size != 1:

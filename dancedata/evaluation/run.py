@@ -18,8 +18,8 @@ from dancedata.evaluation.report import Report
 from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
+from dancedata.execution.engines import engine_at
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import check_backend
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import opened, store_of
 from dancedata.store import Store
@@ -156,7 +156,7 @@ def evaluate(
         intervals=intervals,
         save_pool=folder_of(save_pool),
     )
-    check_backend(backend, scheduler)
+    engine_at(backend, scheduler)
     return evaluate_inputs(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),

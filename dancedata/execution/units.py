@@ -3,16 +3,16 @@
 A unit is a call of a function with small arguments that leaves its arrays in the cache.
 """
 
-import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.errors import DanceDataError
 from dancedata.execution import arithmetic
 from dancedata.execution.cache import Cache
+from dancedata.execution.engines import engine_at
 from dancedata.execution.executors import Call, Executor, OnResult, first_line
 from dancedata.execution.progress import Progress
 from dancedata.execution.requirements import requirements_of
@@ -21,13 +21,6 @@ R = TypeVar("R")
 #: A number of processes on this machine, or an executor.
 Jobs = int | Executor
 
-#: Engines of clusters: the form of their addresses, and examples.
-SCHEDULERS = {"dask": "tcp://HOST:8786", "ray": "ray://HOST:10001, or ray://auto on a machine of the cluster"}
-_HOST = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
-_ADDRESSES = {
-    "dask": re.compile(rf"((tcp|tls|ucx|wss?)://)?{_HOST}:\d+(/\S*)?|inproc://\S+"),
-    "ray": re.compile(rf"ray://{_HOST}(:\d+)?/?"),
-}
 #: After how many runs that end with the death of a worker, which runs nothing else, a unit is named as its cause.
 DEATHS_ALONE = 2
 #: Consecutive deaths of workers that have not run a unit, after which a stage ends.
@@ -46,41 +39,15 @@ def start_workers(
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
-    Raises UsageError: As for `check_backend`, and if the cluster's package is not installed.
+    Raises UsageError: As for `engine_at`, and if the cluster's package is not installed.
     Raises DanceDataError: if no cluster answers at the address, or it has no worker.
     """
-    engine = check_backend(backend, scheduler)
-    if scheduler is None:
+    engine = engine_at(backend, scheduler)
+    if engine is None or scheduler is None:
         yield Executor(n)
         return
-    from dancedata.execution.clusters import dask, ray
-
-    connect = dask if engine == "dask" else ray
-    with requirements_of(cache, source, packages) as required, connect(scheduler, required) as executor:
+    with requirements_of(cache, source, packages) as required, engine.connect(scheduler, required) as executor:
         yield executor
-
-
-def check_backend(backend: str | None, scheduler: str | None) -> str:
-    """Return the engine: that of the scheduler's address, or loky.
-
-    Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
-    """
-    if backend not in (None, "loky", *SCHEDULERS):
-        raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *SCHEDULERS)))
-    if scheduler is None:
-        if backend in SCHEDULERS:
-            fix = f"give its address: --scheduler {SCHEDULERS[backend]}"
-            raise UsageError(f"the backend {backend} needs a scheduler", fix=fix)
-        return "loky"
-    engine = "ray" if scheduler.startswith("ray:") else "dask"
-    if backend not in (None, engine):
-        raise UsageError(
-            f"the scheduler has an address of {engine}", found=f"--backend {backend}", fix="leave --backend out"
-        )
-    if _ADDRESSES[engine].fullmatch(scheduler) is None:
-        allowed = "; ".join(SCHEDULERS.values()) if engine == "dask" else SCHEDULERS[engine]
-        raise UsageError("not the address of a scheduler, or not a complete one", found=scheduler, allowed=allowed)
-    return engine
 
 
 def run_units(

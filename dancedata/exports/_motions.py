@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field
-from dancedata.store.queries import optional_fields
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
@@ -47,6 +46,7 @@ def field_name(job: ExportJob, field: str) -> str:
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
     from dancedata.scene.poses import motion_readers  # reads HDF5, which listing plug-ins need not
+    from dancedata.store.queries import optional_fields
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
     optional = optional_fields(job.store)

@@ -20,7 +20,6 @@ from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 from dancedata.music.signal import pcm16
-from dancedata.store.queries import slice_length
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -204,6 +203,8 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
+    from dancedata.store.queries import slice_length
+
     windows = job.store.info["windows"]
     if slice_length(job.store) is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
         return

@@ -8,7 +8,6 @@ from dancedata.core.typing import override
 from dancedata.exports._slices import SliceExport, SliceWriter, needs_slices
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.files.atomic_folder import AtomicFolder
-from dancedata.store.queries import slice_length
 
 _BATCH = 64
 _GUIDE = """## Train
@@ -57,6 +56,8 @@ class Edge(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
+        from dancedata.store.queries import slice_length
+
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")

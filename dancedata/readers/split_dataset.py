@@ -36,7 +36,6 @@ from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
 from dancedata.store.samples import Samples
-from dancedata.store.saved_samples import save_samples
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
@@ -250,6 +249,8 @@ class SplitDataset(EpochDataset):
             raise UsageError("no motion field that is read, or not one alone, has this width", found=str(width),
                              allowed=widths)  # fmt: skip
         scaler = self._normalizers.get(fitting[0])
+        from dancedata.store.saved_samples import save_samples
+
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
 
     def _read_again(self, name: str | SampleId) -> dict[str, Any]:

@@ -17,11 +17,11 @@ from dancedata.audio.beats.feature import Beats
 from dancedata.audio.hf import HuggingFace
 from dancedata.audio.jukebox import Jukebox
 from dancedata.cli.app import app
+from dancedata.clusters.dask import Dask
 from dancedata.core import packages
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
-from dancedata.execution.clusters import dask
 from dancedata.files.regular_file import sha256_file
 from dancedata.plot.axes import axes_or_new
 from tests.messages import raises_message
@@ -60,7 +60,7 @@ CALLS: dict[str, list[Callable[[], object]]] = {
         lambda: dancedata.extract("jukebox", "SONG", weights="x"),
     ],
     "beats": [lambda: Beats(source="beat_this", weights=Path("x")).resolved(sha256_file)],
-    "dask": [lambda: dask("tcp://127.0.0.1:1", None).__enter__()],
+    "dask": [lambda: Dask().connect("tcp://127.0.0.1:1", None).__enter__()],
     "report": [lambda: axes_or_new(None, 1, 1)],
     "video": [lambda: dancedata.plot.write_video("DEMO", "clip", "a.mp4")],
 }

@@ -205,11 +205,11 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str)
 def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
     from dancedata.building.build import build
+    from dancedata.clusters import dask
     from dancedata.core.errors import DanceDataError
-    from dancedata.execution import clusters
     from dancedata.recipes.parse import load_recipe
 
-    monkeypatch.setattr(clusters, "TIMEOUT_S", 0.5)
+    monkeypatch.setattr(dask, "TIMEOUT_S", 0.5)
     options = {"cache": tmp_path / "cache", "backend": "dask", "scheduler": "tcp://127.0.0.1:9"}
     with pytest.raises(DanceDataError, match="no Dask scheduler answers"):
         build(load_recipe("aist++"), corpus, out, **options)

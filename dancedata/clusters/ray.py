@@ -1,0 +1,99 @@
+"""Ray: units of work on its workers."""
+
+from __future__ import annotations
+
+import logging
+import os
+import re
+import warnings
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.packages import require
+from dancedata.core.system import shielded
+from dancedata.core.typing import override
+from dancedata.execution import arithmetic
+from dancedata.execution.engines import ENGINES, HOST, Engine
+from dancedata.execution.executors import Executor, Start, run_packed
+from dancedata.execution.requirements import Requirements
+
+
+@ENGINES.register("ray")
+@dataclass(frozen=True)
+class Ray(Engine):
+    """A Ray cluster."""
+
+    version: ClassVar[int] = 1
+    example: ClassVar[str] = "ray://HOST:10001, or ray://auto on a machine of the cluster"
+    address: ClassVar[re.Pattern[str]] = re.compile(rf"ray://{HOST}(:\d+)?/?")
+
+    @override
+    @contextmanager
+    def connect(self, address: str, required: Requirements) -> Iterator[Executor]:
+        """Yield the executor of a Ray cluster: ``ray://HOST:PORT`` (Ray Client), or ``ray://auto`` on its machines.
+
+        ``ray://auto`` is the cluster that this process is connected to, else that of $RAY_ADDRESS, else this
+        machine's. Each unit takes one CPU. Ray does not run a unit again whose worker died: with retries it would
+        repeat a unit that exceeds the memory for ever.
+
+        Raises UsageError: if Ray is not installed, or this process is connected to a cluster and an address is given.
+        Raises DanceDataError: if no cluster answers.
+        """
+        require("ray", what="the backend ray")
+        # Its report of each worker that died, to the stderr of this process; workers' own output is not sent.
+        os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".")
+        import ray
+        from ray.exceptions import NodeDiedError, OutOfMemoryError, WorkerCrashedError
+
+        environment = {"env_vars": arithmetic.variables()}
+        was_connected = ray.is_initialized()
+        if was_connected and address != "ray://auto":
+            raise UsageError(
+                "this process is connected to a Ray cluster already", found=address, fix="give ray://auto"
+            )
+        if not was_connected:
+            try:
+                # The shield also keeps the handlers of signals, which Ray replaces. Warnings stand beside its error.
+                with shielded(), warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    where = "auto" if address == "ray://auto" else address
+                    ray.init(address=where, logging_level=logging.ERROR, log_to_driver=False)
+            except Exception as error:  # Ray raises errors of many types
+                lines = str(error).strip().split("\n")
+                raise DanceDataError(
+                    "no Ray cluster answers at this address",
+                    where=address,
+                    # With the last where a traceback of Ray Client's server comes between.
+                    found=f"{lines[0]} {lines[-1]}" if lines[0].endswith(":") else lines[0] or type(error).__name__,
+                    fix="check that it runs and that this machine can reach it; if it needs a token, set "
+                    "RAY_AUTH_MODE=token; start the head of Ray Client with GRPC_ENABLE_FORK_SUPPORT=0",
+                ) from error
+
+        @contextmanager
+        def starting(label: str) -> Iterator[Start]:
+            remote = ray.remote(num_cpus=1, max_retries=0)(run_packed).options(name=label, runtime_env=environment)
+            units: list[Any] = []
+
+            def start(_: Callable[..., Any], *call: Any) -> Future[Any]:
+                units.append(remote.remote(*call))
+                future: Future[Any] = units[-1].future()
+                return future
+
+            try:
+                yield start
+            except BaseException:
+                with suppress(Exception):  # the cluster may be gone
+                    for unit in units:
+                        ray.cancel(unit, force=True)  # its worker is killed; nothing happens where it has ended
+                raise
+
+        try:
+            deaths = (WorkerCrashedError, OutOfMemoryError, NodeDiedError)
+            yield Executor(engine="the Ray cluster", deaths=deaths, required=required, starting=starting)
+        finally:
+            if not was_connected:
+                ray.shutdown()

@@ -1,0 +1,66 @@
+"""Engines of clusters: which one an address is of."""
+
+from __future__ import annotations
+
+import re
+from abc import abstractmethod
+from contextlib import AbstractContextManager
+from typing import ClassVar
+
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Plugin
+from dancedata.core.registry import Registry
+from dancedata.execution.executors import Executor
+from dancedata.execution.requirements import Requirements
+
+#: A host in an address.
+HOST = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
+
+
+class Engine(Plugin):
+    """Runs units of work on the machines of a cluster.
+
+    Attributes
+    ----------
+    example
+        Address of a scheduler, for messages.
+    address
+        The form of its addresses.
+    """
+
+    example: ClassVar[str]
+    address: ClassVar[re.Pattern[str]]
+
+    @abstractmethod
+    def connect(self, address: str, required: Requirements) -> AbstractContextManager[Executor]:
+        """Yield the executor of a cluster; UsageError without its package, DanceDataError if none answers."""
+
+
+ENGINES = Registry("engine of clusters", "dancedata.clusters", Engine)
+
+
+def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
+    """Return the engine of a scheduler's address; None: the processes of this machine, loky's.
+
+    Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
+    """
+    if backend is None and scheduler is None:
+        return None
+    engines = {name: ENGINES.make(name, {}) for name in ENGINES.names()}
+    if backend not in (None, "loky", *engines):
+        raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *engines)))
+    if scheduler is None:
+        if backend in engines:
+            raise UsageError(f"the backend {backend} needs a scheduler",
+                             fix=f"give its address: --scheduler {engines[backend].example}")  # fmt: skip
+        return None
+    engine = next((e for e in engines.values() if e.address.fullmatch(scheduler)), None)
+    if engine is None:
+        named = [e.example for name, e in engines.items() if scheduler.startswith(f"{name}:")]
+        raise UsageError("not the address of a scheduler, or not a complete one", found=scheduler,
+                         allowed="; ".join(named or [e.example for e in engines.values()]))  # fmt: skip
+    if backend not in (None, engine.name):
+        raise UsageError(
+            f"the scheduler has an address of {engine.name}", found=f"--backend {backend}", fix="leave --backend out"
+        )
+    return engine
