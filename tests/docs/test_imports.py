@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import graphlib
+import os
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -43,6 +46,54 @@ def test_rings_are_broken_less_and_less() -> None:
 
 def test_the_road_of_a_build_and_a_batch_is_short() -> None:
     assert RINGS.lines(RINGS.road()[-1]) <= ROAD
+
+
+#: Satellites whose plug-ins the demo names.
+NAMED = {"audio", "contacts", "datasets", "representations"}
+SATELLITES = {
+    room for name in RINGS.module_files(ROOT / "dancedata") for place in [RINGS.Place.of(name)]
+    if (room := place.room) and place.ring == "satellite"
+}  # fmt: skip
+DEMO = """
+import sys, dancedata
+small = {f"dataset.synthetic.{key}": n for key, n in {"songs": 2, "clips_per_song": 2, "clip_s": 6}.items()}
+options = {"overrides": {**small, "dataset.synthetic.split": "all"}, "cache": "cache", "progress": False}
+dancedata.build("demo", out="out", jobs=1, **options)
+print(*sorted({name.split(".")[1] for name in sys.modules if name.startswith("dancedata.")}))
+"""
+
+
+def demo_without(rooms: set[str], folder: Path) -> subprocess.CompletedProcess[str]:
+    """Build the demo with a package that lacks rooms."""
+    (folder / "dancedata").mkdir()
+    for path in (ROOT / "dancedata").iterdir():
+        if path.stem not in rooms:
+            (folder / "dancedata" / path.name).symlink_to(path)
+    for name in ("pipelines", "manifests"):
+        (folder / name).symlink_to(ROOT / name)
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    return subprocess.run([sys.executable, "-c", DEMO], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_the_demo_is_built_without_the_satellites_that_it_does_not_name(tmp_path: Path) -> None:
+    done = demo_without(SATELLITES - NAMED, tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert set(done.stdout.split()) & SATELLITES <= NAMED
+
+
+@pytest.mark.parametrize("room", sorted(NAMED))
+def test_without_a_satellite_the_error_names_its_plug_in(room: str, tmp_path: Path) -> None:
+    done = demo_without({room}, tmp_path)
+    words = {"audio": "librosa35", "contacts": "velocity", "datasets": "synthetic", "representations": "edge151"}
+    assert done.returncode != 0
+    assert re.search(rf"dancedata\.core\.errors\.\w+Error: .*unknown .*{words[room]}", done.stderr, flags=re.DOTALL)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("room", sorted(SATELLITES - NAMED))
+def test_the_demo_is_built_without_each_satellite(room: str, tmp_path: Path) -> None:
+    done = demo_without({room}, tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 def test_only_the_registry_imports_by_name() -> None:
