@@ -1,5 +1,4 @@
 """Readers of published datasets and of folders of captures.
 
-In each package: `reader` (the plug-in), `layout` (places of files), `load` (one motion file), `facts` (of the
-dataset).
+`published` is the base of the first, `checks` has what is checked in their files, `files` their folders and lists.
 """

@@ -1,5 +1,6 @@
 """What examples of readers are made of: synthetic dances and songs in the files of published datasets."""
 
+import json
 import pickle
 from collections.abc import Iterable
 from pathlib import Path
@@ -37,6 +38,11 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_lines(path: Path, lines: Iterable[str], end: str = "\n") -> None:
     """Write a text of lines, the last one with an `end`."""
     write_bytes(path, ("\n".join(lines) + end).encode())
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file."""
+    write_bytes(path, json.dumps(content).encode())
 
 
 def write_pickle(path: Path, content: Any) -> None:

@@ -263,6 +263,10 @@ def _beginning(path: Path) -> tuple[int, int, str]:
             raise OSError(str(error)) from error
 
 
+#: A tenth of the groups each is val and test.
+TENTHS = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)
+
+
 def _fraction(name: str, value: Any, problems: list[str]) -> Fraction:
     try:
         if isinstance(value, bool):

@@ -28,7 +28,7 @@ file. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal, cast
+from typing import ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +42,10 @@ from dancedata.core.resources import manifest
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, read_frames, require_keys, require_rotations
 from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
 from dancedata.datasets.published import Folders, Found, Layout, LeftOut, Published, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
-
-if TYPE_CHECKING:
-    from dancedata.formats.values import ValueArrays
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"
@@ -291,6 +287,7 @@ class AistPP(Published):
         DataError
             ``broken_file``, ``unsafe_pickle``, those of `read_frames`, ``not_rotations`` or ``bad_scaling``.
         """
+        from dancedata.datasets.checks import bad_shape, read_frames, require_keys, require_rotations
         from dancedata.formats.safe_pickle import load_pickle
         from dancedata.formats.values import ValueArrays
 
@@ -305,7 +302,11 @@ class AistPP(Published):
         poses, trans = read_frames(arrays, _SHAPES, _AGAIN)
         rotations = poses.reshape(-1, SMPL24.n_joints, 3)
         require_rotations(path, "smpl_poses", rotations, trans, SMPL24.parents)
-        return Motion(_in_metres(arrays, trans), rotations, FrameGrid.of(manifest("aistpp")["frame_rate"]), SMPL24)
+        scaling = arrays.read("smpl_scaling")
+        if scaling.size != 1:
+            raise bad_shape(path, "smpl_scaling", scaling.shape, "one number, (1,)", _AGAIN)
+        places = _in_metres(path, trans, float(scaling.reshape(())))
+        return Motion(places, rotations, FrameGrid.of(manifest("aistpp")["frame_rate"]), SMPL24)
 
     @override
     def make_example(self, folder: Path) -> None:
@@ -393,18 +394,14 @@ def _mapping(folders: Folders) -> tuple[frozenset[str], tuple[str, ...]]:
     return frozenset(), ()
 
 
-def _in_metres(arrays: "ValueArrays", trans: Floats) -> Floats:
+def _in_metres(path: Path, trans: Floats, scaling: float) -> Floats:
     """Divide by the factor between the file's units and metres: 89 to 99 in AIST++, 1 for data in metres."""
-    array = arrays.read("smpl_scaling")
-    if array.size != 1:
-        raise bad_shape(arrays.path, "smpl_scaling", array.shape, "one number, (1,)", _AGAIN)
-    scaling = float(array.reshape(()))
     if np.isfinite(scaling) and scaling > 0:
         with np.errstate(over="ignore"):
             translation: Floats = trans / scaling
         if np.isfinite(translation).all():
             return translation
-    raise DataError("smpl_scaling cannot turn smpl_trans into metres", reason="bad_scaling", where=str(arrays.path),
+    raise DataError("smpl_scaling cannot turn smpl_trans into metres", reason="bad_scaling", where=str(path),
                     found=repr(scaling),
                     allowed="a finite number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-                    fix=DOWNLOAD_AGAIN)  # fmt: skip
+                    fix=_AGAIN)  # fmt: skip

@@ -10,6 +10,7 @@ from dancedata.core.bodies import BODY_JOINTS, SMPLX52, SMPLX55
 from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_6d, matrix_from_rotvec, rotvec_from_matrix
+from dancedata.core.sides import wrong_up
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, quoted
 from dancedata.formats.arrays import ArrayFile
@@ -172,6 +173,15 @@ def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes:
         allowed=f"at least {UPRIGHT_COSINE} along {' or '.join(signed)}",
         fix=f"set dataset.{dataset}.up to the axis that is up, {' or '.join(axes)}, or leave the file out",
     )
+
+
+def require_upright(path: Path, motion: Motion, allowed: str) -> None:
+    """Raise DataError, ``bad_axes``, for a file in which the body certainly does not stand upright."""
+    wrong = wrong_up(motion.joints())
+    if wrong is not None and wrong[1]:
+        raise DataError("the body does not stand upright", reason="bad_axes", where=str(path),
+                        found=f"from feet to head {np.array2string(wrong[0], precision=2)} on average",
+                        allowed=allowed, fix="use the published file")  # fmt: skip
 
 
 def spine_of(motion: Motion) -> Floats:

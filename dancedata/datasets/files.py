@@ -13,6 +13,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.text import listed, quoted
 from dancedata.files.listing import best_audio, describe, list_folder, relative, stem_of
 from dancedata.files.regular_file import read_regular
+from dancedata.files.strict_json import parse_json
 
 SPLITS = ("train", "val", "test")
 #: The split of all clips where a dataset is not split.
@@ -236,12 +237,15 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
 def read_names(path: Path, *, spaces: bool = False) -> list[str]:
     """Return the first word of every line of a list of names; empty lines and lines starting with ``#`` are skipped.
 
+    The lines of a JSON file are the entries of its list.
+
     `spaces`: Whether names may hold spaces: the name is then the line, without those at its ends.
     Raises SourceError: if the file cannot be read, or is not a text, or exceeds the bounds of a list of names.
     """
     try:
-        lines = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig")
+        lines = list(map(str, parse_json(text))) if path.suffix == ".json" else text.splitlines()
+    except (OSError, ValueError, TypeError) as error:
         raise _bad_list(path, str(error)) from error
     words = ((line.strip() if spaces else line.split(maxsplit=1)[0]) for line in lines if line.strip())
     names = [unicodedata.normalize("NFC", name) for name in words if not name.startswith("#")]

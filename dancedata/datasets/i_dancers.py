@@ -97,7 +97,13 @@ class IDancers(Published):
             as_rate(self.fps)
 
     layout: ClassVar[Layout] = Layout(
-        "i-dancers", "I-Dancers", "motion", ".pkl", f"NAME{SUFFIX}.pkl", folder_names=("dancers",), ending=SUFFIX
+        "i-dancers",
+        "I-Dancers",
+        "motion",
+        ".pkl",
+        f"NAME{SUFFIX}.pkl",
+        folder_names=("dancers",),
+        stem=f"{{}}{SUFFIX}",
     )
     music_folders: ClassVar[tuple[str, ...]] = ("music",)
     official: ClassVar[Mapping[str, str]] = {"train": "train.txt", "test": "test.txt"}

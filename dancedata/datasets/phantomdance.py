@@ -25,11 +25,17 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, world_matrices
 from dancedata.core.registry import DATASETS
 from dancedata.core.rotations import rotvec_from_matrix
-from dancedata.core.sides import wrong_up
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.text import listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, lengths_differ, no_frames, require_finite
+from dancedata.datasets.checks import (
+    DOWNLOAD_AGAIN,
+    bad_shape,
+    lengths_differ,
+    no_frames,
+    require_finite,
+    require_upright,
+)
 from dancedata.datasets.files import files_by_stem, list_audio, require_folder
 from dancedata.datasets.published import Folders, Found, Layout, Published
 from dancedata.files.listing import describe, list_folder, relative
@@ -133,7 +139,7 @@ class PhantomDance(Published):
         if len(places) != len(turns):
             raise lengths_differ(path, "root_positions", len(places), "rotations", len(turns))
         motion = Motion(places * _MIRROR, _local(path, turns[:, order]), FrameGrid.of(RATE), SMPL24_EDGE)
-        _check_axes(path, motion)
+        require_upright(path, motion, "Unity's axes: +X right, +Y up, +Z forward; rotations in the world")
         return motion
 
     @override
@@ -239,16 +245,6 @@ def _local(path: Path, turns: Floats) -> Floats:
     for joint in range(1, len(BONES)):
         local[:, joint] = np.swapaxes(world[:, SMPL24_EDGE.parents[joint]], -1, -2) @ world[:, joint]
     return rotvec_from_matrix(local)
-
-
-def _check_axes(path: Path, motion: Motion) -> None:
-    """Reject a file in which the body certainly does not stand upright."""
-    wrong = wrong_up(motion.joints())
-    if wrong is not None and wrong[1]:
-        raise DataError("the body does not stand upright", reason="bad_axes", where=str(path),
-                        found=f"from feet to head {np.array2string(wrong[0], precision=2)} on average",
-                        allowed="Unity's axes: +X right, +Y up, +Z forward; rotations in the world",
-                        fix="use the published file")  # fmt: skip
 
 
 def content_of(motion: Motion) -> dict[str, Any]:

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from fractions import Fraction
 from itertools import combinations
 from pathlib import Path
 from typing import Any, ClassVar, get_args, get_type_hints
@@ -17,7 +16,6 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets._split_rule import SplitRule
 from dancedata.datasets.files import (
     ALL,
     SPLITS,
@@ -31,8 +29,6 @@ from dancedata.datasets.files import (
 )
 from dancedata.files.listing import describe, list_folder, relative
 
-#: A tenth of the videos, songs or choreographies each is val and test.
-RULE = SplitRule(Fraction(1, 10), Fraction(1, 10), "music", 0)
 OFFICIAL = "official"
 _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 
@@ -70,7 +66,7 @@ class Layout:
     `folder_names`: Parts of the names under which the dataset is published, in lower case: of several folders with
         motion the one that has one is read.
     `mistakes`: Entry of the source -> fix, for folders of other datasets and of features.
-    `ending`: What all names of motion files have behind the name of the sequence, such as "_smpl".
+    `stem`, `music`: Names of motion and music files without suffix; {} is the name of the sequence: "{}_smpl".
     `published`: How many were published, for the note: "1,624 were published".
     """
 
@@ -82,7 +78,8 @@ class Layout:
     name_problem: Callable[[str], str] = lambda stem: ""
     folder_names: tuple[str, ...] = ()
     mistakes: Mapping[str, str] = field(default_factory=dict)
-    ending: str = ""
+    stem: str = "{}"
+    music: str = "{}"
     published: str = ""
 
     @property
@@ -92,7 +89,7 @@ class Layout:
 
     def path_of(self, name: str) -> str:
         """Return the path of a motion file in the dataset's folder."""
-        return f"{self.motions}/{name}{self.ending}{self.suffix}".lstrip("/")
+        return f"{self.motions}/{self.stem.format(name)}{self.suffix}".lstrip("/")
 
     def find(self, source: Path) -> Folders:
         """Find the folder that holds the motion folder: the source or one folder directly below it.
@@ -116,10 +113,15 @@ class Layout:
         raise SourceError(f"{self.dataset}: no {self.title} motion found", where=str(source), found=describe(source),
                           allowed=self.expected, fix=self._advice(list_folder(source)))  # fmt: skip
 
-    def _problem(self, stem: str) -> str:
-        name = stem.removesuffix(self.ending)
-        ends = stem.endswith(self.ending) and name
-        return self.name_problem(name) if ends else f"not named NAME{self.ending}{self.suffix}"
+    def list_music(self, folders: Folders, names: Sequence[str], music_dir: Path | None) -> Files:
+        """List the music in folders of these names, beside the motion folder, by the name of the sequence."""
+        places = [place / name for place in folders.places for name in names]
+        files = list_audio(places, folders.source, lambda stem: self._problem(stem, self.music), music_dir=music_dir)
+        return replace(files, files={_name(stem, self.music): path for stem, path in files.files.items()})
+
+    def _problem(self, stem: str, form: str) -> str:
+        name = _name(stem, form)
+        return self.name_problem(name) if name else f"not named {form.format('NAME')}"
 
     def _advice(self, entries: list[Path]) -> str:
         """Return the fix for the most likely mistake, for a source without the motion folder."""
@@ -140,8 +142,8 @@ class Layout:
         """
         folders = self.find(source)
         folder = folders.root / self.motions
-        files = files_by_stem(folder, folders.source, self.suffix, self._problem)
-        files = replace(files, files={stem.removesuffix(self.ending): p for stem, p in files.files.items()})
+        files = files_by_stem(folder, folders.source, self.suffix, lambda stem: self._problem(stem, self.stem))
+        files = replace(files, files={_name(stem, self.stem): path for stem, path in files.files.items()})
         if not files.files:
             raise SourceError(f"{self.dataset}: the motion folder contains no {self.title} sequence",
                               where=str(folder), found=describe(folder), allowed=f"files named as {self.named}",
@@ -274,10 +276,7 @@ class Published(Dataset):
     def find(self, source: Path) -> Found:
         """List the motion and music files of a source."""
         folders, motions = self.layout.list_motions(source)
-        places = [place / name for place in folders.places for name in self.music_folders]
-        music = list_audio(
-            places, folders.source, self.layout.name_problem, music_dir=self._parameter("music_dir", None)
-        )
+        music = self.layout.list_music(folders, self.music_folders, self._parameter("music_dir", None))
         return Found(folders, motions, music)
 
     def splits(self, found: Found) -> Splits:
@@ -293,10 +292,12 @@ class Published(Dataset):
         expected = frozenset(name for of_split in official.values() for name in of_split)
         leak = self._leaks(official)
         if split != OFFICIAL:
+            from dancedata.datasets._split_rule import TENTHS
+
             rule = f"a tenth of the {_plural(self.unit or 'song')} each is val and test, by a hash of their names"
             notes = (f"Splits: {split}: {rule}.",
                      *([f"Leak of the official lists, which are not used: {leak}."] if leak else []))  # fmt: skip
-            return Splits({name: RULE.split(self.unit_of(name)) for name in names}, notes, lists, expected)
+            return Splits({name: TENTHS.split(self.unit_of(name)) for name in names}, notes, lists, expected)
         self._require(lists, where)
         sizes = ", ".join(f"{len(of):,} {name}" for name, of in lists.items())
         hashed = self._hashed()
@@ -312,7 +313,7 @@ class Published(Dataset):
         path = found.music.files.get(name)
         if path is None and self._parameter("music", "optional") == "required":
             where = f"{self.music_folders[0]}/" if self.music_folders else ""
-            detail = f"no {where}{name} as wav, flac, mp3 or ogg"
+            detail = f"no {where}{self.layout.music.format(name)} as wav, flac, mp3 or ogg"
             raise LeftOut("missing_music", detail, music=self.song_of(name))
         return path
 
@@ -442,6 +443,13 @@ def rejected(rejects: list[Reject], name: str, found: Found) -> Iterator[None]:
         )
     except DataError as error:
         rejects.append(Reject(error.reason, clip=name, file=found.file(name), detail=str(error)))
+
+
+def _name(stem: str, form: str) -> str:
+    """Return the name of the sequence in a stem, "" if it has another form."""
+    before, _, behind = form.partition("{}")
+    named = stem.startswith(before) and stem.endswith(behind) and len(stem) > len(before + behind)
+    return stem[len(before) : len(stem) - len(behind)] if named else ""
 
 
 def _plural(noun: str) -> str:

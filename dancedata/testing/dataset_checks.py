@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.bodies import has_body
 from dancedata.core.clip import Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
@@ -18,7 +19,7 @@ SLICES = [{"slices": {"length_s": 1}}]
 
 
 def check_dataset(cls: type[Any], folder: Path) -> None:
-    """Check a dataset reader: its example scans, loads, and builds whole and in slices; bad folders are named.
+    """Check a dataset reader: its example scans, loads, and builds, in edge151 and in slices; bad folders are named.
 
     Parameters
     ----------
@@ -43,6 +44,9 @@ def check_dataset(cls: type[Any], folder: Path) -> None:
     _check_bad_sources(reader, folder)
     skeleton = reader.load(scan.clips[0]).skeleton
     _check_build(recipe_with(dataset=cls.name, skeleton=skeleton), scan, sources[0], folder / "whole")
+    on_body = {} if has_body(skeleton) else {"transforms": [{"retarget": {"skeleton": "smpl24"}}]}
+    recipe = recipe_with(dataset=cls.name, keys={"motion": {"edge151": {}}, **on_body})
+    _check_build(recipe, scan, sources[0], folder / "edge151")
     if not any(ref.group for ref in scan.clips):  # groups are stored whole
         recipe = recipe_with(dataset=cls.name, skeleton=skeleton, keys={"transforms": SLICES})
         _check_build(recipe, scan, sources[0], folder / "slices")

