@@ -175,7 +175,11 @@ class FrameGrid:
     def rows_of_all(self, frames: IntArray, *, of: FrameGrid) -> tuple[IntArray, BoolArray]:
         """Return `rows_down` and `is_whole` of many numbers of frames, (N,) int64 each."""
         period, other_period = self.common_period(of)
-        return frames * other_period // period, frames * other_period % period == 0
+        rows = frames * other_period
+        if period == 1:  # a million windows are divided by nothing
+            return rows, frames == frames
+        rows, rest = divmod(rows, period)
+        return rows, rest == 0
 
     def nearest_rows(self, frames: IntArray, *, of: FrameGrid) -> IntArray:
         """Return the row of the grid `of` nearest to each of many frames, (N,) int64; ties go to the later row."""

@@ -374,9 +374,9 @@ class SplitDataset(EpochDataset):
         numbers: Mapping[str, int] = self.store.info.get("genre_ids") or {}
         if numbers:
             return numbers
-        # The columns, not the clips: there may be a million.
-        genres = set(self.store._tables.columns.get("genre", ()))
-        return {name: k for k, name in enumerate(sorted(genres - {""}))}
+        # The column, not the clips: there may be a million.
+        genres = self.store._tables.columns.get("genre")
+        return {name: k for k, name in enumerate(sorted(genres.distinct() - {""} if genres is not None else ()))}
 
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()

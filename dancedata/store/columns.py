@@ -95,6 +95,10 @@ class Texts(Sequence[str]):
     def __iter__(self) -> Iterator[str]:
         return iter(self._decoded(self.values.tolist()))
 
+    def distinct(self) -> set[str]:
+        """Return the different texts."""
+        return set(self._decoded(set(self.values.tolist())))
+
     def isin(self, texts: Iterable[str]) -> npt.NDArray[np.bool_]:
         """Return which of the texts (N,) are one of some texts."""
         return np.isin(self.values, [text.encode() for text in texts])

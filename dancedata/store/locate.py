@@ -13,6 +13,9 @@ from dancedata.store.shard_reader import ShardReader
 from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, Whole, WindowList
 
+#: Windows that are located at a time.
+_PART = 1 << 16
+
 
 @dataclass(frozen=True)
 class RowSpan:
@@ -74,14 +77,16 @@ def locate_windows(
     `row` (W,) are the rows of their clips. Returns (W,) each window's first row in its clip's shard, and whether the
     store does not have it.
     """
-    start, length = windows.start.astype(np.int64), int(windows.length[0])
-    begin, begins_whole = grid.rows_of_all(start, of=f.grid)
-    n_rows, spans = grid.rows_down(length, of=f.grid), tables.spans[f.name]
-    bad = (start < 0) | (start + length > tables.n_frames[row]) | ~begins_whole
-    bad |= begin + n_rows > spans.available[row]
-    if spans.leads and spans.offset is not None:
-        bad |= begin + spans.offset[row] < 0
-    if length < 1 or not grid.is_whole(length, of=f.grid):
-        bad[:] = True
-    begin += spans.first[row]
-    return begin, bad
+    length, spans, n_frames = int(windows.length[0]), tables.spans[f.name], tables.n_frames
+    first, bad = np.empty(len(row), dtype=np.int64), np.empty(len(row), dtype=np.bool_)
+    is_part, n_rows = length < 1 or not grid.is_whole(length, of=f.grid), grid.rows_down(length, of=f.grid)
+    # A part at a time: arrays of millions of windows are made slower than they are computed.
+    for part in (slice(k, k + _PART) for k in range(0, len(row), _PART)):
+        clip, start = row[part], windows.start[part].astype(np.int64)
+        begin, begins_whole = grid.rows_of_all(start, of=f.grid)
+        bad[part] = (start < 0) | (start + length > n_frames[clip]) | ~begins_whole | is_part
+        bad[part] |= begin + n_rows > spans.available[clip]
+        if spans.leads and spans.offset is not None:
+            bad[part] |= begin + spans.offset[clip] < 0
+        first[part] = begin + spans.first[clip]
+    return first, bad

@@ -25,9 +25,15 @@ from dancedata.store.windowing import (
     window_starts,
 )
 
+#: Clips of which a reader's attributes are remembered.
+_REMEMBERED = 1 << 14
+
 
 class RowQueries(StoreTables):
     """The part of a `Store` that lists windows and reads rows."""
+
+    #: The attributes that were asked for last, and their values by row of a clip.
+    _remembered: tuple[Sequence[str], dict[int, tuple[Any, ...]]] = ((), {})
 
     def windows(
         self,
@@ -182,11 +188,20 @@ class RowQueries(StoreTables):
     def _clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
         """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""
         rows = self._rows_of(windows).tolist()
-        return {name: self._tables.values(name, rows) for name in names}
+        key, known = self._remembered
+        if key != names or len(known) > _REMEMBERED:
+            known = {}  # not emptied: another thread may read it
+            self._remembered = names, known
+        missing = [row for row in dict.fromkeys(rows) if row not in known]
+        if missing:
+            values = zip(*(self._tables.values(name, missing) for name in names), strict=True)
+            known |= zip(missing, values, strict=True)
+        return dict(zip(names, map(list, zip(*[known[row] for row in rows], strict=True)), strict=True))
 
     def _shards_of(self, windows: WindowList) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
         """Return the shards of the dataset, and the number (W,) of each window's shard among them."""
-        return self._shard_readers, self._tables.shard_of(self._rows_of(windows)).astype(np.int32)
+        of_clip = self._tables.shard_of(np.arange(self._tables.n_clips)).astype(np.int32)
+        return self._shard_readers, of_clip[self._rows_of(windows)]
 
     def _rows_of(self, windows: WindowList) -> Whole:
         """Return the rows (W,) of the clips of windows, which may be those of another opened dataset."""

@@ -11,7 +11,7 @@ import mmap
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +39,10 @@ class WindowRows:
     def __init__(
         self, field: str, shards: Sequence[ShardReader], shard: Whole, first: IntArray, n_rows: int, mapped: bool
     ) -> None:
-        """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`.
-
-        StoreError if a window's rows lie outside its shard.
-        """
+        """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`."""
         self._field, self._shards = field, shards
         self._shard, self._first, self._n_rows = shard, first, n_rows
         layouts = [reader.layout(field) for reader in shards]
-        self._check_bounds([layout.n_rows for layout in layouts])
         self.shape = n_rows, layouts[0].width
         self.dtype = layouts[0].dtype.newbyteorder("=")
         self.unmapped = "" if mapped else "mapped=False"
@@ -59,14 +55,6 @@ class WindowRows:
         n_bytes = sum(layout.n_rows * layout.row_bytes for layout in layouts)
         self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
         self._seen = np.zeros(len(shard), dtype=np.bool_)
-
-    def _check_bounds(self, shard_rows: Sequence[int]) -> None:
-        n_rows = np.array(shard_rows, dtype=np.int64)[self._shard]
-        bad = np.flatnonzero((self._first < 0) | (self._first > n_rows - self._n_rows))
-        if len(bad):
-            first, place = int(self._first[bad[0]]), int(bad[0])
-            path = self._shards[self._shard[place]].path
-            raise _outside(path, self._field, first, first + self._n_rows, n_rows[place])
 
     def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
         """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
@@ -163,8 +151,7 @@ class ShardReader:
         if not self._layout:
             self._layout = {f.name: self._stated_layout(f) for f in self._fields}
             if None in (layout.offset for layout in self._layout.values()):
-                with self.opened() as file:
-                    self._layout = {f.name: _field_layout(file, f, self.path) for f in self._fields}
+                self._require_layout()
         return self._layout[field]
 
     def _stated_layout(self, f: Field) -> FieldLayout:
@@ -182,6 +169,8 @@ class ShardReader:
         with self.opened() as file:
             for f in self._fields:
                 actual, stated = _field_layout(file, f, self.path), self._layout[f.name]
+                if stated.offset is None:
+                    self._layout[f.name] = stated = replace(stated, offset=actual.offset)
                 if stated.n_rows and stated != actual:
                     found, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
                     found = "chunks, or compressed rows" if actual.offset is None else found
