@@ -106,8 +106,6 @@ def page_data(
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
     head = {**scenes.about(), "fields": list(scenes.fields) if server else []}
-    if scenes.mesh is not None:
-        head["model"] = True
     document: dict[str, Any] = {
         "head": {**head, "takes": list(comparisons), "sound": bool(sound), "notice": inside.notice},
         "list": item_rows(tuple(items), counts), "clips": clips or {}, "side": side or {}, "server": server,

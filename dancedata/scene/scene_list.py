@@ -258,14 +258,12 @@ class SceneList(ABC):
     `grid`: Rate at which items are counted.
     `body`: Body of positions whose joints have no names in a file.
     `fields`: Motion fields that can be drawn; empty where there is no choice.
-    `mesh`: Body model that dancers are drawn as; None for limbs.
     """
 
     place: str
     grid: FrameGrid
     body: Skeleton
     fields: tuple[str, ...] = ()
-    mesh: BodyMesh | None = None
 
     @property
     @abstractmethod

@@ -2,58 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from dancedata.core.errors import UsageError
-from dancedata.core.typing import override
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.scene.payload import packed
-from dancedata.scene.scene_list import Item, Scene, SceneList
+from dancedata.scene.scene_list import Scene
 
 
-class ModelScenes(SceneList):
-    """The items of another list, drawn as a body model where their rotations are known, else as they are."""
-
-    def __init__(self, scenes: SceneList, mesh: BodyMesh) -> None:
-        self.scenes, self.mesh = scenes, mesh
-        self.place, self.grid, self.body, self.fields = scenes.place, scenes.grid, scenes.body, scenes.fields
-
-    @property
-    @override
-    def items(self) -> Sequence[Item]:
-        return self.scenes.items
-
-    @override
-    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
-        scene = self.scenes.scene(item, field, first_s=first_s)
-        try:
-            return scene if self.mesh is None else scene.with_mesh(self.mesh)
-        except UsageError as error:
-            return replace(scene, notes=(*scene.notes, f"no body model: {error}"))
-
-    @override
-    def about(self) -> dict[str, Any]:
-        return self.scenes.about()
-
-    @override
-    def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
-        return self.scenes.windows_of(item)
-
-    @override
-    def sliding(self, item: Item) -> float | None:
-        return self.scenes.sliding(item)  # distances and speeds are those of the motion as it was read
-
-    @override
-    def flag_count(self, item: Item) -> int:
-        return self.scenes.flag_count(item)
-
-    @override
-    def changed(self) -> bool:
-        return self.scenes.changed()
+def as_model(scene: Scene, mesh: BodyMesh | None) -> Scene:
+    """Return a scene drawn as a body model where its rotations are known, else as it is, with a note."""
+    try:
+        return scene if mesh is None else scene.with_mesh(mesh)
+    except UsageError as error:
+        return replace(scene, notes=(*scene.notes, f"no body model: {error}"))
 
 
 #: Largest number of a weight or of a share of a colour.

@@ -18,12 +18,13 @@ from typing import Any, TypeVar
 from urllib.parse import parse_qs, quote, urlsplit
 
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
+from dancedata.formats.body_mesh import BodyMesh
 from dancedata.scene.comparisons import Comparison, ItemComparison, comparison_payload
 from dancedata.scene.page import page_data, page_parts, whole_page
 from dancedata.scene.payload import scene_payload, scene_turns
-from dancedata.scene.scene_list import Item, SceneList
+from dancedata.scene.scene_list import Item, Scene, SceneList
 from dancedata.scene.source import Sounds, flac
-from dancedata.viewer.model import model_payload
+from dancedata.viewer.model import as_model, model_payload
 
 T = TypeVar("T")
 
@@ -165,12 +166,17 @@ class Site:
     `scenes`: The items of the page.
     `source`: Their music; None without any.
     `comparisons`: Other motions of its clips.
+    `mesh`: Body model that dancers are drawn as; None for limbs.
     """
 
     def __init__(
-        self, scenes: SceneList, source: Sounds | None = None, comparisons: Sequence[Comparison] = ()
+        self,
+        scenes: SceneList,
+        source: Sounds | None = None,
+        comparisons: Sequence[Comparison] = (),
+        mesh: BodyMesh | None = None,
     ) -> None:
-        self.scenes, self.source, self.comparisons = scenes, source, tuple(comparisons)
+        self.scenes, self.source, self.comparisons, self.mesh = scenes, source, tuple(comparisons), mesh
         self._sliding: list[float | None] | None = None
         self._measured = 0
         self._lock, self._decoding = threading.Lock(), threading.Lock()
@@ -225,7 +231,10 @@ class Site:
             comparison = ItemComparison(name=other.name, scenes=self.scenes, item=other)
         if comparison is None:
             return _NOT_FOUND
-        return _json(comparison_payload(comparison, self.scenes.scene(item, name)))
+        return _json(comparison_payload(comparison, self._drawn(item, name)))
+
+    def _drawn(self, item: Item, name: str | None, first_s: float | None = None) -> Scene:
+        return as_model(self.scenes.scene(item, name, first_s=first_s), self.mesh)
 
     def _scene(self, item: Item, name: str | None, part: str) -> Answer:
         """Answer with a clip; requests for the same one at the same time wait for one answer, which is kept."""
@@ -238,7 +247,7 @@ class Site:
             self._answers.move_to_end(key)
         if is_first:
             try:
-                scene = self.scenes.scene(item, name, first_s=FIRST_S if part == "first" else None)
+                scene = self._drawn(item, name, FIRST_S if part == "first" else None)
                 document: Any = scene_turns(scene) if part == "turns" else scene_payload(scene)
                 answer.set_result(_json({**document, "partial": True} if part == "first" else document))
             except BaseException as error:
@@ -274,7 +283,7 @@ class Site:
 
     @cached_property
     def _model(self) -> Answer:
-        return _NOT_FOUND if self.scenes.mesh is None else _json(model_payload(self.scenes.mesh))
+        return _NOT_FOUND if self.mesh is None else _json(model_payload(self.mesh))
 
     @cached_property
     def _page(self) -> bytes:
@@ -282,6 +291,7 @@ class Site:
         data = page_data(
             self.scenes, self.scenes.items, comparisons=names, server=True, sound=self.source is not None
         )
+        data["head"] |= {} if self.mesh is None else {"model": True}
         return whole_page(data, data["head"]["name"], meta_policy=False).encode()
 
     def _sliding_so_far(self) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from dancedata.scene.page import PageSound, clip_page
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest, ViewSelection
-from dancedata.viewer.model import ModelScenes
 from dancedata.viewer.server import Site, ViewServer
 
 #: How often the server looks whether it is to end.
@@ -46,8 +45,7 @@ def serve(
     Raises UsageError, StoreError, SourceError: if the dataset, the clip, the source or the port cannot be used.
     """
     mesh, opened = request.mesh(), ViewSelection.of(request)
-    scenes = opened.scenes if mesh is None else ModelScenes(opened.scenes, mesh)
-    site = Site(scenes, opened.sounds, opened.comparisons)
+    site = Site(opened.scenes, opened.sounds, opened.comparisons, mesh)
     end = until or _interrupt()
     with ViewServer(site, port) as server:
         address = server.address + opened.address

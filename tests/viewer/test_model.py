@@ -15,7 +15,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh, skinned
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
 from dancedata.scene.scenes import Scenes
-from dancedata.viewer.model import ModelScenes, model_payload
+from dancedata.viewer.model import as_model, model_payload
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.body_models import body_model
@@ -56,7 +56,7 @@ def test_its_numbers_are_the_mesh(mesh: BodyMesh) -> None:
 
 def test_a_site_draws_its_dancers_as_the_model(scenes: Of, mesh: BodyMesh) -> None:
     plain = scenes("thirty")
-    site, before = Site(ModelScenes(plain, mesh)), Site(plain)
+    site, before = Site(plain, mesh=mesh), Site(plain)
     clip, was = (json.loads(of.answer("/clip/0", None).body) for of in (site, before))
     assert clip["figure"]["joints"] == list(SMPLX55.joints)
     assert was["figure"]["joints"] == list(SMPL24.joints)
@@ -86,7 +86,7 @@ def test_view_serves_it(scenes: Of, tmp_path: Path) -> None:
 
 
 def test_positions_stay_limbs_with_a_note(scenes: Of, mesh: BodyMesh) -> None:
-    site = Site(ModelScenes(scenes("thirty"), mesh))
+    site = Site(scenes("thirty"), mesh=mesh)
     clip = json.loads(site.answer("/clip/0", "joints").body)
     assert clip["figure"]["joints"] == list(SMPL24.joints)
     assert clip["notes"][-1].startswith("no body model: positions of joints do not turn a body model")
@@ -99,7 +99,7 @@ def test_what_is_measured_is_the_motion_as_it_was_read(scenes: Of, mesh: BodyMes
     assert figure is not None
     np.save(tmp_path / f"{item.id}.npy", figure.joints + 0.01)
     other = comparison_of(tmp_path, plain, file_format(plain.store, grid=plain.grid))
-    dressed = ModelScenes(plain, mesh).scene(item)
+    dressed = as_model(plain.scene(item), mesh)
     compared, wanted = (comparison_payload(other, scene) for scene in (dressed, plain.scene(item)))
     assert compared["mean"] == wanted["mean"] == pytest.approx(10 * np.sqrt(3), abs=0.1)
     assert compared["figure"]["joints"] == list(SMPL24.joints)  # positions alone
