@@ -1,7 +1,6 @@
 """The page: one HTML file without a request, in which nothing from a dataset can become markup or script."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib.resources import files
 from itertools import takewhile
 
@@ -210,43 +209,37 @@ _LABELS = {"bad": "error", "look": "look", "note": "note"}
 _DIFFERENCES = 60
 
 
-@dataclass(frozen=True)
-class PageParts:
-    """Contents of the page that are not in the document.
+def page(
+    d: FigureSpec,
+    chosen: Sequence[str],
+    columns: Mapping[str, Columns],
+    heat_maps: Mapping[str, Figure],
+    stills: Sequence[tuple[str, str]] = (),
+    differences: Sequence[tuple[str, str]] | None = None,
+    player: Player = NO_PLAYER,
+) -> str:
+    """Return the HTML of a report.
 
-    `chosen`: Clips whose paths are drawn.
-    `columns`: Columns of each field.
-    `heat_maps`: The heat map of each field that has one.
+    `chosen`, `columns`, `heat_maps`: See `sections`.
     `stills`: A pose of each of some clips: the clip and an SVG image.
     `differences`: Kind and text of each difference from the other dataset; None: not looked for.
     `player`: The clips of the page.
     """
-
-    chosen: Sequence[str]
-    columns: Mapping[str, Columns]
-    heat_maps: Mapping[str, Figure]
-    stills: Sequence[tuple[str, str]] = ()
-    differences: Sequence[tuple[str, str]] | None = None
-    player: Player = NO_PLAYER
-
-
-def page(d: FigureSpec, parts: PageParts) -> str:
-    """Return the HTML of a report."""
-    chapters = sections(d, parts.chosen, parts.columns, parts.heat_maps)
+    chapters = sections(d, chosen, columns, heat_maps)
     if d.other is not None:
-        chapters.append(("differences", "Differences", _differences(d.other, parts.differences)))
+        chapters.append(("differences", "Differences", _differences(d.other, differences)))
     if d.numbers.columns:
         lines = "".join(f"<li>{escaped(str(column), 2000)}</li>" for column in d.numbers.columns)
         chapters.append(("columns", "Columns of the clips", f'<ul class="terms">{lines}</ul>'))
     chapters.append(("about", "Source and terms", _terms(d.numbers)))
-    links = chapter_links(chapters, parts.player)
+    links = chapter_links(chapters, player)
     body = chapters_html(chapters)
     main = (
-        f"{_header(d)}{tiles(d)}{_stills(d, parts.stills)}"
+        f"{_header(d)}{tiles(d)}{_stills(d, stills)}"
         f'<nav aria-label="Sections">{links}</nav>'
         f"{_findings(d.numbers)}{body}"
     )
-    return whole_page(f"{d.numbers.about.name}: dataset report", main, parts.player)
+    return whole_page(f"{d.numbers.about.name}: dataset report", main, player)
 
 
 def chapters_html(chapters: Sequence[Section]) -> str:

@@ -19,7 +19,7 @@ from dancedata.report.heat import Timeline, heat_map, joint_map
 from dancedata.report.markup import Figure
 from dancedata.report.measure import measure
 from dancedata.report.numbers import document
-from dancedata.report.page import PageParts, page
+from dancedata.report.page import page
 from dancedata.report.player import Player, clip_player, embedded_sound
 from dancedata.report.scales import Scales
 from dancedata.report.stills import still
@@ -194,8 +194,8 @@ def _report(
         texts = [(kind, text) for kind, _, text in (line.partition(": ") for line in differences.lines())]
     chosen = _spread(numbers, _PATHS)
     heat_maps, stills = _heat_maps(store, numbers, reader), _stills(store, reader, chosen)
-    parts = PageParts(chosen, store.fields, heat_maps, stills, texts, player)
-    html = page(FigureSpec(numbers, other, player.links, player.group_links, player.lists), parts)
+    drawing = FigureSpec(numbers, other, player.links, player.group_links, player.lists)
+    html = page(drawing, chosen, store.fields, heat_maps, stills, texts, player)
     options.target.write(html.encode(), player.side_files())
     return Report(numbers, other, differences, options.target.path)
 

@@ -14,6 +14,7 @@ from dancedata.core.text import counted, shown
 from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import View, view_motions
 from dancedata.scene.page import clip_page
+from dancedata.scene.pose_space import frontal
 from dancedata.scene.scenes import Scenes
 from dancedata.store import Clip, Store
 from dancedata.store.clip_view import Clips
@@ -111,13 +112,7 @@ def _still(scenes: Scenes, clip: Clip) -> str:
 
 def pose_svg(figure: Figure, frame: int) -> str:
     """Return one frame of a figure as an SVG drawing of its bones, turned so that the hips face the reader."""
-    joints = figure.joints[frame] - figure.joints[frame, 0]
-    names = figure.skeleton.joints
-    if {"left_hip", "right_hip"} <= set(names):
-        across = joints[names.index("left_hip")] - joints[names.index("right_hip")]
-        turn = np.arctan2(across[2], across[0])
-        sine, cosine = np.sin(turn), np.cos(turn)
-        joints = joints @ np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
+    joints = frontal(figure.joints[frame : frame + 1], figure.skeleton.joints)[0]
     top, low = joints[:, 1].max() + 0.12, joints[:, 1].min() - 0.05
     scale = _STILL / max(top - low, 0.3)
     half = (np.abs(joints[:, 0]).max() + 0.1) * scale
