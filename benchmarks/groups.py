@@ -50,7 +50,7 @@ def build(folder: Path, n: int, grouped: bool) -> float:
 
 def read(folder: Path, n: int, grouped: bool) -> float:
     """Read an epoch in batches of 64 dancers; return the seconds."""
-    from dancedata.readers import BatchLoader, GroupDataset, WindowDataset
+    from dancedata.torch import BatchLoader, GroupDataset, WindowDataset
 
     cls: Any = GroupDataset if grouped else WindowDataset
     dataset = cls(folder / "store", "train", fields=("edge151", "librosa35"), scale=None)

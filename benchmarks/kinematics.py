@@ -49,7 +49,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE
-from dancedata.readers.torch_kinematics import joints
+from dancedata.torch.kinematics import joints
 
 REPRESENTATION = "edge151"
 

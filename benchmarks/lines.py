@@ -27,7 +27,7 @@ with tempfile.TemporaryDirectory() as folder:
     out = dancedata.build("demo", out=Path(folder) / "out", jobs=1, cache=Path(folder) / "cache", progress=False).path
     count = lambda: sum(name.split(".")[0] == "dancedata" for name in sys.modules)
     built = count()
-    from dancedata.readers import WindowDataset
+    from dancedata.torch import WindowDataset
     WindowDataset(out)[0]
     print(built, count() - built)
 """

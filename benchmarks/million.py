@@ -83,7 +83,7 @@ def read(folder: Path, results: Any) -> None:
     from torch.utils.data import DataLoader
 
     import dancedata
-    from dancedata.readers import EpochSampler, WindowDataset
+    from dancedata.torch import EpochSampler, WindowDataset
 
     steps: dict[str, Any] = {}
     before, begin = memory_mb()[0], time.perf_counter()

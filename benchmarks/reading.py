@@ -45,8 +45,8 @@ import numpy as np
 from reading_peers import BATCH, PEERS, NpLoad, Source
 from torch.utils.data import DataLoader
 
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import BatchLoader, EpochSampler, WindowDataset
 
 LENGTH, STRIDE, PER_CLIP = 150, 15, 24
 GATES = {"DataLoader / best peer": 0.9, "BatchLoader / np.load": 5.0, "BatchLoader / memory copy": 0.5}

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from dancedata.readers import EpochSampler, WindowDataset
+from dancedata.torch import EpochSampler, WindowDataset
 
 BATCH = 64
 Sample = dict[str, torch.Tensor]

@@ -55,9 +55,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
 from dancedata.remote.pull import pull
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import BatchLoader, EpochSampler, WindowDataset
 
 BATCH, LENGTH, FRAMES, BLOCK = 64, 150, 150 * 67, 256
 FIELDS = {"edge151": 151, "librosa35": 35}

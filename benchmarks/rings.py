@@ -30,7 +30,7 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 #: Rooms of the kernel, from the lowest; rooms of one entry may import each other.
-KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "readers", "cache"))
+KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "torch", "cache"))
 #: Rooms of the kernel that know nothing of datasets: shelves stand on them.
 GROUND = {"core", "files"}
 SHELVES = {"formats", "metrics", "scene", "synthetic"}
@@ -53,7 +53,7 @@ folder = Path(sys.argv[1])
 options = {"jobs": 1, "cache": folder / "cache", "progress": False}
 out = dancedata.build("aist++", folder / "source", folder / "out", **options).path
 built = {name for name in sys.modules if name.split(".")[0] == "dancedata"}
-from dancedata.readers import WindowDataset
+from dancedata.torch import WindowDataset
 WindowDataset(out).__getitems__([0, 1])
 loaded = {name for name in sys.modules if name.split(".")[0] == "dancedata"}
 for names in (built, loaded):

@@ -86,7 +86,7 @@ def cases(folder: Path) -> list[Case]:
         Case("python -c pass", ["-c", "pass"]),
         Case(PEER, ["-c", "import numpy, h5py"]),
         Case("import dancedata", ["-c", "import dancedata"]),
-        Case("import dancedata.readers", ["-c", "import dancedata.readers"]),
+        Case("import dancedata.torch", ["-c", "import dancedata.torch"]),
         Case("dancedata --version", [*command, "--version"]),
         Case("dancedata --help", [*command, "--help"]),
         Case("dancedata plan --help", [*command, "plan", "--help"]),

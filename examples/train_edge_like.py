@@ -24,8 +24,8 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata.core.errors import DanceDataError
 from dancedata.formats.bvh.write import write_bvh
-from dancedata.readers import BatchStream, Scale, WindowDataset, Windows
-from dancedata.readers.torch_kinematics import Poses, decode, joints
+from dancedata.torch import BatchStream, Scale, WindowDataset, Windows
+from dancedata.torch.kinematics import Poses, decode, joints
 
 
 class Denoiser(nn.Module):

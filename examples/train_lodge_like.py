@@ -22,8 +22,8 @@ import dancedata
 from dancedata.core.errors import DanceDataError
 from dancedata.core.rotations import slerp
 from dancedata.keymotion import primitives
-from dancedata.readers import Primitives, Scale, WindowDataset, Windows
-from dancedata.readers.torch_kinematics import Poses, decode, matrix_from_rotvec
+from dancedata.torch import Primitives, Scale, WindowDataset, Windows
+from dancedata.torch.kinematics import Poses, decode, matrix_from_rotvec
 
 FIELD, CUE, CONTEXT = "lodge139", 8, 32
 

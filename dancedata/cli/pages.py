@@ -151,8 +151,8 @@ def report(
     """
     load_plugins(*(plugins or ()))
     from dancedata.comparison import diff
-    from dancedata.report.findings import findings
-    from dancedata.report.write import default_path, write_report
+    from dancedata.pages.findings import findings
+    from dancedata.pages.write import default_path, write_report
     from dancedata.store.saved_samples import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
@@ -175,8 +175,8 @@ def report(
         if audio != "none" or not clips.isdecimal():
             raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")
         from dancedata.evaluation.run import evaluate
-        from dancedata.report.samples import write_samples_report
-        from dancedata.report.samples_page import describe
+        from dancedata.pages.samples import write_samples_report
+        from dancedata.pages.samples_page import describe
 
         page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
         show = not (quiet or as_json)

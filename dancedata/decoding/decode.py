@@ -146,7 +146,7 @@ def decode_group(
     Examples
     --------
     >>> import dancedata
-    >>> from dancedata.readers import Dancers, GroupDataset
+    >>> from dancedata.torch import Dancers, GroupDataset
     >>> groups = GroupDataset("data/groups", fields=("edge151",), dancers=Dancers(persons=3))
     >>> sample = groups[0]
     >>> rows, mask = sample["edge151"].numpy(), sample["person_mask"]

@@ -99,7 +99,7 @@ class Evaluator:
     --------
     >>> from torch.utils.data import DataLoader
     >>> from dancedata import Evaluator
-    >>> from dancedata.readers import WindowDataset
+    >>> from dancedata.torch import WindowDataset
     >>> evaluator = Evaluator("data/aistpp", "edge151", normalized=True)
     >>> for batch in DataLoader(WindowDataset("data/aistpp", "val"), batch_size=4):
     ...     samples = batch["edge151"]  # of a model that has heard batch["librosa35"]

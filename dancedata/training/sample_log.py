@@ -71,7 +71,7 @@ class SampleLog:
     --------
     >>> from torch.utils.data import DataLoader
     >>> from dancedata import Evaluator
-    >>> from dancedata.readers import WindowDataset
+    >>> from dancedata.torch import WindowDataset
     >>> from dancedata.training import SampleLog
     >>> log = SampleLog(Evaluator("data/aistpp", "edge151", normalized=True), "runs/walls")
     >>> for batch in DataLoader(WindowDataset("data/aistpp", "val"), batch_size=4):

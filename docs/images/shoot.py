@@ -29,8 +29,8 @@ from scipy.ndimage import uniform_filter1d
 
 import dancedata
 from dancedata.core.registry import DATASETS
-from dancedata.report import write_report
-from dancedata.report.samples import write_samples_report
+from dancedata.pages import write_report
+from dancedata.pages.samples import write_samples_report
 from dancedata.study.page import StudyRequest, write_study
 from dancedata.viewer.view import ViewRequest, serve
 

@@ -27,7 +27,7 @@ python3.11 -m venv .venv && .venv/bin/pip install -c constraints.txt ".[torch]" 
 ```
 
 ```python
-from dancedata.readers import BatchLoader, WindowDataset
+from dancedata.torch import BatchLoader, WindowDataset
 for batch in BatchLoader(WindowDataset("data/demo"), batch_size=64, shuffle=True):
     motion, music = batch["edge151"], batch["librosa35"]  # (64, 150, 151), (64, 150, 35)
 ```

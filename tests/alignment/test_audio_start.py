@@ -27,8 +27,7 @@ from dancedata.evaluation.music import Resources, clip_music
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.readers import Scale, WindowDataset
-from dancedata.report import write_report
+from dancedata.pages import write_report
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.scenes import Scenes
@@ -36,6 +35,7 @@ from dancedata.store import Store, verify_store
 from dancedata.store.beats import field_beats
 from dancedata.store.songs import songs_of
 from dancedata.synthetic import synthesise_song
+from dancedata.torch import Scale, WindowDataset
 from tests.messages import raises_message
 
 RATE, SECONDS = 24_000, 8

@@ -19,9 +19,9 @@ from dancedata.augment.yaw import Yaw
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_steps import Chance, steps_of
-from dancedata.readers import BatchLoader, EpochSampler, Relative, Scale, WindowDataset, Windows
-from dancedata.readers.augmenting import Augmenter
 from dancedata.testing.stores import write_random_store
+from dancedata.torch import BatchLoader, EpochSampler, Relative, Scale, WindowDataset, Windows
+from dancedata.torch.augmenting import Augmenter
 from tests.messages import raises_message
 
 FIELDS = ("edge151", "lodge139", "librosa35")

@@ -23,8 +23,8 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.files.regular_file import sha256_file
 from dancedata.music.signal import load_audio
 from dancedata.music.stretch import stretched, stretched_length
+from dancedata.pages.numbers import splits
 from dancedata.recipes.parse import parse_recipe
-from dancedata.report.numbers import splits
 from dancedata.store import verify_store
 from dancedata.store.songs import songs_of
 from dancedata.testing.examples import FPS

@@ -22,7 +22,10 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
-from dancedata.readers import (
+from dancedata.pages import write_report
+from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.store import Store, verify_store
+from dancedata.torch import (
     BatchLoader,
     ClipDataset,
     Dancers,
@@ -32,9 +35,6 @@ from dancedata.readers import (
     WindowDataset,
     pad_clips,
 )
-from dancedata.recipes.parse import load_recipe, parse_recipe
-from dancedata.report import write_report
-from dancedata.store import Store, verify_store
 from tests.messages import raises_message
 
 #: Frames at 30 per second, and rows of codes at 7.5: the last two frames have none.

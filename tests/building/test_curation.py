@@ -289,7 +289,7 @@ def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
 
 
 def test_the_report_shows_repairs(build: Any, tmp_path: Path) -> None:
-    from dancedata.report import write_report
+    from dancedata.pages import write_report
 
     store = build(rules={"curate": {"spikes": True, "up": True}}, transforms=[{"repair": {"gaps": True}}])
     write_report(store.path, tmp_path / "page.html")

@@ -22,10 +22,10 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
-from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_song
+from dancedata.torch import WindowDataset
 from tests.messages import raises_message
 
 #: Frames at 30 per second: 6 s.

@@ -20,9 +20,9 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import AUGMENTATIONS, DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
-from dancedata.readers import GroupDataset
 from dancedata.store import Store, verify_store
 from dancedata.store.queries import group_sizes
+from dancedata.torch import GroupDataset
 from tests.messages import raises_message
 from tests.takes import keys_of, take_of
 

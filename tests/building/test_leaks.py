@@ -21,7 +21,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.music.signal import load_audio
-from dancedata.report.numbers import splits
+from dancedata.pages.numbers import splits
 from dancedata.store import AudioBlock, Field, open_store, write_store
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.songs import music_hashes, songs_of

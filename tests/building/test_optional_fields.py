@@ -20,17 +20,17 @@ from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.keymotion.lodge import Lodge
 from dancedata.metrics.key_motion import KeyMotion, key_motion
-from dancedata.readers import ClipDataset, Dancers, GroupDataset, Primitives, Scale, WindowDataset, Windows
-from dancedata.readers.scalers import scaler_of
-from dancedata.readers.selection import Choice
+from dancedata.pages.measure import measure
 from dancedata.recipes.parse import load_recipe, parse_recipe
-from dancedata.report.measure import measure
 from dancedata.scene.scenes import Scenes
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.queries import optional_fields
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.synthetic import synthesise_motion, synthesise_song
+from dancedata.torch import ClipDataset, Dancers, GroupDataset, Primitives, Scale, WindowDataset, Windows
+from dancedata.torch.scalers import scaler_of
+from dancedata.torch.selection import Choice
 from examples.make_captures import write_take
 from tests.groups_store import HEADER, SIZES, stored
 

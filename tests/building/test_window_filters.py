@@ -53,7 +53,7 @@ SMALL = ("audio={}", "keymotion=lodge", "windows.length_s=1", "windows.stride_s=
 
 def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path: Path) -> None:
     pytest.importorskip("torch")
-    from dancedata.readers import Select, WindowDataset
+    from dancedata.torch import Select, WindowDataset
 
     run_build(corpus, tmp_path / "all", "aist++", SMALL)
     everything = dancedata.open(tmp_path / "all")

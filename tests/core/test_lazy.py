@@ -7,7 +7,7 @@ import pytest
 
 import dancedata
 import dancedata.audio.jukebox
-import dancedata.readers
+import dancedata.torch
 from dancedata.core.lazy import lazy_names
 from dancedata.core.packages import install
 from dancedata.store.dataset import open_store
@@ -22,7 +22,7 @@ def test_a_name_may_be_another_one_in_its_module() -> None:
     assert {"dump", "loads", "names"} <= set(names())
 
 
-@pytest.mark.parametrize("package", [dancedata, dancedata.readers, dancedata.audio.jukebox])
+@pytest.mark.parametrize("package", [dancedata, dancedata.torch, dancedata.audio.jukebox])
 def test_an_unknown_name_lists_the_known_ones(package: object) -> None:
     with pytest.raises(AttributeError, match=r"has no attribute 'opne'; it has \w+, \w+"):
         _ = package.opne  # type: ignore[attr-defined]
@@ -36,9 +36,9 @@ def test_another_missing_module_is_not_torch() -> None:
 WITHOUT_TORCH = """
 import sys
 sys.modules["torch"] = None
-import dancedata.readers
+import dancedata.torch
 try:
-    dancedata.readers.WindowDataset
+    dancedata.torch.WindowDataset
 except ImportError as error:
     print(error)
 """
@@ -47,6 +47,6 @@ except ImportError as error:
 def test_readers_without_torch_name_the_extra() -> None:
     done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == (
-        f"dancedata.readers.WindowDataset needs torch, which is not installed. {install('torch')}. "
+        f"dancedata.torch.WindowDataset needs torch, which is not installed. {install('torch')}. "
         "Reading with numpy alone is dancedata.open(path)."
     )

@@ -16,7 +16,7 @@ import pytest
 
 import dancedata
 import dancedata.audio.jukebox
-import dancedata.readers
+import dancedata.torch
 
 PUBLIC = {
     "open", "build", "plan", "quality", "check", "align", "diff", "export", "evaluate", "extract", "encode", "decode",
@@ -53,13 +53,13 @@ def test_modules_are_available_without_a_separate_import() -> None:
         "import sys, dancedata; own = {m for m in sys.modules if m.startswith('dancedata.')}\n"
         "assert not own & {f'dancedata.{m}' for m in sys.argv[1:]}, own\n"
         "for m in sys.argv[1:]: assert getattr(dancedata, m).__name__ == f'dancedata.{m}'\n"
-        "dancedata.plot.write_video; dancedata.report.write_report; dancedata.metrics.pfc\n"
+        "dancedata.plot.write_video; dancedata.pages.write_report; dancedata.metrics.pfc\n"
         "assert 'torch' not in sys.modules and 'matplotlib' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code, *sorted(MODULES)], check=True)
 
 
-@pytest.mark.parametrize("package", [dancedata, dancedata.readers, dancedata.audio.jukebox], ids=lambda p: p.__name__)
+@pytest.mark.parametrize("package", [dancedata, dancedata.torch, dancedata.audio.jukebox], ids=lambda p: p.__name__)
 def test_type_checkers_see_lazy_names(package: ModuleType) -> None:
     if package is not dancedata:
         pytest.importorskip("torch")

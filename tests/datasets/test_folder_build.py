@@ -18,7 +18,7 @@ from dancedata.store import open_store, verify_store
 
 def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path, cache: Path) -> None:
     """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
-    readers = pytest.importorskip("dancedata.readers.windows", exc_type=ImportError)
+    readers = pytest.importorskip("dancedata.torch.windows", exc_type=ImportError)
     source = tmp_path / "source"
     Folder().make_example(source)
     text = (source / "manifest.csv").read_text()

@@ -17,8 +17,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.i_dancers import IDancers, content_of, load_motions
-from dancedata.readers import GroupDataset
 from dancedata.synthetic import synthesise_motion
+from dancedata.torch import GroupDataset
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 

@@ -24,9 +24,9 @@ from dancedata.datasets.infinitedance import (
     InfiniteDance,
     load_columns,
 )
-from dancedata.readers import WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
+from dancedata.torch import WindowDataset
 from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 from tests.video_files import joblib_bytes

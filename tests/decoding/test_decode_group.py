@@ -11,10 +11,10 @@ import dancedata
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
-from dancedata.readers import GroupDataset
 from dancedata.representations.root_place import RootPlace
 from dancedata.store import Store, open_store, write_store
 from dancedata.testing.examples import random_motion
+from dancedata.torch import GroupDataset
 from tests.commands import as_json
 from tests.groups_store import HEADER, SIZES, stored
 from tests.messages import raises_message

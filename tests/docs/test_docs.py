@@ -16,8 +16,8 @@ import pytest
 from dancedata.building.describe import describe_built
 from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
-from dancedata.readers.options import PRESETS
 from dancedata.store import open_store, verify_store
+from dancedata.torch.options import PRESETS
 from tests import warm
 from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 

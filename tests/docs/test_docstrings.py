@@ -14,7 +14,7 @@ import pytest
 import dancedata
 from tests.groups_store import write_groups
 
-MODULES = ("readers", "metrics", "core.grid", "core.motion", "core.skeleton", "core.rotations", "store", "keymotion")
+MODULES = ("torch", "metrics", "core.grid", "core.motion", "core.skeleton", "core.rotations", "store", "keymotion")
 MODULES += ("synthetic", "testing.examples", "testing.stores", "testing.conformance")
 
 

@@ -12,7 +12,7 @@ import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import protocol_named
-from dancedata.report import write_report
+from dancedata.pages import write_report
 from dancedata.store import Store, open_store
 from tests.messages import raises_message
 

@@ -268,7 +268,7 @@ def test_processes_agree_on_a_sample_that_they_generated_differently(store: Stor
 def test_ids_of_readers_keep_all_and_ids_of_clips_are_refused(store: Store, evaluator: Evaluator) -> None:
     """`batch["clip"]` under several windows of one clip used to leave all except the first out, without a word."""
     data = pytest.importorskip("torch.utils.data")
-    from dancedata.readers import WindowDataset
+    from dancedata.torch import WindowDataset
 
     windows = WindowDataset(store, split="train", fields=("edge151", "librosa35"))
     evaluator.reset()

@@ -21,12 +21,12 @@ from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import PROTOCOLS
-from dancedata.readers import ClipDataset, Scale, WindowDataset
 from dancedata.scene.comparisons import comparison_of, file_format
 from dancedata.scene.inputs.files import FileClip
 from dancedata.scene.scaling import Scaling, _warn_once
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
+from dancedata.torch import ClipDataset, Scale, WindowDataset
 
 FIELD = "edge151"
 KINDS: dict[str, dict[str, Any]] = {

@@ -131,7 +131,7 @@ def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Pa
 
 def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
     pytest.importorskip("torch")
-    from dancedata.readers import ClipDataset, GroupDataset, Mix, WindowDataset, Windows
+    from dancedata.torch import ClipDataset, GroupDataset, Mix, WindowDataset, Windows
 
     noisy: Any = {"augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}}, "seed": 3, "fields": ("edge151",)}
     plain: Any = {"fields": ("edge151",)}
@@ -188,7 +188,7 @@ def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -
     pytest.importorskip("torch")
     from torch.utils.data import DataLoader
 
-    from dancedata.readers import Scale, WindowDataset
+    from dancedata.torch import Scale, WindowDataset
 
     data = WindowDataset(copies, "test", fields=("edge151",), scale=Scale(), augment={"mirror": 0.5}, seed=3)
     evaluator = Evaluator(data, "edge151")

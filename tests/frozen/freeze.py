@@ -63,7 +63,7 @@ def read(folder: Path) -> dict[str, Any]:
 
 def normalized(folder: Path, field: str) -> list[float]:
     """Return numbers of a normalised window, as a trainer reads it."""
-    from dancedata.readers import WindowDataset
+    from dancedata.torch import WindowDataset
 
     sample = WindowDataset(folder, fields=(field,), split="train")[1][field]
     return [round(float(value), 6) for value in np.asarray(sample)[2, :8]]

@@ -25,7 +25,7 @@ from dancedata.metrics import (
 )
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
 from dancedata.metrics.set_statistics import STATISTICS
-from dancedata.readers import GroupDataset, Windows
+from dancedata.torch import GroupDataset, Windows
 from tests.golden.conftest import load
 
 DUETS = ("Waltz_5_0", "Waltz_6_0", "Ballet_9_0", "Qiaqiaqia_12_1")

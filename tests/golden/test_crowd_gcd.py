@@ -14,8 +14,8 @@ from dancedata.datasets.aioz_gdance import AiozGdance, load_dancers, read_sizes
 from dancedata.metrics import beat_alignment, diversity, frechet, group_kinetic, motion_beats
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, frame_features
 from dancedata.metrics.set_statistics import STATISTICS
-from dancedata.readers import Dancers, GroupDataset
 from dancedata.representations.gcd151 import SMPL24_GCD, Gcd151
+from dancedata.torch import Dancers, GroupDataset
 from tests.golden.conftest import Arrays, load
 
 LENGTH, CONTACTS = 150, slice(147, 151)

@@ -10,9 +10,9 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.building.build import build
 from dancedata.core.clip import Window
-from dancedata.readers import PRESETS, Primitives, Scale, WindowDataset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
+from dancedata.torch import PRESETS, Primitives, Scale, WindowDataset
 
 # Gates of the reference outputs' README.
 MOTION = 1e-5

@@ -12,8 +12,8 @@ import dancedata.scene
 from dancedata import plot
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
+from dancedata.pages import write_report
 from dancedata.plot.motion_axes import places_of
-from dancedata.report import write_report
 from dancedata.scene.scene_list import HIT_S
 from dancedata.scene.scenes import Scenes
 from dancedata.store import Clip

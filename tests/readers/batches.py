@@ -6,8 +6,8 @@ from typing import Any
 import torch
 
 import dancedata
-from dancedata.readers import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store.dataset import Store
+from dancedata.torch import PRESETS, Primitives, Relative, Scale, Select, WindowDataset, Windows
 
 FIELDS = ("lodge139", "fast", "librosa35", "half")
 MODES: dict[str, dict[str, Any]] = {

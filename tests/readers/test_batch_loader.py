@@ -20,9 +20,9 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, EpochSampler
-from dancedata.readers import batch_reader as memory
 from dancedata.store.dataset import Store
+from dancedata.torch import BatchLoader, EpochSampler
+from dancedata.torch import batch_reader as memory
 from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 

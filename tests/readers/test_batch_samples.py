@@ -17,10 +17,10 @@ pytest.importorskip("torch")
 import torch
 from torch.utils.data import DataLoader, Subset, default_collate
 
-from dancedata.readers import BatchLoader, ClipDataset, Scale, WindowDataset
-from dancedata.readers.batch_reader import MemoryPool, shared_tensor
-from dancedata.readers.clip_collate import collate
 from dancedata.store.dataset import Store
+from dancedata.torch import BatchLoader, ClipDataset, Scale, WindowDataset
+from dancedata.torch.batch_reader import MemoryPool, shared_tensor
+from dancedata.torch.clip_collate import collate
 from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 

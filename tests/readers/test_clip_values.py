@@ -21,10 +21,10 @@ from dancedata.core.licence import Licence
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.terms import OVERRIDE, may_share_audio, require_shareable
-from dancedata.readers import BatchLoader, ClipDataset, EpochSampler, GroupDataset, Select, WindowDataset
 from dancedata.store import open_store, verify_store, write_store
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.testing.stores import write_random_store
+from dancedata.torch import BatchLoader, ClipDataset, EpochSampler, GroupDataset, Select, WindowDataset
 from tests.commands import as_json, run
 from tests.groups_store import stored
 from tests.messages import raises_message

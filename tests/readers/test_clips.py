@@ -16,7 +16,9 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import UsageError
-from dancedata.readers import (
+from dancedata.store.dataset import Store, open_store
+from dancedata.testing.stores import RandomStore, random_fields, write_random_store
+from dancedata.torch import (
     BalancedSampler,
     BatchStream,
     BucketSampler,
@@ -30,8 +32,6 @@ from dancedata.readers import (
     pack_clips,
     pad_clips,
 )
-from dancedata.store.dataset import Store, open_store
-from dancedata.testing.stores import RandomStore, random_fields, write_random_store
 
 MOTION, AUDIO = "edge151", "librosa35"
 PAIR = (MOTION, AUDIO)

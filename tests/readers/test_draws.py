@@ -18,7 +18,8 @@ import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
 from dancedata.core.errors import UsageError
-from dancedata.readers import (
+from dancedata.store.dataset import Store
+from dancedata.torch import (
     BatchLoader,
     BatchStream,
     BucketSampler,
@@ -27,8 +28,7 @@ from dancedata.readers import (
     WindowDataset,
     Windows,
 )
-from dancedata.readers.split_dataset import mirrored_samples
-from dancedata.store.dataset import Store
+from dancedata.torch.split_dataset import mirrored_samples
 
 FIELDS = ("lodge139", "librosa35")
 EPOCHS = 3

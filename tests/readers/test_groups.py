@@ -12,10 +12,10 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.readers import BatchLoader, Dancers, GroupDataset, WindowDataset
-from dancedata.readers.options import Choose
 from dancedata.store import Store, open_store, verify_store, write_store
 from dancedata.store.stored_clip import StoredClip
+from dancedata.torch import BatchLoader, Dancers, GroupDataset, WindowDataset
+from dancedata.torch.options import Choose
 from tests.groups_store import HEADER, LENGTH, SIZES, stored
 from tests.messages import raises_message
 

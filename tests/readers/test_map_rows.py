@@ -17,10 +17,10 @@ pytest.importorskip("torch")
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import self_hash
 from dancedata.files.regular_file import sha256_file
-from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.window_list import WindowList
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import BatchLoader, WindowDataset
 from tests.messages import raises_message
 
 

@@ -12,7 +12,9 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import UsageError
-from dancedata.readers import (
+from dancedata.store import Store, open_store, write_store
+from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import (
     BatchLoader,
     BatchStream,
     BucketSampler,
@@ -24,8 +26,6 @@ from dancedata.readers import (
     WindowDataset,
     pad_clips,
 )
-from dancedata.store import Store, open_store, write_store
-from dancedata.testing.stores import random_fields, write_random_store
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
@@ -252,8 +252,8 @@ def test_shares_are_rounded_by_largest_remainders(stores: dict[str, Store]) -> N
 
 
 def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) -> None:
-    from dancedata.readers import BalancedSampler
     from dancedata.scene.like import opened, scaling_of, store_of
+    from dancedata.torch import BalancedSampler
 
     mix = Mix(windows(stores))
     field = mix.normalized[0]

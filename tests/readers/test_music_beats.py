@@ -18,11 +18,11 @@ from torch.utils.data import DataLoader
 
 from dancedata.audio.beats import Beats
 from dancedata.core.errors import UsageError
-from dancedata.readers import BatchLoader, ClipDataset, Scale, WindowDataset, Windows, pack_clips, pad_clips
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import BatchLoader, ClipDataset, Scale, WindowDataset, Windows, pack_clips, pad_clips
 
 FIELDS = ("edge151", "beats")
 

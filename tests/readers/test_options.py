@@ -14,7 +14,8 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
-from dancedata.readers import (
+from dancedata.store import Store
+from dancedata.torch import (
     PRESETS,
     BalancedSampler,
     BatchLoader,
@@ -34,7 +35,6 @@ from dancedata.readers import (
     from_plain,
     to_plain,
 )  # fmt: skip
-from dancedata.store import Store
 from tests.messages import raises_message
 
 ARGUMENTS: dict[str, Any] = {

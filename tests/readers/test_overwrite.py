@@ -16,9 +16,9 @@ from torch.utils.data import DataLoader
 
 from dancedata.building.out_folder import locked, new_dataset
 from dancedata.core.errors import StoreError
-from dancedata.readers import BatchLoader, WindowDataset
 from dancedata.store.dataset import open_store
 from dancedata.testing.stores import random_fields
+from dancedata.torch import BatchLoader, WindowDataset
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning"),

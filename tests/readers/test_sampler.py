@@ -13,7 +13,7 @@ pytest.importorskip("torch")
 from torch import distributed
 
 from dancedata.core.errors import UsageError
-from dancedata.readers import EpochSampler
+from dancedata.torch import EpochSampler
 
 
 def test_every_sample_once_and_a_new_order_every_epoch() -> None:

@@ -17,7 +17,9 @@ import dancedata
 from dancedata.core.clip import Window
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.segments import Layer, Segment
-from dancedata.readers import (
+from dancedata.store import Store, open_store, verify_store, write_store
+from dancedata.store.queries import overlay
+from dancedata.torch import (
     BatchLoader,
     BatchStream,
     ClipDataset,
@@ -28,8 +30,6 @@ from dancedata.readers import (
     Text,
     WindowDataset,
 )
-from dancedata.store import Store, open_store, verify_store, write_store
-from dancedata.store.queries import overlay
 from tests.groups_store import HEADER, LENGTH, SIZES, stored
 from tests.messages import raises_message
 

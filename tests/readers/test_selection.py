@@ -15,13 +15,13 @@ pytest.importorskip("torch")
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
-from dancedata.readers import PRESETS, BatchLoader, Primitives, Relative, Scale, Select, WindowDataset, Windows
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import PRESETS, BatchLoader, Primitives, Relative, Scale, Select, WindowDataset, Windows
 
 N, LENGTH = 600, 120
 

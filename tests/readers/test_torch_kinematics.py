@@ -17,7 +17,8 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
-from dancedata.readers.torch_kinematics import (
+from dancedata.representations.joints import Joints
+from dancedata.torch.kinematics import (
     decode,
     forward_kinematics,
     joints,
@@ -25,7 +26,6 @@ from dancedata.readers.torch_kinematics import (
     matrix_from_rotvec,
     rotvec_from_matrix,
 )
-from dancedata.representations.joints import Joints
 
 WITH_ROTATIONS = [
     name

@@ -14,9 +14,9 @@ pytest.importorskip("torch")
 
 import torch
 
-from dancedata.readers import EpochSampler, WindowDataset
 from dancedata.store.dataset import Store
 from dancedata.testing.stores import write_random_store
+from dancedata.torch import EpochSampler, WindowDataset
 from tests.groups_store import write_groups
 
 ROOT = Path(__file__).parents[2]
@@ -73,7 +73,7 @@ def test_code_of_the_page_runs(
 def test_accelerate_with_two_processes(store_path: Path, tmp_path: Path) -> None:
     pytest.importorskip("accelerate")
     (ours,) = [block for block in BLOCKS if "import Accelerator" in block]
-    start = "import torch\nfrom torch.utils.data import DataLoader\nfrom dancedata.readers import *\n"
+    start = "import torch\nfrom torch.utils.data import DataLoader\nfrom dancedata.torch import *\n"
     start += f"train = WindowDataset({str(store_path)!r}, augment={{'mirror': 0.5}}, seed=0)\n"
     script = tmp_path / "script.py"
     script.write_text(start + ours + RANKS)
@@ -97,7 +97,7 @@ def lightning_page(tmp_path: Path) -> dict[str, Any]:
     train = WindowDataset(made.path, augment={"mirror": 0.5}, seed=0)
     assert len(train) == 24
     names: dict[str, Any] = {"torch": torch, "train": train, "OUT": made.path, "seen": [], "validated": []}
-    exec("from torch.utils.data import DataLoader\nfrom dancedata.readers import *\n", names)
+    exec("from torch.utils.data import DataLoader\nfrom dancedata.torch import *\n", names)
     exec(compile(ours, str(PAGE), "exec"), names)
     page = names["Dance"]
 

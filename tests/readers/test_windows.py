@@ -19,10 +19,10 @@ import torch
 from torch.utils.data import default_collate
 
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.readers import PRESETS, BatchLoader, ClipDataset, Scale, WindowDataset, Windows
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
+from dancedata.torch import PRESETS, BatchLoader, ClipDataset, Scale, WindowDataset, Windows
 
 MOTION, AUDIO = "edge151", "librosa35"
 

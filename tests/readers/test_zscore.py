@@ -8,9 +8,9 @@ import torch
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.readers import BatchLoader, ClipDataset, Mix, Scale, Select, WindowDataset
 from dancedata.store import Store
 from dancedata.store.normalize import Scaler
+from dancedata.torch import BatchLoader, ClipDataset, Mix, Scale, Select, WindowDataset
 from tests.messages import raises_message
 
 FIELD = "edge151"

@@ -21,10 +21,10 @@ from torch.utils.data import DataLoader
 
 import dancedata
 from dancedata.core.errors import StoreError
-from dancedata.readers import WindowDataset
 from dancedata.remote.address import parse_address
 from dancedata.remote.client import Client
 from dancedata.remote.pull import pull
+from dancedata.torch import WindowDataset
 from tests.messages import raises_message
 from tests.remote.servers import Server, moto_bucket
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.execution.cache_admin import prune
-from dancedata.readers import GroupDataset
 from dancedata.remote.pull import pull
+from dancedata.torch import GroupDataset
 from tests.groups_store import write_groups
 from tests.remote.servers import Hub, Server, cut
 
@@ -74,8 +74,8 @@ def test_exports_and_evaluations_name_the_commit(
     assert exported.about["address"] == address
     report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), intervals=False, jobs=1, progress=False)
     assert address in str(report.to_json())
-    written = dancedata.report.write_report("hf://datasets/org/name", None, clips=0, progress=False)
-    assert written.to_json() == dancedata.report.write_report(built, None, clips=0, progress=False).to_json()
+    written = dancedata.pages.write_report("hf://datasets/org/name", None, clips=0, progress=False)
+    assert written.to_json() == dancedata.pages.write_report(built, None, clips=0, progress=False).to_json()
 
 
 def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:

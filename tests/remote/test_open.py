@@ -13,8 +13,8 @@ import torch
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution.addresses import is_address
-from dancedata.readers import BatchLoader, EpochSampler, WindowDataset
 from dancedata.remote.pull import pull
+from dancedata.torch import BatchLoader, EpochSampler, WindowDataset
 from tests.messages import raises_message
 from tests.remote.servers import Handler, Hub, Server
 

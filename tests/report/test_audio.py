@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
-from dancedata.report import write_report
+from dancedata.pages import write_report
 from dancedata.scene.opus import without_serial
 from tests.messages import raises_message
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote
 
 import dancedata
-from dancedata.report import write_report
+from dancedata.pages import write_report
 from tests.browser import Browser
 from tests.report.conftest import HOSTILE
 from tests.scene.conftest import duets  # noqa: F401 (the duets of the tests of the viewer)

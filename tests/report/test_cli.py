@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.report import write_report
+from dancedata.pages import write_report
 from dancedata.store import open_store
 
 RUN = CliRunner()

@@ -8,7 +8,7 @@ import pytest
 from dancedata.plot.dancers import SIDES
 from dancedata.plot.timeline import THEMES
 
-STYLE = files("dancedata.report").joinpath("static", "report.css").read_text(encoding="utf-8")
+STYLE = files("dancedata.pages").joinpath("static", "report.css").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"color-scheme: (light|dark);\n(.*?)\}", STYLE, flags=re.DOTALL)
 
 

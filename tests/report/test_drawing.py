@@ -13,15 +13,15 @@ import pytest
 
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group
-from dancedata.report import write_report
-from dancedata.report.bin_counts import ClipHistogram
-from dancedata.report.document import ColumnRange, LeftOut
-from dancedata.report.figures import FigureSpec, contents_figures, movement_figures
-from dancedata.report.findings import findings
-from dancedata.report.heat import Timeline, joint_map
-from dancedata.report.markup import name_text, rounded, table
-from dancedata.report.scaling import scaled_groups
-from dancedata.report.svg import bars, by_joint, histogram, strips
+from dancedata.pages import write_report
+from dancedata.pages.bin_counts import ClipHistogram
+from dancedata.pages.document import ColumnRange, LeftOut
+from dancedata.pages.figures import FigureSpec, contents_figures, movement_figures
+from dancedata.pages.findings import findings
+from dancedata.pages.heat import Timeline, joint_map
+from dancedata.pages.markup import name_text, rounded, table
+from dancedata.pages.scaling import scaled_groups
+from dancedata.pages.svg import bars, by_joint, histogram, strips
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store

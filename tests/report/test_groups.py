@@ -12,8 +12,8 @@ import pytest
 
 import dancedata
 from dancedata.metrics import collisions, contact_spans, facing_angles, intersection_frequency, root_distances
-from dancedata.report import Report, write_report
-from dancedata.report.findings import findings
+from dancedata.pages import Report, write_report
+from dancedata.pages.findings import findings
 from dancedata.store import StoredClip, open_store
 from dancedata.store.schema import StoreHeader
 from dancedata.store.writer import write_store

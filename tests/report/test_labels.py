@@ -8,10 +8,10 @@ import numpy as np
 
 from dancedata.building import describe
 from dancedata.core.columns import Columns, Group
-from dancedata.report import write_report
-from dancedata.report.document import ColumnRange
-from dancedata.report.heat import heat_map
-from dancedata.report.svg import strips
+from dancedata.pages import write_report
+from dancedata.pages.document import ColumnRange
+from dancedata.pages.heat import heat_map
+from dancedata.pages.svg import strips
 from dancedata.store import open_store
 from dancedata.store.queries import network_weights
 from dancedata.testing.stores import write_random_store

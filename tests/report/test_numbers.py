@@ -11,8 +11,8 @@ from dancedata.building import leaks
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
-from dancedata.report import write_report
-from dancedata.report.findings import findings
+from dancedata.pages import write_report
+from dancedata.pages.findings import findings
 from dancedata.store import open_store
 
 

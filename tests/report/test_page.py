@@ -13,9 +13,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.files.page_files import PageFiles
-from dancedata.report import write_report
-from dancedata.report.markup import Figure, number
-from dancedata.report.page import grid, packed
+from dancedata.pages import write_report
+from dancedata.pages.markup import Figure, number
+from dancedata.pages.page import grid, packed
 from dancedata.scene.page import source_hash
 from dancedata.store import open_store
 from tests.messages import raises_message
@@ -217,7 +217,7 @@ def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
 
 
 def test_clips_beyond_twelve_are_files_next_to_the_page(relabelled, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("dancedata.report.player.INLINE", 3)
+    monkeypatch.setattr("dancedata.pages.player.INLINE", 3)
     path = relabelled(lambda k: {})
     page_path = tmp_path / "all report.html"
     write_report(path, page_path, clips="all")

@@ -10,7 +10,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.evaluation.scores import number_text
-from dancedata.report.samples import SamplesReport, write_samples_report
+from dancedata.pages.samples import SamplesReport, write_samples_report
 from dancedata.scene.pose_space import frontal
 from dancedata.store import open_store
 from tests.commands import run

@@ -13,11 +13,11 @@ import pytest
 from dancedata.core.bodies import BODY_JOINTS
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.report import write_report
-from dancedata.report.document import Document
-from dancedata.report.findings import findings
-from dancedata.report.measure import ClipNumbers, SongOffsets, physics
-from dancedata.report.outliers import outliers, robust_z
+from dancedata.pages import write_report
+from dancedata.pages.document import Document
+from dancedata.pages.findings import findings
+from dancedata.pages.measure import ClipNumbers, SongOffsets, physics
+from dancedata.pages.outliers import outliers, robust_z
 from dancedata.scene.pieces import ClipReader, Piece
 from dancedata.scene.pose_space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
 from dancedata.store import open_store

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.report import write_report
-from dancedata.report.measure import _facing
-from dancedata.report.stage import Stage
+from dancedata.pages import write_report
+from dancedata.pages.measure import _facing
+from dancedata.pages.stage import Stage
 
 
 def added(root: np.ndarray, facing_deg: np.ndarray, seconds: np.ndarray) -> Stage:

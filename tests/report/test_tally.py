@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.report.bin_counts import BinCounts, ClipHistogram, fine_edges, nice_edges
+from dancedata.pages.bin_counts import BinCounts, ClipHistogram, fine_edges, nice_edges
 
 values = st.lists(st.floats(0, 9.99), min_size=1, max_size=200)
 

@@ -12,7 +12,7 @@ from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.files.regular_file import sha256_file
-from dancedata.report.write import write_report
+from dancedata.pages.write import write_report
 from dancedata.segments.command import segments
 from dancedata.store import Store, verify_store
 from dancedata.store.schema import SEGMENTS_FILE

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.readers import WindowDataset
 from dancedata.store import open_store, verify_store
 from dancedata.testing.stores import RandomStore, random_fields, write_random_store
+from dancedata.torch import WindowDataset
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "store.md"
 READ, PANDAS, WRITE = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)

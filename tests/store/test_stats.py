@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.report.ranges import column_ranges
+from dancedata.pages.ranges import column_ranges
 from dancedata.store import open_store, write_store
 from dancedata.testing.stores import RandomStore
 

@@ -21,8 +21,8 @@ from torch.utils.data import DataLoader
 import dancedata
 from dancedata import Evaluator
 from dancedata.core.errors import UsageError
-from dancedata.readers import ClipDataset, Scale, WindowDataset, pad_clips
 from dancedata.store import Store, open_store
+from dancedata.torch import ClipDataset, Scale, WindowDataset, pad_clips
 from dancedata.training import SampleLog
 from tests.messages import raises_message
 from tests.scene.test_scenes import unpacked
@@ -283,7 +283,7 @@ from accelerate.tracking import GeneralTracker
 from torch.utils.data import DataLoader
 
 from dancedata import Evaluator
-from dancedata.readers import Scale, WindowDataset
+from dancedata.torch import Scale, WindowDataset
 from dancedata.training import SampleLog
 
 class Kept(GeneralTracker):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import dancedata
 from dancedata.core.errors import UsageError
-from dancedata.readers import Select, WindowDataset
+from dancedata.torch import Select, WindowDataset
 from tests.browser import Browser
 from tests.messages import raises_message
 from tests.scene.helpers import FPS

@@ -1,0 +1,187 @@
+"""Collate functions for clips of different lengths: padded to the longest, or packed one after another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.utils.data import default_collate
+
+from dancedata.core.arguments import whole
+from dancedata.core.errors import UsageError
+from dancedata.torch.music_beats import LABELS
+
+try:
+    # As torch documents it for adding a type to default_collate.
+    from torch.utils.data._utils.collate import default_collate_fn_map
+except ImportError:
+    # Without it torch stacks these samples like any others: slower, with the same result.
+    default_collate_fn_map = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Tensors (B, ...) by name, and their rows."""
+
+    size: int
+    tensors: Mapping[str, torch.Tensor]
+    rows: Mapping[str, tuple[torch.Tensor, ...]]
+
+    @classmethod
+    def of(cls, size: int, tensors: Mapping[str, torch.Tensor]) -> Batch:
+        """Make a batch of tensors."""
+        return cls(size, tensors, {name: tensor.unbind(0) for name, tensor in tensors.items()})
+
+
+class Sample(dict[str, Any]):
+    """A window as a dict, which remembers the batch that it is a row of. Copies and pickles are plain dicts."""
+
+    __slots__ = ("batch",)
+
+    def __init__(self, values: Mapping[str, Any], batch: Batch) -> None:
+        """Make a row of a batch."""
+        super().__init__(values)
+        self.batch = batch
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
+
+
+def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
+    """Make a batch of samples, as torch's default_collate does, without a copy where they are rows of one.
+
+    Tensors are then the batch that the samples of ``__getitems__`` were read into: batch and samples share memory.
+    Values that were added to a sample, and samples in another order or of several batches, are copied.
+    """
+    batch = samples[0].batch if isinstance(samples[0], Sample) else None
+    if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
+        rows = [dict(s) if isinstance(s, Sample) else s for s in samples]
+        if not all(isinstance(row, dict) for row in rows):
+            return default_collate(rows)
+        return {name: collate_values([row[name] for row in rows]) for name in rows[0]}
+    return {
+        name: batch.tensors[name] if _are_rows(batch, name, samples) else collate_values([s[name] for s in samples])
+        for name in samples[0]
+    }
+
+
+def collate_values(values: list[Any]) -> Any:
+    """Make one value of a batch, as torch's default_collate does; lists, such as those of a group, stay lists."""
+    return values if values and isinstance(values[0], list) else default_collate(values)
+
+
+def _are_rows(batch: Batch, name: str, samples: Sequence[Any]) -> bool:
+    rows = batch.rows.get(name)
+    return rows is not None and all(s.get(name) is row for s, row in zip(samples, rows, strict=True))
+
+
+default_collate_fn_map[Sample] = collate
+
+
+def pad_clips(
+    samples: Sequence[dict[str, Any]],
+    *,
+    multiple: int = 1,
+    length: int | None = None,
+    value: float | Mapping[str, float] = 0.0,
+) -> dict[str, Any]:
+    """Make a batch of clips, each filled up at its end to the length of the longest.
+
+    For a DataLoader: ``collate_fn=pad_clips``, or ``partial(pad_clips, multiple=64)``.
+
+    Parameters
+    ----------
+    samples
+        Of a `ClipDataset`.
+    multiple
+        Rows are filled up to a multiple of this, so that compiled models see few shapes.
+    length
+        Rows of every field instead, for one shape; fields of other rates have the same number.
+    value
+        What they are filled with; by field, where some hold codes, as ``dataset.blanks`` has it.
+
+    Returns
+    -------
+    dict
+        A tensor (B, T, D) per field, (B, T) per label of beats; ``"mask"``, by field (B, T) bool, true where there is
+        a row of the clip; ``"lengths"``, by field (B,) int64 rows; the other values as default_collate makes them.
+
+    Raises
+    ------
+    UsageError
+        If a clip has more rows than `length`, `multiple` is not above 0, there is no clip, or a field of codes has no
+        value of its own.
+
+    Examples
+    --------
+    >>> from dancedata.torch import ClipDataset, pad_clips
+    >>> clips = ClipDataset("data/aistpp", "train", fields=["edge151"])
+    >>> pad_clips([clips[0]], multiple=64)["edge151"].shape
+    torch.Size([1, 192, 151])
+    """
+    whole("pad_clips: multiple", multiple, 1)
+    fields, batch = _rows_and_rest(samples)
+    lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
+    batch["mask"] = {}
+    for name, clips in fields.items():
+        longest = int(lengths[name].max())
+        is_label = clips[0].dtype == torch.bool
+        stated = value.get(name) if isinstance(value, Mapping) else None
+        if stated is None and not is_label and not clips[0].is_floating_point():
+            raise UsageError(f"nothing states what codes of {name} are filled up with: 0 is a code",
+                             fix="give the pad of each field: pad_clips(samples, value=dataset.blanks)")  # fmt: skip
+        if length is not None and longest > length:
+            raise UsageError(
+                f"a clip does not fit into a batch of {length} rows",
+                where=f"clip {samples[int(lengths[name].argmax())]['clip']}, field {name}",
+                found=f"{longest} rows",
+                fix="give a larger length, or read crops: ClipDataset(..., crop_frames=...)",
+            )
+        total = length if length is not None else -(-longest // multiple) * multiple
+        default = 0.0 if isinstance(value, Mapping) else value
+        filler = False if is_label else default if stated is None else stated
+        padded = clips[0].new_full((len(clips), total, *clips[0].shape[1:]), filler)
+        for row, clip in zip(padded, clips, strict=True):
+            row[: len(clip)] = clip
+        batch[name] = padded
+        batch["mask"][name] = torch.arange(total) < lengths[name][:, None]
+    return {**batch, "lengths": lengths}
+
+
+def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Make a batch of clips that follow one another, without padding: for attention over jagged batches.
+
+    Returns
+    -------
+    dict
+        A tensor (sum of rows, D) per field; ``"offsets"``, by field (B + 1,) int64: clip k has rows offsets[k] to
+        offsets[k + 1] - 1, as torch.nested and, as int32, FlashAttention's cu_seqlens have them; ``"lengths"``, by
+        field (B,) int64; the other values as default_collate makes them.
+
+    Raises
+    ------
+    UsageError
+        If there is no clip.
+    """
+    fields, batch = _rows_and_rest(samples)
+    lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
+    batch.update({name: torch.cat(clips) for name, clips in fields.items()})
+    zero = torch.zeros(1, dtype=torch.int64)
+    offsets = {name: torch.cat([zero, rows.cumsum(0)]) for name, rows in lengths.items()}
+    return {**batch, "offsets": offsets, "lengths": lengths}
+
+
+def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:
+    """Return the rows of each field, and a batch of everything else."""
+    if not samples:
+        raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
+    fields = [name for name, value in samples[0].items() if _is_rows(name, value)]
+    rest = {name: collate_values([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
+    return {name: [sample[name] for sample in samples] for name in fields}, rest
+
+
+def _is_rows(name: str, value: Any) -> bool:
+    return isinstance(value, Tensor) and (value.dim() == 2 or name in LABELS)

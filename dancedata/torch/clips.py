@@ -1,0 +1,219 @@
+"""ClipDataset: the clips of a built dataset, whole or cropped at random, as a map-style torch dataset."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from dancedata.core.arguments import whole
+from dancedata.core.clip import Reject, Window
+from dancedata.core.errors import UsageError
+from dancedata.core.sample_id import SampleId
+from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
+from dancedata.core.typing import override
+from dancedata.store.columns import MAX_ROWS
+from dancedata.store.dataset import Store
+from dancedata.store.window_list import WindowList
+from dancedata.torch.batch_reader import Request, blank_of
+from dancedata.torch.clip_collate import pack_clips, pad_clips
+from dancedata.torch.music_beats import beat_labels, beat_starts, no_start
+from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
+from dancedata.torch.selection import no_window_error
+from dancedata.torch.split_dataset import SplitDataset, crop_choices, mirrored_samples
+
+
+class ClipDataset(SplitDataset):
+    """Clips of one split, each a dict of tensors and metadata, as `WindowDataset` has them.
+
+    A sample is a whole clip, all frames for which every field has whole rows; or, with a length in `windows`, a
+    piece of that length from a random place, a new one in every epoch::
+
+        clips = ClipDataset(out, fields=("edge151", "librosa35"))
+        loader = DataLoader(clips, batch_size=8, collate_fn=pad_clips, sampler=EpochSampler(clips, seed=0))
+
+        crops = ClipDataset(out, windows=Windows(length_s=5), crops=4)  # of one length: default_collate is enough
+
+    Whole clips differ in length: `pad_clips` or `pack_clips` make batches of them, and `BucketSampler` puts clips of
+    similar length together.
+
+    Attributes
+    ----------
+    windows
+        (N) the frames that each sample is taken from: whole clips, `crops` times each.
+    lengths
+        (N,) frames of each sample.
+    rejects
+        The clips that were left out, and why: "ignored", "too_short" for a crop.
+
+    Notes
+    -----
+    Random changes and scalers are those of `WindowDataset`.
+    """
+
+    #: For ``DataLoader(collate_fn=...)``.
+    pad, pack = staticmethod(pad_clips), staticmethod(pack_clips)
+
+    def __init__(
+        self,
+        store: str | Path | Store,
+        split: str | Sequence[str] = "train",
+        fields: Sequence[Item] | None = None,
+        *,
+        windows: Windows | None = None,
+        crops: int = 1,
+        select: Select | None = None,
+        scale: Scale | ScalerLike | None = Scale(),
+        augment: Augment = (),
+        seed: int = 0,
+    ) -> None:
+        """Open a split of a built dataset; parameters that are not named here are those of `WindowDataset`.
+
+        Parameters
+        ----------
+        windows
+            A length makes random crops of it; with `start_at` each begins at a random beat, found as for a
+            `WindowDataset`. A stride is not used. Default: whole clips.
+        crops
+            Crops of each clip in an epoch.
+        select
+            Its filter is one of whole clips.
+        augment
+            As for a `WindowDataset`, except "crop".
+
+        Raises
+        ------
+        StoreError
+            If there is no finished dataset at `store`.
+        UsageError
+            For an unknown split or field, invalid numbers, values that do not go together, or if no clip is long
+            enough.
+        """
+        super().__init__(store, split, fields, select, scale)
+        self._items.require_plain("ClipDataset")
+        place = Windows() if windows is None else windows
+        if not isinstance(place, Windows):
+            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        self.crop_frames, self.start_at = self._crop(place), place.start_at
+        self.crops = whole("crops", crops, 1, MAX_ROWS)
+        if self.crop_frames is None and (self.crops > 1 or self.start_at is not None):
+            raise clash(place, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
+        self._starts: dict[str, npt.NDArray[np.int64]] = {}
+        selection = self._choose(place, {"whole": True})
+        spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
+        if not spans:
+            raise no_window_error(self.store, self.split, self.rejects, self.start_at)
+        self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
+        self._prepare(augment, seed, allow_crop=False)
+        self._is_random |= self.crop_frames is not None
+
+    @property
+    @override
+    def lengths(self) -> npt.NDArray[np.int64]:
+        """Frames of each sample, (N,), at the store's fps."""
+        if self.crop_frames is None:
+            return super().lengths
+        return np.full(len(self), self.crop_frames, dtype=np.int64)
+
+    def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
+        return self._read_again(index) if isinstance(index, str | SampleId) else self.samples([index])[0]
+
+    @override
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        epoch = self._drawn_epoch(epoch)
+        places = [self._place(index) for index in indices]
+        mirrored = mirrored_samples(self.seed, epoch, places, self.mirror)
+        shifts = self._random_starts(epoch, places) - self.windows.start[places]
+        request = Request(tuple(places), tuple(mirrored.tolist()), tuple(shifts.tolist()), epoch)
+        cuts = replace(self.windows, length=self.lengths)
+        metadata = self._metadata(request, cuts, () if self.crop_frames is None else ("crop",))
+        return [
+            {name: self._rows(request, nth, name) for name in self.fields}
+            | self._labels(request, nth)
+            | {name: values[nth] for name, values in metadata.items()}
+            for nth in range(len(places))
+        ]
+
+    @override
+    def _samples_text(self) -> str:
+        kind = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
+        return f"{len(self):,} {kind}"
+
+    def _crop(self, place: Windows) -> int | None:
+        if place.length_s is None and place.length is None:
+            return None
+        frames = place.length
+        if place.length_s is not None:
+            frames = self.store.grid.frames(place.length_s, what="length_s")
+        if whole("length", frames or 0) < 1 or (frames or 0) % self._period():
+            raise UsageError("the length of a crop is not a whole number of rows of all fields",
+                             found=f"{frames} frames", allowed=f"multiples of {self._period()}")  # fmt: skip
+        return int(frames or 0)
+
+    def _period(self) -> int:
+        """Return the least number of frames that is a whole number of rows of every field."""
+        grid = self.store.grid
+        return int(np.lcm.reduce([grid.common_period(self.store.field(name).grid)[0] for name in self.fields]))
+
+    def _long_enough(self, spans: WindowList, rejects: tuple[Reject, ...]) -> tuple[WindowList, tuple[Reject, ...]]:
+        """Return the clips that hold a crop, with a reject for each of the others."""
+        least = self.crop_frames or 1
+        short = [span for span in spans if span.length < least]
+        too_short = [
+            Reject("too_short", span.clip, detail=f"{span.length} frames: a crop has {least}") for span in short
+        ]
+        spans = spans.take(spans.length >= least)
+        if self.start_at is None:
+            return spans, (*rejects, *too_short)
+        possible = np.array([len(self._beat_starts(span.clip)) > 0 for span in spans], dtype=np.bool_)
+        too_short += [no_start(span.clip, least, self.start_at) for span in spans.take(~possible)]
+        return spans.take(possible), (*rejects, *too_short)
+
+    def _beat_starts(self, clip: str) -> npt.NDArray[np.int64]:
+        """Return the frames (N,) at which a crop of a clip can begin on a beat."""
+        if clip not in self._starts:
+            at, length, trim = self.start_at or "beat", self.crop_frames or 1, self._choice.trim
+            self._starts[clip] = beat_starts(self.store, clip, length, at=at, fields=self.fields, trim=trim)
+        return self._starts[clip]
+
+    def _random_starts(self, epoch: int, places: list[int]) -> npt.NDArray[np.int64]:
+        """Return the first frames of the samples at `places` in an epoch, (len(places),)."""
+        if self.start_at is None:
+            period = self._period()
+            n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
+            return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
+        beats = [self._beat_starts(self.windows[place].clip) for place in places]
+        choices = crop_choices(
+            self.seed, epoch, places, np.array([len(of_clip) for of_clip in beats], dtype=np.int64)
+        )
+        return np.array([of_clip[nth] for of_clip, nth in zip(beats, choices, strict=True)], dtype=np.int64)
+
+    def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:
+        """Return the labels of beats of a sample; empty if no field has them."""
+        labels = beat_labels(self.store, self.fields)
+        if labels is None:
+            return {}
+        rows = self.store.read(self._window(request, nth), labels.field)
+        return {name: torch.from_numpy(values) for name, values in labels.of(rows).items()}
+
+    def _window(self, request: Request, nth: int) -> Window:
+        place = request.places[nth]
+        span = self.windows[place]
+        return Window(span.clip, span.start + request.shifts[nth], int(self.lengths[place]))
+
+    def _rows(self, request: Request, nth: int, field: str) -> torch.Tensor:
+        """Read the rows of a sample: mirrored and augmented first, then normalised; 0 where they are masked."""
+        place = request.places[nth]
+        rows = self.store.read(self._window(request, nth), field)
+        if request.mirrored[nth] and field in self._mirrors:
+            rows = self._mirrors[field].apply(rows)
+        rows = self._augmenter.rows(field, rows, request.epoch, place)
+        if field in self._normalizers:
+            rows = self._normalizers[field].normalize(rows, clamp=self.clamp).astype(np.float32, copy=False)
+        if field in self._augmenter.dropped(request.epoch, place):
+            rows = np.full_like(rows, blank_of(self.store, field))
+        return torch.from_numpy(rows)

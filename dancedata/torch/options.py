@@ -1,0 +1,415 @@
+"""What a reader reads, as frozen values that know no store and can stand in presets, YAML files and checkpoints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, Self, get_args
+
+from dancedata.core.arguments import names, probability, whole
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
+from dancedata.store.columns import MAX_ROWS
+from dancedata.store.normalize import Reader, Scaler
+from dancedata.torch.music_beats import StartAt
+
+MirrorWords = Literal["error", "keep"]
+#: Of Lodge's primitives: as its paper has them, or as its code finds them.
+Variant = Literal["paper", "code"]
+Choose = Literal["stored", "seed", "left_to_right"]
+ScaleKind = Literal["minmax", "zscore", "zscore_grouped"]
+Over = Literal["train", "all"]
+Share = float
+#: A filter as callers name it: a plug-in, or its name and parameters as in a recipe.
+FilterLike = WindowFilter | Mapping[str, Any] | None
+#: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
+ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader
+
+
+@dataclass(frozen=True)
+class Value:
+    """A frozen value that prints as it is typed, and that plain data of YAML, JSON and checkpoints hold."""
+
+    def __post_init__(self) -> None:
+        """Check the parameters by their types; lists become tuples."""
+        for f in fields(self):
+            kind, value = str(f.type), getattr(self, f.name)
+            check = _CHECKS.get(kind.removesuffix(" | None"))
+            if check is not None and not (value is None and kind.endswith(" | None")):
+                object.__setattr__(self, f.name, check(f"{type(self).__name__}.{f.name}", value))
+
+    def __repr__(self) -> str:
+        stated = dict(self._stated())
+        required = (repr(stated.pop(f.name)) for f in fields(self) if f.default is f.default_factory is MISSING)
+        return f"{type(self).__name__}({', '.join((*required, *(f'{n}={v!r}' for n, v in stated.items())))})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what differs from the defaults, as plain data; UsageError for objects, such as plug-ins."""
+        return {name: _plain(f"{type(self).__name__}.{name}", value) for name, value in self._stated()}
+
+    def _stated(self) -> Iterator[tuple[str, Any]]:
+        """Yield names and values of what differs from the defaults."""
+        for f in fields(self):
+            value = getattr(self, f.name)
+            if value != (f.default if f.default_factory is MISSING else f.default_factory()):
+                yield f.name, value
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> Self:
+        """Return the value of a mapping of parameters; UsageError for unknown and missing ones."""
+        parameters = {f.name: f for f in fields(cls)}
+        if not isinstance(plain, Mapping):
+            raise UsageError(f"{cls.__name__} takes a mapping of its parameters", found=shown(plain),
+                             allowed=", ".join(parameters))  # fmt: skip
+        for name in plain:
+            if name not in parameters:
+                raise UsageError(f"{cls.__name__} has no parameter {name!r}", fix=did_you_mean(str(name), parameters))
+        try:
+            return cls(**plain)
+        except TypeError as error:
+            raise UsageError(f"{cls.__name__} lacks a parameter", found=str(error)) from error
+
+    def _not_both(self, first: str, second: str) -> None:
+        values = {name: getattr(self, name) for name in (first, second)}
+        if all(value and value not in ("minmax", "train") for value in values.values()):
+            both = [f"{name}={value!r}" for name, value in values.items()]
+            raise clash(both[0], both[1], f"{type(self).__name__} takes one of them")
+
+
+def _text(what: str, value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise UsageError(f"{what} is not a text", found=shown(value))
+    return value
+
+
+def _truth(what: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise UsageError(f"{what} is not a truth value", found=shown(value), allowed="True, False")
+    return value
+
+
+def _one_of(choices: Any, what: str, value: Any) -> str:
+    if not isinstance(value, str) or value not in get_args(choices):
+        raise UsageError(f"{what} is unknown: {shown(value)}", fix=did_you_mean(str(value), get_args(choices)))
+    return value
+
+
+def _where(what: str, value: Any) -> Any:
+    """Return columns with tuples of values; `require_where` checks them against a dataset."""
+    if not isinstance(value, Mapping):
+        return value
+    return {name: tuple(v) if isinstance(v, list | set) else v for name, v in value.items()}
+
+
+def _augment(what: str, value: Any) -> Augment:
+    """Return augmentations, of which one may be a mapping, as a tuple; `steps_of` checks them."""
+    return value if isinstance(value, Mapping) or not isinstance(value, list) else tuple(value)
+
+
+#: What values of a type are checked by, and what they become.
+_CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
+    "bool": _truth, "str": _text, "tuple[str, ...]": names, "int": partial(whole, least=1, most=MAX_ROWS),
+    "Share": probability, "Augment": _augment, "Mapping[str, Any]": _where,
+    **{kind: partial(_one_of, choices) for kind, choices in {
+        "StartAt": StartAt, "ScaleKind": ScaleKind, "Over": Over, "Variant": Variant, "MirrorWords": MirrorWords,
+        "Choose": Choose,
+    }.items()},
+}  # fmt: skip
+
+
+def clash(first: object, second: object, why: str) -> UsageError:
+    """Return the error of two values that do not go together."""
+    return UsageError(f"two values do not go together: {why}", found=f"{first} and {second}", fix="leave out one")
+
+
+@dataclass(frozen=True, repr=False)
+class Windows(Value):
+    """Where windows lie; what is None is as stored.
+
+    Attributes
+    ----------
+    length_s, stride_s, length, stride
+        Length and stride, in seconds or in frames: at most one of each pair. Windows end where the clip ends, or the
+        first of the fields in it.
+    fps
+        Rate that the frames are meant at: a dataset of another rate is refused.
+    start_at
+        "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other.
+        Clips without any are in `rejects` ("filtered"). The beats are those of the first of the fields that has such
+        a column, else of the first field of the dataset.
+    trim
+        Whether windows begin at each clip's trim_start, where the dance begins according to the source.
+    """
+
+    length_s: float | str | None = None
+    stride_s: float | str | None = None
+    length: int | None = None
+    stride: int | None = None
+    fps: int | None = None
+    start_at: StartAt | None = None
+    trim: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._not_both("length_s", "length")
+        self._not_both("stride_s", "stride")
+
+    @property
+    def grid(self) -> dict[str, Any]:
+        """Length and stride as `Store.windows` takes them."""
+        return {name: getattr(self, name) for name in ("length_s", "stride_s", "length", "stride")}
+
+
+@dataclass(frozen=True, repr=False)
+class Select(Value):
+    """Which clips and windows are read.
+
+    Attributes
+    ----------
+    where
+        Values that clips may have, by column, ``{"x/level": (3, 4), "genre": "waltz"}``: one of several values; of a
+        column of lists, lists that have one of them; ``{"clip": IDS}`` are those clips. Others are in `rejects`
+        ("filtered").
+    ignore
+        Names of lists whose clips are left out; "ignored.<protocol>" is then left out as well. "LAYER:LABEL" leaves
+        out windows that overlap a segment of this layer and label, such as "mark:reject" of the viewer's marks.
+    protocol
+        Such as "cross_genre": lists of that name ("cross_genre.train"), and not the stored splits, define which clips
+        a split has.
+    filter
+        A window filter, or its name and parameters as in a recipe, ``{"movement": {"min_std": 0.07}}``.
+    """
+
+    where: Mapping[str, Any] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
+    protocol: str | None = None
+    filter: FilterLike = None
+
+
+@dataclass(frozen=True, repr=False)
+class Scale(Value):
+    """How fields are scaled.
+
+    Attributes
+    ----------
+    kind
+        "minmax": to [-1, 1] by the range in train, as EDGE; values beyond come back whole. "zscore"; or
+        "zscore_grouped": one deviation for the columns of a group, as HumanML3D.
+    fields
+        Names of the fields that are scaled; None: those of motion.
+    clamp
+        Whether values are cut to [-1, 1], as EDGE and Lodge do.
+    covers
+        Augmentations, as readers take them, whose results the range covers. Every reader and command that meets the
+        model's columns then needs that scaler by name.
+    over
+        "train", or "all": every row of every clip, as Lodge's released scaler was fitted. It includes test data, and
+        is here to reproduce Lodge's results.
+    scaler
+        A scaler of another reader, such as one that is wider: itself, the file of its ``save``, either by field, or
+        the reader. ``scale=SCALER`` is ``scale=Scale(scaler=SCALER)``.
+    """
+
+    kind: ScaleKind = "minmax"
+    fields: tuple[str, ...] | None = None
+    clamp: bool = False
+    covers: Augment = ()
+    over: Over = "train"
+    scaler: ScalerLike | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("clamp", "covers", "over", "scaler"):
+            self._not_both("kind", name)
+        self._not_both("scaler", "covers")
+        self._not_both("scaler", "over")
+
+    @classmethod
+    def of(cls, scale: Scale | ScalerLike | None) -> Scale:
+        """Return what the argument `scale` of readers stands for: None scales nothing."""
+        if isinstance(scale, bool):
+            raise UsageError(
+                "scale is no truth value", found=scale, allowed="Scale(...), a scaler, its file, or None"
+            )
+        if scale is None:
+            return cls(fields=())
+        return scale if isinstance(scale, cls) else cls(scaler=scale)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, repr=False)
+class Relative(Value):
+    """A motion field whose translation is relative to the window's first frame.
+
+    Such motion cannot be scaled: a scaler is fitted on absolute positions.
+    """
+
+    field: str
+
+
+@dataclass(frozen=True, repr=False)
+class Primitives(Value):
+    """Lodge's primitives of the first motion field, of local segments of `n` frames.
+
+    `variant` "paper" takes the clip's stored key motions, "code" what Lodge's released code finds in the window,
+    shifted by a bias in -2 .. 2 that is a pure function of (seed, epoch, index).
+    """
+
+    n: int = 256
+    variant: Variant = "paper"
+
+
+@dataclass(frozen=True, repr=False)
+class Text(Value):
+    """``"text"``: one text of a layer of segments, drawn for each (seed, epoch, index); "" where there is none.
+
+    Attributes
+    ----------
+    layer
+        Name of the layer.
+    min_share
+        Share of a window that a segment covers at least if its text may be drawn.
+    empty
+        Share of windows with "" as their text, for guidance.
+    mirror_words
+        Mirrored windows have the words of a mirrored dancer. "error": a layer that may name sides and has no mirrored
+        words cannot be read mirrored. "keep": its words are given as they are.
+    """
+
+    layer: str
+    min_share: Share = 0.5
+    empty: Share = 0.0
+    mirror_words: MirrorWords = "error"
+
+
+@dataclass(frozen=True, repr=False)
+class Segments(Value):
+    """``"segments"``: a list of the segments that a window overlaps, `PlacedSegment`.
+
+    `mirror_words` is that of `Text`.
+    """
+
+    mirror_words: MirrorWords = "error"
+
+
+@dataclass(frozen=True, repr=False)
+class Dancers(Value):
+    """Which dancers of a group a sample has.
+
+    Attributes
+    ----------
+    persons
+        Dancers of a sample, P. Default: those of the split's largest group.
+    exactly
+        Only groups of this many dancers, which is then P.
+    choose
+        Which dancers where there are more than P, and their order. "stored": the first, as in the source. "seed":
+        drawn for each (seed, epoch, index), in a new order also where there are exactly P, as GCD does.
+        "left_to_right": by x in the first frame, as given out.
+    singles
+        Whether single dancers are groups of one; else they are left out and counted in `rejects`.
+    """
+
+    persons: int | None = None
+    exactly: int | None = None
+    choose: Choose = "stored"
+    singles: bool = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._not_both("persons", "exactly")
+
+
+#: An entry of `fields`: the name of a field, or of a free column, "x/NAME"; or what is made of them.
+Item = str | Relative | Primitives | Text | Segments
+_ITEMS: Mapping[str, type[Value]] = {cls.__name__.lower(): cls for cls in (Relative, Primitives, Text, Segments)}
+_ARGUMENTS: Mapping[str, type[Value]] = {"windows": Windows, "select": Select, "scale": Scale, "dancers": Dancers}
+
+
+def to_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return arguments of a reader as plain data, for YAML, JSON and checkpoints.
+
+    ``{"fields": ("edge151", Text("style")), "windows": Windows(length=150)}`` is ``{"fields": ["edge151", {"text":
+    {"layer": "style"}}], "windows": {"length": 150}}``. UsageError for what is not data, such as a plug-in object.
+    """
+    return {name: _plain(name, value) for name, value in arguments.items()}
+
+
+def from_plain(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a reader that plain data of `to_plain` stand for; UsageError for unknown parameters."""
+    if not isinstance(arguments, Mapping):
+        raise UsageError("arguments of a reader are a mapping", found=shown(arguments))
+    values = dict(arguments)
+    for name, cls in _ARGUMENTS.items():
+        value = values.get(name)
+        if isinstance(value, Mapping) and (
+            cls is not Scale or not value or value.keys() & {f.name for f in fields(Scale)}
+        ):
+            values[name] = cls.from_dict(value)
+    if isinstance(values.get("fields"), list | tuple):
+        values["fields"] = tuple(_item(entry) for entry in values["fields"])
+    return values
+
+
+def _item(entry: Any) -> Item:
+    if not isinstance(entry, Mapping):
+        return entry  # type: ignore[no-any-return]  # a name; readers check it
+    for name, parameters in entry.items() if len(entry) == 1 else ():
+        if name in _ITEMS:
+            return _ITEMS[name].from_dict(parameters or {})  # type: ignore[return-value]
+    raise UsageError("an entry of fields is neither a name nor one of the mappings", found=repr(entry),
+                     allowed=", ".join(f"{{{kind}: ...}}" for kind in _ITEMS))  # fmt: skip
+
+
+def _plain(where: str, value: Any) -> Any:
+    if isinstance(value, Value):
+        tag = type(value).__name__.lower()
+        return {tag: value.to_dict()} if tag in _ITEMS else value.to_dict()
+    if isinstance(value, Mapping):
+        return {str(name): _plain(f"{where}.{name}", entry) for name, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(where, entry) for entry in value]
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, str | int | float):
+        return value
+    raise UsageError(f"{where} is not plain data", found=shown(value),
+                     fix="name it: plug-ins by {NAME: parameters}, scalers by the file of save(FILE)")  # fmt: skip
+
+
+def _lodge(length: int, stride: int) -> dict[str, Any]:
+    return {
+        "fields": ("lodge139", "librosa35"),
+        "windows": Windows(length=length, stride=stride, fps=30, trim=True),
+        "select": Select(ignore=("ignored",), protocol="cross_genre", filter={"movement": {"field": "lodge139"}}),
+        "scale": Scale(clamp=True),
+    }
+
+
+#: Arguments of readers as published trainers have them: ``WindowDataset(OUT, **PRESETS["edge"])``; others take their
+#: place, ``**PRESETS["edge"] | {"scale": None}``.
+PRESETS: Mapping[str, dict[str, Any]] = {
+    # EDGE (Tseng et al. 2023, data/slice.py): 5 s every 0.5 s.
+    "edge": {
+        "fields": ("edge151", "librosa35"),
+        "windows": Windows(length_s=5, stride_s=0.5, fps=30),
+        "scale": Scale(clamp=True),
+    },
+    # Lodge (Li et al., CVPR 2024): trimmed tracks, cross-genre split, without training windows that stand still.
+    "lodge-global": _lodge(1024, 1024 // 10),
+    "lodge-local": _lodge(256, 256 // 8),
+    # FineDance (Li et al. 2023): whole tracks, 130 ignored as well, the root relative to each window's first frame.
+    "finenet": {
+        "fields": (Relative("finedance319"), "librosa35"),
+        "windows": Windows(length=120, stride=12, fps=30),
+        "select": Select(
+            ignore=("ignored", "ignored.finenet"),
+            protocol="cross_genre",
+            filter={"movement": {"field": "finedance319"}},
+        ),
+        "scale": None,
+    },
+}

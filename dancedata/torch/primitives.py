@@ -1,0 +1,70 @@
+"""Lodge's primitives of the windows of a reader."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy.typing as npt
+
+from dancedata.core.clip import Window
+from dancedata.core.errors import UsageError
+from dancedata.core.plugins import PrimitiveFinder
+from dancedata.core.registry import PRIMITIVE_FINDERS
+from dancedata.store.dataset import Store
+from dancedata.store.queries import fields_with
+from dancedata.torch.options import Primitives, Variant, clash
+
+
+@lru_cache(maxsize=1)
+def _finder() -> PrimitiveFinder:
+    return PRIMITIVE_FINDERS.only()
+
+
+@dataclass(frozen=True)
+class PrimitiveSpec:
+    """Computation of primitives from the windows of a field.
+
+    `field`: Motion field that they are rows of.
+    `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
+        which uses only the window, and for windows of n frames.
+    `n`: Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and soft
+        cues.
+    """
+
+    field: str
+    key_motion: str | None
+    n: int
+    variant: Variant
+
+    def of(self, store: Store, window: Window, rows: npt.NDArray[Any], bias: int) -> dict[str, npt.NDArray[Any]]:
+        """Return the primitives of a window's rows (N, D), mirrored but not normalised, as entries of a sample."""
+        stored = None if self.key_motion is None or window.length == self.n else store.read(window, self.key_motion)
+        return _finder().find(rows, self.n, self.variant, bias, stored)
+
+
+def primitive_spec(
+    store: Store, fields: Sequence[str], length: int, asked: Primitives, scaled: Sequence[str]
+) -> PrimitiveSpec:
+    """Return the fields and lengths for primitives of windows of `length` frames, and check them.
+
+    UsageError if no motion field at the store's rate is read, the store does not hold key motions, or their field is
+    one of `scaled` that cannot be.
+    """
+    motion = [f.name for f in map(store.field, fields) if f.kind == "motion" and f.rate == store.fps]
+    if not motion:
+        raise UsageError(
+            "primitives need a motion field to be read with them", found=", ".join(fields), fix="read lodge139"
+        )
+    if length % asked.n:
+        raise clash(f"windows of {length} frames", asked, "a window is a whole number of local segments")
+    whole_window = length == asked.n
+    names = [f.name for f in fields_with(store, kind="keymotion")]
+    reads = asked.variant == "paper" and not whole_window
+    if reads and not names:
+        raise UsageError("the store does not hold key motions", where=str(store.path),
+                         fix="build with keymotion: {lodge: {}}, or take Primitives(variant='code')")  # fmt: skip
+    if motion[0] in scaled and asked.variant == "code" and not whole_window:
+        raise clash(asked, f"scaled {motion[0]}", "variant code makes the root relative to each piece's first frame, "
+                    "and the scaler was fitted on absolute positions; scale afterwards")  # fmt: skip
+    return PrimitiveSpec(motion[0], names[0] if reads else None, asked.n, asked.variant)

@@ -1,0 +1,246 @@
+"""Selects windows of a store by split, lists, trim, length and a filter, and reports the ones left out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.clip import Reject
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.plugins import WindowFilter
+from dancedata.core.registry import FILTERS
+from dancedata.core.text import counted
+from dancedata.store import ClipRecord
+from dancedata.store.clip_view import Clip
+from dancedata.store.dataset import Store
+from dancedata.store.window_list import WindowList
+from dancedata.torch.clip_values import ASKED, chosen_clips
+from dancedata.torch.music_beats import StartAt, windows_at
+from dancedata.torch.options import FilterLike
+
+#: The fix for music without downbeats.
+_NO_DOWNBEATS = (
+    "beats by librosa have no downbeats: build with audio: {beats: {source: beat_this}}, or give "
+    "Windows(start_at='beat'), or use shorter windows"
+)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Criteria for windows.
+
+    `fields`: Fields that windows must be within.
+    `windows`: Length and stride as `Store.windows` takes them.
+    `trim`: Whether windows begin at their clip's trim_start.
+    `ignore`: Lists whose clips are left out; with a protocol also the list "ignored.<protocol>". "LAYER:LABEL" leaves
+        out windows that overlap such a segment, as "mark:reject" of the viewer.
+    `protocol`: Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored
+        splits do.
+    `filter`: Which windows are kept.
+    `start_at`: What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
+    `where`: Values that clips may have, by column of the table of clips.
+    """
+
+    fields: tuple[str, ...]
+    windows: Mapping[str, Any] = field(default_factory=dict)
+    trim: bool = False
+    ignore: tuple[str, ...] = ()
+    protocol: str | None = None
+    filter: WindowFilter | None = None
+    start_at: StartAt | None = None
+    where: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Windows in the store's order, and the clips and windows that were left out."""
+
+    windows: WindowList
+    rejects: tuple[Reject, ...]
+
+
+def select(store: Store, split: str, choice: Choice) -> Selection:
+    """Select the windows of a split.
+
+    UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
+    """
+    marked = [name.partition(":") for name in choice.ignore if ":" in name]
+    choice = replace(choice, ignore=tuple(name for name in choice.ignore if ":" not in name))
+    if choice.protocol is None and not choice.ignore:
+        windows, rejects = _all_windows(store, split, choice)
+    else:
+        windows, rejects = _listed_windows(store, split, choice)
+    for layer, _, label in marked:
+        unmarked, found = _unmarked(store, windows, layer, label)
+        windows, rejects = windows.take(unmarked), rejects + found
+    if choice.start_at is not None:
+        windows, beatless = windows_at(
+            store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
+        )
+        rejects += beatless
+    if choice.filter is not None and split in choice.filter.splits:
+        passing, filtered = _filtered(store, windows, choice.filter)
+        windows, rejects = windows.take(passing), rejects + filtered
+    return Selection(windows, tuple(rejects))
+
+
+def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+    """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
+    windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store._tables
+    in_split, rejects = tables.in_split(split), list[Reject]()
+    missing = in_split & (np.bincount(windows.clip, minlength=tables.n_clips) == 0)
+    if choice.where:
+        chosen, rejects = chosen_clips(tables, choice.where, in_split)
+        windows, missing = windows.take(chosen[windows.clip]), missing & chosen
+    short = sorted((tables.record(row) for row in np.flatnonzero(missing).tolist()), key=lambda clip: clip.id)
+    return windows, rejects + [_without_window(store, clip, choice) for clip in short]
+
+
+def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+    """Return the windows of the clips of a protocol's lists, or without ignored ones."""
+    clips = clips_of(store, split, choice.protocol)
+    ignored_by = {clip: _ignore_lists(record, choice) for clip, record in clips.items()}
+    rejects = [
+        Reject("ignored", clip, detail=f"on the list {', '.join(lists)}")
+        for clip, lists in ignored_by.items()
+        if lists
+    ]
+    rejects += _unlisted(store, split, choice.protocol)
+    remaining = {clip for clip, lists in ignored_by.items() if not lists}
+    # A protocol's split has clips of several stored splits.
+    stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
+    if choice.where:
+        among = np.logical_or.reduce([store._tables.in_split(name) for name in stored_splits])
+        _, unwanted = chosen_clips(store._tables, choice.where, among)
+        rejects += [reject for reject in unwanted if reject.clip in remaining]
+        remaining -= {reject.clip for reject in unwanted}
+    parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]
+    windows = WindowList.joined(split, parts)
+    windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
+    with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
+    return windows, rejects + [
+        _without_window(store, clips[clip], choice) for clip in sorted(remaining - with_window)
+    ]
+
+
+def _unmarked(
+    store: Store, windows: WindowList, layer: str, label: str
+) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Return which windows no segment of a layer with a label overlaps, (W,), and a reject for each of the others.
+
+    UsageError for an unknown layer.
+    """
+    store._require_layer(layer)
+    keep = np.ones(len(windows), dtype=np.bool_)
+    rejects = []
+    for place, window in enumerate(windows):
+        if any(placed.segment.label == label for placed in store.segments(window, layer)):
+            keep[place] = False
+            rejects.append(Reject("ignored", window.clip, window=window.start, detail=f"{layer}: {label}"))
+    return keep, rejects
+
+
+def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, Clip]:
+    """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
+    prefix = f"{protocol}."
+    on_lists = [c for c in store if any(name.startswith(prefix) for name in c.lists)] if protocol else []
+    if not on_lists:
+        return {c.id: c for c in store if c.split == split}
+    names = {name.removeprefix(prefix) for c in on_lists for name in c.lists if name.startswith(prefix)}
+    if split not in names:
+        raise UsageError(f"no clip of the store is in {protocol}'s split {split!r}", where=str(store.path),
+                         fix=did_you_mean(split, sorted(names)))  # fmt: skip
+    # Mirrored copies are for training only, independent of the split they are stored in.
+    return {c.id: c for c in on_lists if prefix + split in c.lists and (split == "train" or not c.source)}
+
+
+def require_protocol(store: Store, protocol: str) -> None:
+    """Check a protocol that the caller names: a misspelt one would read the stored splits.
+
+    UsageError if no clip is in a list of it.
+    """
+    lists = {name for clip in store.clips() for name in clip.lists if "." in name}
+    protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
+    if protocol not in protocols:
+        raise UsageError(f"no clip of the store is in a list of the protocol {protocol!r}", where=str(store.path),
+                         fix=did_you_mean(protocol, protocols))  # fmt: skip
+
+
+def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
+    """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
+    on_lists = {c.id for c in store if any(name.startswith(f"{protocol}.") for name in c.lists)}
+    if protocol is None or not on_lists:
+        return []
+    detail = f"on no list of {protocol}"
+    return [Reject("unassigned", c.id, detail=detail) for c in store if c.split == split and c.id not in on_lists]
+
+
+def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
+    lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
+    return [name for name in record.lists if name in lists]
+
+
+def _without_window(store: Store, record: ClipRecord, choice: Choice) -> Reject:
+    absent = store._without(record.id, choice.fields)
+    if absent:
+        return Reject("no_field", record.id, detail=f"kept without {', '.join(absent)}")
+    trimmed = f", {record.trim_start} of them trimmed" if choice.trim and record.trim_start else ""
+    detail = f"{record.n_frames} frames{trimmed}: not long enough for a window of fields {', '.join(choice.fields)}"
+    return Reject("too_short", record.id, detail=detail, numbers={"frames": record.n_frames})
+
+
+def _filtered(store: Store, windows: WindowList, plugin: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
+    """Return which windows the filter keeps, (W,), and a reject for each of the others."""
+    filtered_field = store.field(plugin.field)
+    plugin.check(filtered_field.columns)
+    passes = np.ones(len(windows), dtype=np.bool_)
+    rejects: list[Reject] = []
+    for k, window in enumerate(windows):
+        rows = store.read(window, plugin.field)
+        rows.flags.writeable = False
+        reject = plugin.reject(rows, filtered_field.columns, filtered_field.grid)
+        if reject is not None:
+            passes[k] = False
+            rejects.append(replace(reject, clip=window.clip, window=window.start))
+    return passes, rejects
+
+
+def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: StartAt | None) -> UsageError:
+    """Return the error of a split in which no window is left, where windows begin at `at`."""
+    beatless = [r for r in rejects if at is not None and r.detail.startswith(f"no {at} at ")]
+    if beatless:
+        return UsageError(
+            f"no window of split {split!r} can begin at a {at}",
+            where=str(store.path),
+            found=f"{counted(len(beatless), 'clip')}, the first is {beatless[0].clip}: {beatless[0].detail}",
+            fix=_NO_DOWNBEATS if at == "downbeat" else "use shorter windows",
+        )
+    unlike = [r for r in rejects if r.detail.endswith(ASKED)]
+    if unlike and len(unlike) == len(rejects):
+        return UsageError(f"no clip of split {split!r} has the values that where= asks for", where=str(store.path),
+                          found=f"{counted(len(unlike), 'clip')}, the first is {unlike[0].clip}: {unlike[0].detail}",
+                          fix="store.to_pandas() has the values of all clips")  # fmt: skip
+    longest = max((c.n_frames for c in store), default=0)
+    reasons = ", ".join(sorted({r.reason for r in rejects})) or "nothing"
+    return UsageError(f"split {split!r} has no windows of that length", where=str(store.path),
+                      found=f"clips of at most {longest} frames at {store.fps} per second; left out: {reasons}",
+                      fix="use shorter windows, or fewer lists and filters")  # fmt: skip
+
+
+def window_filter(choice: FilterLike) -> WindowFilter | None:
+    """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
+
+    UsageError for an unknown filter or parameter.
+    """
+    if choice is None:
+        return None
+    if isinstance(choice, WindowFilter):
+        return choice
+    if not isinstance(choice, Mapping) or len(choice) != 1:
+        raise UsageError(
+            "filter must name one window filter", found=choice, allowed='{"movement": {"min_std": 0.07}}'
+        )
+    ((name, parameters),) = choice.items()
+    return FILTERS.make(name, parameters or {})

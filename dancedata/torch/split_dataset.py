@@ -1,0 +1,448 @@
+"""SplitDataset: what `WindowDataset` and `ClipDataset` have in common."""
+
+import copy
+import logging
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+from operator import index as as_int
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from dancedata.core.arguments import names, whole
+from dancedata.core.clip import Reject, Window
+from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.sample_id import SampleId, id_text
+from dancedata.core.sample_steps import Augment, Step, steps_of
+from dancedata.core.text import listed, shown
+from dancedata.core.typing import override
+from dancedata.execution.addresses import fetch_soon
+from dancedata.store.clip_choice import require_where
+from dancedata.store.dataset import Store, open_store, reopen
+from dancedata.store.normalize import Scaler
+from dancedata.store.samples import Samples
+from dancedata.store.schema import sort_splits
+from dancedata.store.shard_reader import ShardReader
+from dancedata.store.window_list import WindowList
+from dancedata.torch.augmenting import Augmenter, check_step
+from dancedata.torch.batch_reader import Request, blank_of
+from dancedata.torch.clip_values import require_columns, value_of
+from dancedata.torch.draws import uniform
+from dancedata.torch.epochs import EpochDataset
+from dancedata.torch.music_beats import StartAt, estimated_tempo
+from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
+from dancedata.torch.sample_items import SampleItems
+from dancedata.torch.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
+from dancedata.torch.segments import SegmentReader
+from dancedata.torch.selection import Choice, Selection, require_protocol, select, window_filter
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+# 1 is the stream of orders, 4 that of augmentations.
+_MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
+#: A warning is logged if augmentations need more than this many times the range of the scaler.
+_FAR = 10.0
+_log = logging.getLogger(__name__)
+
+
+def mirrored_samples(seed: int, epoch: int, places: Sequence[int], probability: float) -> npt.NDArray[np.bool_]:
+    """Return which of the samples at `places` are mirrored in an epoch, (len(places),)."""
+    if not probability:
+        return np.zeros(len(places), dtype=np.bool_)
+    return np.asarray(uniform(seed, _MIRROR_STREAM, epoch, places) < probability)
+
+
+def crop_choices(
+    seed: int, epoch: int, places: Sequence[int], n_choices: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int64]:
+    """Return a number from 0 to n_choices - 1 for each of the samples at `places`, drawn uniformly in an epoch."""
+    return np.asarray(np.floor(uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
+
+
+def primitive_bias(seed: int, epoch: int, window: int) -> int:
+    """Return by how many frames, -2 to 2, the primitives of a window are shifted in an epoch."""
+    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_BIAS_STREAM, epoch, window)))
+    return int(stream.random_raw() % 5) - 2
+
+
+class SplitDataset(EpochDataset):
+    """Samples of one split of a built dataset, normalised, mirrored and augmented on reading.
+
+    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
+
+    `windows`: (N) the frames that each sample is taken from.
+    `rejects`: What was left out, and why.
+    """
+
+    windows: WindowList
+    rejects: tuple[Reject, ...]
+    #: Whether a sample has a list of values of each free column.
+    _lists_columns: ClassVar[bool] = False
+
+    def __init__(
+        self,
+        store: str | Path | Store,
+        split: str | Sequence[str],
+        fields: Sequence[Item] | None,
+        select: Select | None,
+        scale: Scale | ScalerLike | None,
+    ) -> None:
+        """Open the store and settle the fields. Subclasses then call `_choose` and `_prepare`."""
+        super().__init__()
+        self._store: Store | None = store if isinstance(store, Store) else open_store(store)
+        self._reference = self._store.__reduce__()[1]
+        if not isinstance(select, Select | None):
+            raise UsageError("select is no Select", found=shown(select), fix="give Select({COLUMN: VALUES}, ...)")
+        self._asked, self._scale = select or Select(), Scale.of(scale)
+        if self._asked.protocol is not None:
+            require_protocol(self.store, self._asked.protocol)
+        self.splits = self._splits_named(split)
+        self.split = "+".join(self.splits)
+        self._items = SampleItems.of(self.store, fields)
+        self.fields = self._items.fields
+        self._scaled = normalized_fields(self.store, self.fields, self._scale.fields)
+        self._tempos: dict[str, float] = {}
+
+    def _choose(
+        self, place: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
+    ) -> Selection:
+        """Return the windows of the split that have all fields, and another one that is read beside them."""
+        if place.fps is not None and self.store.fps != place.fps:
+            raise UsageError(
+                f"these windows are for {place.fps} frames per second", where=str(self.store.path),
+                found=f"{self.store.fps} frames per second",
+                fix=f"build with fps: {place.fps}, or give windows in seconds",
+            )  # fmt: skip
+        asked = self._asked
+        self._choice = Choice(
+            fields=self.fields if also is None or also in self.fields else (*self.fields, also),
+            windows=windows,
+            trim=place.trim,
+            ignore=asked.ignore,
+            protocol=asked.protocol,
+            filter=window_filter(asked.filter),
+            start_at=start_at,
+            where=require_where(self.store, asked.where),
+        )
+        parts = [select(self.store, split, self._choice) for split in self.splits]
+        self._split_of_clip = np.zeros(self.store._tables.n_clips, dtype=np.int16)
+        for number in reversed(range(len(parts))):
+            self._split_of_clip[parts[number].windows.clip] = number
+        joined = WindowList.joined(self.split, [part.windows for part in parts])
+        return Selection(joined, tuple(reject for part in parts for reject in part.rejects))
+
+    def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
+        """Return the splits to read: one, several, or "all"."""
+        if split == "all" and self._asked.protocol is not None:
+            lists = {name for clip in self.store.clips() for name in clip.lists}
+            prefix = f"{self._asked.protocol}."
+            return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
+        if split == "all" and "all" not in self.store.splits:
+            return self.store.splits
+        splits = names("split", split)
+        if not splits or len(set(splits)) < len(splits):
+            raise UsageError("split names no split, or one of them twice", found=listed(splits) or "nothing")
+        return splits
+
+    def _prepare(self, augment: Augment, seed: int, *, allow_crop: bool = True) -> None:
+        """Prepare what changes samples, of the windows that were chosen."""
+        chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if self._items.columns else []
+        self.columns = require_columns(self.store, self._items.columns, chosen, lists=self._lists_columns)
+        self.seed, self.augment = whole("seed", seed), augment
+        steps = tuple(steps_of(augment))
+        # A mirror that comes first is a permutation of columns as they are read.
+        leading = bool(steps) and steps[0].mirrors
+        self.mirror = steps[0].p if leading else 0.0
+        self._augmenter = Augmenter.of(
+            self.store, self.fields, steps[leading:], seed=self.seed, mirrored=self.mirror > 0, allow_crop=allow_crop
+        )
+        self._mirrors = mirrors_of(self.store, self.fields) if self.mirror else {}
+        self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
+        self._words: SegmentReader | None = None
+        if self._items.words is not None:
+            mirrors = any(step.mirrors and step.p for step in steps)
+            self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
+            self._is_random |= self._words.draws
+        self.clamp, self._covers = self._scale.clamp, tuple(steps_of(self._scale.covers))
+        for step in self._covers:
+            check_step(step, self._augmenter.fields, self.store)
+        self._named_scalers = named_scalers(self.store, self.fields, self._scale.scaler)
+        self._normalizers = {name: self._scaler(name) for name in self._scaled}
+        for name, scaler in self._normalizers.items():
+            scaler.require_range(self.clamp)
+            if self.clamp or scaler.kind != "minmax":
+                continue
+            needed, stored_range = self._covering(name, scaler, self._augmenter.steps).data_range, scaler.data_range
+            times = needed / np.where(stored_range > 1e-5, stored_range, np.inf)  # constant columns are not stretched
+            if times.max() > _FAR:
+                label = self.store.fields[name].labels[int(times.argmax())]
+                _log.warning(
+                    "augment= takes scaled values of %s far beyond [-1, 1], those of %s furthest; name what the "
+                    "scaler has to cover, Scale(covers=...), or cut values, Scale(clamp=True)", name, label,
+                )  # fmt: skip
+
+    @property
+    def store(self) -> Store:
+        """The built dataset; opened again in every process that receives a copy of this object.
+
+        Raises
+        ------
+        StoreError
+            If it was replaced by another dataset in the meantime.
+        """
+        if self._store is None:
+            self._store = reopen(*self._reference)
+        return self._store
+
+    @override
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def __repr__(self) -> str:
+        steps = [(step.name, getattr(step.augmentation, "p", step.p)) for step in self._augmenter.steps]
+        steps = [("mirror", self.mirror)] * bool(self.mirror) + steps
+        augment = "".join(f", augment: {name} p={p:g}" for name, p in steps)
+        return (
+            f"{type(self).__name__}({str(self.store.path)!r}, split={self.split!r}, {self._samples_text()}{augment})"
+        )
+
+    def __str__(self) -> str:
+        """Return what a sample is: the shape and type of each entry, and what scales it."""
+        lines = [repr(self)]
+        for name in self.fields:
+            scaler = self._normalizers.get(name)
+            shape, dtype = self._shape(name), self.store.field(name).dtype if scaler is None else "float32"
+            how = "as stored" if scaler is None else f"{scaler.kind} scaler {scaler.sha256[:12]}"
+            how += ", cut to [-1, 1]" if scaler is not None and self.clamp else ""
+            lines.append(f"  {name}: ({', '.join(map(str, shape))}) {dtype}, {how}")
+        lines += [f"  {item!r}" for item in (self._items.primitives, self._items.words) if item is not None]
+        return "\n".join(lines + [f"  {name}: of the clip" for name in self.columns])
+
+    def _samples_text(self) -> str:
+        return f"{len(self):,} windows"
+
+    def _shape(self, name: str) -> tuple[int | str, ...]:
+        """Return the shape of a sample's rows of a field; rows that differ in number are "T"."""
+        field, lengths = self.store.field(name), np.unique(self.lengths)
+        return self.store.grid.rows(int(lengths[0]), of=field.grid) if len(lengths) == 1 else "T", field.columns.width
+
+    def save_samples(
+        self, folder: str | Path, ids: Sequence[str], samples: "npt.ArrayLike | Tensor", *, overwrite: bool = False
+    ) -> list[Path]:
+        """Write a model's samples (B, L, D) to ``ID.npz``, for evaluate, view, report and decode without an option.
+
+        They are of the motion field that is read, normalised as it is; padded ones are cut to the length of their id.
+
+        Raises UsageError, DataError: for ids that are not of the dataset or differ in case alone, samples shorter
+            than their ids state or of another width, files that exist, and a folder of samples of another dataset.
+        """
+        names = [name for name in self.fields if self.store.field(name).kind == "motion"]
+        width = np.shape(samples)[-1]
+        fitting = [name for name in names if self.store.field(name).columns.width == width]
+        if len(fitting) != 1:
+            widths = listed(f"{name} ({self.store.field(name).columns.width})" for name in names)
+            raise UsageError("no motion field that is read, or not one alone, has this width", found=str(width),
+                             allowed=widths)  # fmt: skip
+        scaler = self._normalizers.get(fitting[0])
+        from dancedata.store.saved_samples import save_samples
+
+        return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
+
+    def _read_again(self, name: str | SampleId) -> dict[str, Any]:
+        """Read the sample that an id names, with its changes and their draw.
+
+        Raises UsageError: if this dataset does not read it.
+        """
+        of = replace(SampleId.parse(name), take=0, source="")
+        seed, epoch, place = of.draw or (self.seed, None, -1)
+        if of.draw is None:
+            sample = Samples(self.store).require(of)
+            at = (self.windows.start == sample.start) & (self.windows.length == sample.length)
+            numbers = np.flatnonzero(at & (self.windows.clip == self.windows.clip_ids.index(sample.clip.id)))
+            place = int(numbers[0]) if len(numbers) else -1
+        found = {} if seed != self.seed or not 0 <= place < len(self) else self.samples([place], epoch)[0]
+        if found.get("id") != str(of):
+            raise UsageError("this dataset does not read this sample", where=str(name),
+                             found=found.get("id", f"split {self.split}, seed {self.seed}"),
+                             fix="give the arguments of the dataset that gave the id")  # fmt: skip
+        return found
+
+    @property
+    def lengths(self) -> npt.NDArray[np.int64]:
+        """Frames of each sample, (N,), at the store's fps."""
+        return np.asarray(self.windows.length, dtype=np.int64)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A store that cannot be opened again is an error of the first batch, and does not end a DataLoader's worker.
+        return {k: v for k, v in self.__dict__.items() if k != "_shards_of_samples"} | {"_store": None}
+
+    def scaler(self, field: str) -> Scaler:
+        """Return the scaler that a field of this dataset is normalised with.
+
+        For a field that is not scaled, it is the scaler that ``Scale(fields=(field,))`` would use.
+
+        Raises UsageError: for a field that this dataset does not read.
+        """
+        if field not in self.fields:
+            raise UsageError(f"this dataset does not read field {field!r}", allowed=", ".join(self.fields),
+                             fix=did_you_mean(field, self.fields))  # fmt: skip
+        return self._normalizers.get(field) or self._scaler(field)
+
+    def rescaled(self, scalers: Mapping[str, Scaler]) -> Self:
+        """Return a copy that normalises with other scalers, by field; it has an epoch of its own."""
+        other = copy.copy(self)
+        EpochDataset.__init__(other)
+        other._store = self._store
+        other._normalizers = self._normalizers | {name: s for name, s in scalers.items() if name in self._normalizers}
+        other._named_scalers = {**self._named_scalers, **scalers}
+        return other
+
+    @property
+    def normalized(self) -> tuple[str, ...]:
+        """Names of the fields that are normalised."""
+        return tuple(self._normalizers)
+
+    @property
+    def blanks(self) -> dict[str, int]:
+        """Value of the rows of absent dancers and masked columns, by field: 0, or the pad of codes."""
+        return {name: blank_of(self.store, name) for name in self.fields}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the hashes of the scalers, {"scalers": {field: hash}}, for a checkpoint.
+
+        They are those of the fields that are normalised, or whose scaler was named.
+        """
+        widened = self._scale.covers or self._scale.over != "train"
+        fields = [self.store.field(name) for name in self.fields] if widened else []
+        motion = [field.name for field in fields if field.kind == "motion" and field.codebook is None]
+        names = dict.fromkeys((*self._normalizers, *self._named_scalers, *motion))
+        return {"scalers": {name: self.scaler(name).sha256 for name in names}}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Check that the model of a checkpoint was trained with the scalers of this reader; changes nothing.
+
+        Raises UsageError: for the state of a reader with other scalers.
+        """
+        hashes = self.state_dict()["scalers"]
+        if state.get("scalers") != hashes:
+            stated = state.get("scalers")
+            raise UsageError(
+                "the state is of a reader with other scalers",
+                found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
+                allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
+                fix="name the scaler of that training: WindowDataset(..., scale=FILE)",
+            )
+
+    @property
+    def shard_starts(self) -> npt.NDArray[np.int64]:
+        """First samples (S,) of the shards, for an `EpochSampler` that reads neighbours together."""
+        return np.flatnonzero(np.diff(self._shards_of_samples[1], prepend=-1))
+
+    def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
+        """Ask for the shards of the next blocks of samples of an address, in the background."""
+        if self._fetches_shards:
+            shards, numbers = self._shards_of_samples
+            order = dict.fromkeys(numbers[np.concatenate(blocks)].tolist())
+            fetch_soon([shards[number].path for number in order])
+
+    @cached_property
+    def _fetches_shards(self) -> bool:
+        """Whether shards come from an address; asked once, as the answer is in a file."""
+        return self.store.origin is not None
+
+    @cached_property
+    def _shards_of_samples(self) -> tuple[tuple[ShardReader, ...], npt.NDArray[np.int32]]:
+        return self.store._shards_of(self.windows)
+
+    def _scaler(self, field: str) -> Scaler:
+        if field in self._named_scalers:
+            return self._named_scalers[field]
+        scaler = scaler_of(self.store, field, self._choice, self._scale)
+        return self._covering(field, scaler, self._covers)
+
+    def _covering(self, field: str, scaler: Scaler, steps: Sequence[Step]) -> Scaler:
+        return scaler.covering(next(f for f in self._augmenter.fields if f.name == field), steps)
+
+    @cached_property
+    def genre_ids(self) -> Mapping[str, int]:
+        """The number of each genre: as the dataset numbers them, else 0, 1, ... by name, over all splits."""
+        numbers: Mapping[str, int] = self.store.info.get("genre_ids") or {}
+        if numbers:
+            return numbers
+        # The column, not the clips: there may be a million.
+        genres = self.store._tables.columns.get("genre")
+        return {name: k for k, name in enumerate(sorted(genres.distinct() - {""} if genres is not None else ()))}
+
+    def _metadata(
+        self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
+    ) -> dict[str, list[Any]]:
+        """Return the values of samples other than their arrays, (B,) each by name, in the order of a sample's keys.
+
+        Places are of `windows`, by default the dataset's; `changes` are those of every sample, without augmentations.
+        """
+        places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
+        windows = (self.windows if windows is None else windows).take(places)
+        starts = (windows.start + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        lengths = windows.length.tolist()
+        copies = [
+            (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
+            for place, flag in zip(request.places, request.mirrored, strict=True)
+        ]
+        marks = [f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
+        droppable = self._augmenter.droppable
+        dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
+        attributes = ("id", "genre", "music", "dancer", "tempo_bpm", *["columns"] * bool(self.columns))
+        of_clips = self.store._clip_values(windows, attributes)
+        clips, genres, stated = of_clips["id"], of_clips["genre"], of_clips["tempo_bpm"]
+        tempos = [self._estimated_tempo(c) if bpm is None else bpm for c, bpm in zip(clips, stated, strict=True)]
+        mirrored = [names.count("mirror") % 2 == 1 for names in copies]
+        return {
+            "id": [id_text(*of) for of in zip(clips, starts, lengths, marks, strict=True)],
+            "clip": clips,
+            "start": starts,
+            "length": lengths,
+            "split": [self.splits[k] for k in self._split_of_clip[windows.clip]],
+            "genre": genres,
+            "genre_id": [int(self.genre_ids.get(genre, -1)) for genre in genres],
+            "music": of_clips["music"],
+            "dancer": of_clips["dancer"],
+            "tempo_bpm": tempos,
+            "tempo_estimated": [a is None and not math.isnan(b) for a, b in zip(stated, tempos, strict=True)],
+            "mirrored": mirrored,
+            **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
+            "index": [int(place) for place in request.places],
+            **{name: [value_of(self.store, free, name) for free in of_clips["columns"]] for name in self.columns},
+            **self._segment_values(request, clips, starts, lengths, mirrored),
+        }
+
+    def _segment_values(
+        self,
+        request: Request,
+        clips: Sequence[str],
+        starts: Sequence[int],
+        lengths: Sequence[int],
+        mirrored: Sequence[bool],
+    ) -> dict[str, list[Any]]:
+        """Return the segments, or the text, of the windows that were read."""
+        if self._words is None:
+            return {}
+        windows = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
+        return self._words.values(self.store, windows, mirrored, request.epoch, request.places)
+
+    def _estimated_tempo(self, clip: str) -> float:
+        """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""
+        if clip not in self._tempos:
+            self._tempos[clip] = estimated_tempo(self.store, clip, self.fields)
+        return self._tempos[clip]
+
+    def _place(self, index: int) -> int:
+        """Return the place of a sample in `windows`; negative indices count from the end."""
+        place = as_int(index)
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"sample {index} of split {self.split!r}, which has {len(self)} samples")
+        return place % len(self)

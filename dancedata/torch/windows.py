@@ -1,0 +1,272 @@
+"""WindowDataset: the windows of a built dataset as a map-style torch dataset."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch.utils.data import get_worker_info
+
+from dancedata.core.errors import UsageError
+from dancedata.core.sample_id import SampleId
+from dancedata.core.sample_steps import Augment
+from dancedata.core.text import shown
+from dancedata.core.typing import override
+from dancedata.store.dataset import Store
+from dancedata.store.window_list import WindowList
+from dancedata.torch.batch_reader import (
+    Array,
+    BatchReader,
+    FieldReader,
+    Layout,
+    MemoryPool,
+    ReadBatch,
+    Request,
+    shared_tensor,
+)
+from dancedata.torch.clip_collate import Batch, Sample, collate
+from dancedata.torch.music_beats import beat_labels
+from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
+from dancedata.torch.primitives import PrimitiveSpec, primitive_spec
+from dancedata.torch.scalers import root_columns
+from dancedata.torch.selection import Choice, Selection, no_window_error
+from dancedata.torch.split_dataset import SplitDataset, mirrored_samples, primitive_bias
+
+_log = logging.getLogger(__name__)
+
+
+class WindowDataset(SplitDataset):
+    """Windows of one split, each a dict of tensors and metadata that torch's default collate can batch.
+
+    ``dataset[i]`` is ``{field: tensor (rows, D), ..., "id": name of the sample, "clip": id, "start": first frame in
+    the clip at the store's fps, "length": frames, "split", "genre", "music", "dancer": str, "genre_id": int (see
+    `genre_ids`; -1 without a genre), "tempo_bpm": float (nan if unknown), "tempo_estimated": bool, "mirrored": bool,
+    "index": int}``. Rows of a field are length * field rate / fps. Tensors have the stored dtype, or float32 where
+    they are normalised, and are the caller's own.
+
+    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
+
+    Parameters
+    ----------
+    store
+        The built dataset's folder, or a store that `dancedata.open` returned.
+    split
+        One of ``store.splits``, several, ``("train", "val")``, or "all". A sample has its own split's name; the
+        scaler is that of train.
+    fields
+        What a sample holds: names of fields; "x/NAME", a free column, of which a sample has its clip's value, a list
+        where the column holds lists, "" and nan where a clip has no text or number; `Relative`, `Primitives`, `Text`,
+        `Segments`. Default: edge151 and librosa35, else all fields of the dataset.
+    windows
+        `Windows`: length, stride and first frames; or a list of one's own, some of ``store.windows(split)``. Default:
+        as stored.
+    select
+        `Select`: which clips and windows.
+    scale
+        `Scale`; a scaler, its file, either by field, or a reader that has one; None: values as they are stored.
+    augment
+        Augmentations of samples, in their order: plug-ins, names, or mappings of names to parameters as in
+        recipes, ``["yaw", {"noise": {"std_degrees": 1}}]`` or ``{"mirror": 0.5, "crop": True}``. ``"p"`` among
+        the parameters is the probability that a sample is changed; default: 1.
+    seed
+        Whole number >= 0, of everything that is drawn.
+
+    Raises
+    ------
+    StoreError
+        If there is no finished dataset at `store`.
+    UsageError
+        For an unknown split or field, a field that cannot be augmented, windows that this store cannot give, and
+        for two values that do not go together.
+
+    Attributes
+    ----------
+    windows
+        (N) the windows, in the order of the store.
+    rejects
+        Clips and windows that were left out, and why: "ignored", "too_short", "still", "filtered".
+
+    Notes
+    -----
+    Changes are pure functions of (seed, epoch, index) once an epoch is set, as an `EpochSampler` of this dataset
+    does: the same in every worker, on every rank, and after a resume. Without an epoch each reading draws from
+    torch's generator.
+
+    With `Primitives` among the fields a sample also holds Lodge's ``"primitives"`` (K, 8, D), ``"primitive_start"``,
+    ``"primitive_hard"`` and ``"primitive_filled"`` (K,); for windows of one local segment ``"primitives"`` (8, D)
+    alone. With a field that has beats it holds the labels ``"beat"`` and ``"downbeat"``, (rows,) bool.
+
+    ``print(dataset)`` says what a sample is, and ``dataset[ID]`` reads that of a ``batch["id"]`` again, with its
+    changes and their draw. See docs/guides/batches.md and docs/guides/training.md.
+
+    Examples
+    --------
+    >>> from dancedata.torch import WindowDataset
+    >>> ds = WindowDataset("data/aistpp", "train", fields=["edge151"])
+    >>> ds[0]["edge151"].shape
+    torch.Size([150, 151])
+    """
+
+    #: For ``DataLoader(collate_fn=...)``; default_collate does the same with samples of this dataset.
+    collate = staticmethod(collate)
+
+    def __init__(
+        self,
+        store: str | Path | Store,
+        split: str | Sequence[str] = "train",
+        fields: Sequence[Item] | None = None,
+        *,
+        windows: Windows | WindowList | None = None,
+        select: Select | None = None,
+        scale: Scale | ScalerLike | None = Scale(),
+        augment: Augment = (),
+        seed: int = 0,
+    ) -> None:
+        super().__init__(store, split, fields, select, scale)
+        place = Windows() if windows is None or isinstance(windows, WindowList) else windows
+        if not isinstance(place, Windows):
+            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        spec: PrimitiveSpec | None = None
+        if self._items.primitives is not None:
+            grid = self.store._window_grid(**place.grid)
+            length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
+            spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
+        self._primitives, also = spec, spec.key_motion if spec is not None else None
+        if isinstance(windows, WindowList):
+            selection = self._listed(windows, also)
+        else:
+            selection = self._choose(place, place.grid, place.start_at, also)
+        self.windows, self.rejects = selection.windows, selection.rejects
+        if not self.windows:
+            raise no_window_error(self.store, self.split, self.rejects, place.start_at)
+        self._prepare(augment, seed)
+        if place.start_at is not None and self._augmenter.crops:
+            raise clash(place, "the augmentation crop", "both choose where windows begin")
+        self._is_random |= spec is not None and spec.variant == "code"
+        self._roots = root_columns(self.store, self._items.relative, self._scaled)
+        self._stride = self.store._window_grid(**self._choice.windows).stride
+        self._starts: dict[str, range] = {}
+        self._cached_reader: BatchReader | None = None
+        self._pool = MemoryPool()
+
+    def _listed(self, windows: WindowList, also: str | None) -> Selection:
+        """Take windows of the caller's; UsageError for those of another split, or that are selected once more."""
+        if self._asked != Select():
+            raise clash(self._asked, windows, "windows of one's own are selected already")
+        if windows.split != self.split:
+            raise clash(f"split={self.split!r}", windows, "they are of another split")
+        self._choice = Choice(fields=self.fields if also is None else (*self.fields, also))
+        if not windows:
+            raise UsageError("the list of windows is empty", where=str(self.store.path), found=windows)
+        for name in self._choice.fields:
+            self.store._window_rows(windows, name)  # which checks them
+        self._split_of_clip = np.zeros(self.store._tables.n_clips, dtype=np.int16)
+        return Selection(windows, ())
+
+    def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
+        """Return one window; negative indices count from the end, and an id is read again as it was.
+
+        Raises
+        ------
+        IndexError
+            For an index outside the split.
+        UsageError
+            For an id that this dataset does not read.
+        """
+        if isinstance(index, str | SampleId):
+            return self._read_again(index)
+        request, reader = self._request([index]), self._batch_reader()
+        arrays = {name: np.empty((1, *shape), dtype=dtype) for name, (shape, dtype) in reader.layout.items()}
+        reader(request, arrays)
+        tensors = {name: torch.from_numpy(array[0]) for name, array in arrays.items()}
+        return tensors | {name: values[0] for name, values in self._metadata(request).items()}
+
+    @override
+    def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
+        """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
+
+        Their tensors are rows of one batch, which has its own memory.
+        """
+        request, reader = self._request(indices, epoch), self._batch_reader()
+        if not len(request):
+            return []
+        tensors = {name: self._pool.tensor((len(request), *s), dtype) for name, (s, dtype) in reader.layout.items()}
+        reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
+        if get_worker_info() is not None:
+            tensors = {name: shared_tensor(tensor.numpy()) for name, tensor in tensors.items()}
+        batch, metadata = Batch.of(len(request), tensors), self._metadata(request)
+        return [
+            Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in metadata.items()}, batch)
+            for nth in range(len(request))
+        ]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
+
+    @property
+    def unmapped(self) -> dict[str, str]:
+        """By field, why it is not copied from mapped files; empty if all are."""
+        return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
+
+    def _bias(self, place: int, epoch: int | None = None) -> int:
+        """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
+        return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
+
+    def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
+        """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""
+        epoch = self._drawn_epoch(epoch)
+        places = tuple(self._place(index) for index in indices)
+        mirrored = tuple(mirrored_samples(self.seed, epoch, places, self.mirror).tolist())
+        shifts = tuple(self._shift(place, epoch) for place in places) if self._augmenter.crops else (0,) * len(places)
+        return Request(places, mirrored, shifts, epoch)
+
+    def _shift(self, place: int, epoch: int) -> int:
+        """Return by how many frames the window that is read begins later than the listed one."""
+        window = self.windows[place]
+        if window.clip not in self._starts:
+            trim = self._choice.trim
+            self._starts[window.clip] = self.store._starts(window.clip, window.length, fields=self.fields, trim=trim)
+        start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
+        return start - window.start
+
+    @property
+    def _layout(self) -> Layout:
+        return self._batch_reader().layout
+
+    def _planned(self, indices: Sequence[int], epoch: int | None = None) -> ReadBatch:
+        """Return a reader of the samples at some indices; random numbers are drawn now, files are read later."""
+        request, reader = self._request(indices, epoch), self._batch_reader()
+
+        def read(out: Mapping[str, Array]) -> dict[str, list[Any]]:
+            reader(request, out)
+            return self._metadata(request)
+
+        return read
+
+    def _batch_reader(self) -> BatchReader:
+        """Return the reader of batches, which each process makes when it first needs it."""
+        if self._cached_reader is None:
+            rows = {
+                name: self.store._window_rows(self.windows, name, mapped=self.store._mapped) for name in self.fields
+            }
+            fields = [
+                FieldReader(
+                    n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clamp
+                )
+                for n in self.fields
+            ]
+            for name, values in rows.items():
+                if values.unmapped and self.store._mapped:
+                    _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
+            self._cached_reader = BatchReader(
+                self.store,
+                self.windows,
+                fields,
+                self._augmenter,
+                self._primitives,
+                self._bias,
+                beat_labels(self.store, self.fields),
+            )
+        return self._cached_reader
