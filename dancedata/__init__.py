@@ -2,7 +2,8 @@
 
 Motion capture and music go in; what any trainer needs comes out, in one documented HDF5 dataset.
 
-The names in `__all__` are the public list, modules among them. They are loaded when they are first used.
+The names in `__all__` are the public list, modules among them: what needs torch is in `dancedata.torch`. They are
+loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -15,84 +16,80 @@ from dancedata.core.version import __version__
 
 __all__ = [
     "AudioSignal",
+    "Clip",
+    "DanceDataError",
     "Evaluator",
     "FeatureCache",
     "Motion",
+    "SampleId",
+    "Scaler",
     "Skeleton",
+    "Store",
     "__version__",
-    "align",
     "build",
-    "cache",
     "check",
     "decode",
-    "decode_file",
-    "decode_group",
-    "diff",
     "encode",
     "evaluate",
     "export",
-    "extract",
-    "keymotion",
+    "features",
     "load_plugins",
     "metrics",
     "open",
-    "plan",
     "plot",
-    "push",
-    "quality",
-    "readers",
     "report",
-    "store",
-    "synthetic",
-    "training",
+    "torch",
+    "view",
 ]
 
 if TYPE_CHECKING:
-    from dancedata import cache, keymotion, metrics, plot, readers, report, store, synthetic, training
-    from dancedata.alignment.align import align
-    from dancedata.building.arrays import encode, extract
-    from dancedata.building.commands import build, check, plan
+    from dancedata import metrics, plot, torch
+    from dancedata.building.arrays import encode
+    from dancedata.building.commands import build, check
     from dancedata.cache import FeatureCache
-    from dancedata.comparison import diff
+    from dancedata.calls import report, view
     from dancedata.core.audio_signal import AudioSignal
+    from dancedata.core.errors import DanceDataError
     from dancedata.core.motion import Motion
     from dancedata.core.plugin_files import load_plugins
+    from dancedata.core.sample_id import SampleId
     from dancedata.core.skeleton import Skeleton
-    from dancedata.curation.quality import quality
-    from dancedata.decoding.decode import decode, decode_group
-    from dancedata.decoding.files import decode_file
+    from dancedata.decoding.decode import decode
     from dancedata.evaluation.evaluator import Evaluator
     from dancedata.evaluation.run import evaluate
     from dancedata.exports.base.run import export
-    from dancedata.remote.push import push
+    from dancedata.songs import features
+    from dancedata.store.clip_view import Clip
+    from dancedata.store.dataset import Store
     from dancedata.store.dataset import open_store as open
+    from dancedata.store.normalize import Scaler
 else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
             "AudioSignal": "dancedata.core.audio_signal",
+            "Clip": "dancedata.store.clip_view",
+            "DanceDataError": "dancedata.core.errors",
             "Evaluator": "dancedata.evaluation.evaluator",
             "FeatureCache": "dancedata.cache",
             "Motion": "dancedata.core.motion",
+            "SampleId": "dancedata.core.sample_id",
+            "Scaler": "dancedata.store.normalize",
             "Skeleton": "dancedata.core.skeleton",
-            "align": "dancedata.alignment.align",
+            "Store": "dancedata.store.dataset",
             "build": "dancedata.building.commands",
             "check": "dancedata.building.commands",
             "decode": "dancedata.decoding.decode",
-            "decode_file": "dancedata.decoding.files",
-            "decode_group": "dancedata.decoding.decode",
-            "diff": "dancedata.comparison",
             "encode": "dancedata.building.arrays",
             "evaluate": "dancedata.evaluation.run",
             "export": "dancedata.exports.base.run",
-            "extract": "dancedata.building.arrays",
+            "features": "dancedata.songs",
             "load_plugins": "dancedata.core.plugin_files",
             "open": "dancedata.store.dataset:open_store",
-            "plan": "dancedata.building.commands",
-            "push": "dancedata.remote.push",
-            "quality": "dancedata.curation.quality",
+            "report": "dancedata.calls",
+            "view": "dancedata.calls",
         },
-        modules=("cache", "keymotion", "metrics", "plot", "readers", "report", "store", "synthetic", "training"),
+        modules=("metrics", "plot", "torch"),
     )
 
 #: What IPython shows as the viewer draws it.
@@ -101,11 +98,13 @@ _DRAWN = {
     "Store": "dancedata.store.dataset",
     "Clip": "dancedata.store.clip_view",
     "Clips": "dancedata.store.clip_view",
+    "Report": "dancedata.evaluation.report",
+    "WindowDataset": "dancedata.torch.windows",
 }
 
 
 def load_ipython_extension(shell: Any) -> None:
-    """Show datasets, clips and motions on the last line of a cell; importing dancedata in IPython calls this."""
+    """Show datasets, clips, motions and scores on the last line of a cell; import in IPython calls this."""
 
     def draw(value: Any) -> str:
         from dancedata.viewer.notebook import html_of  # when the first is shown

@@ -6,7 +6,7 @@ vice versa.
 Examples
 --------
 >>> from dancedata.cache import FeatureCache
->>> rows = FeatureCache().get("librosa35", "song.wav", fps=30, start_bpm=120)    # (T, 35), read-only
+>>> rows = FeatureCache()("song.wav", "librosa35", fps=30, bpm=120)    # (T, 35), read-only
 """
 
 from collections.abc import Callable, Sequence
@@ -22,16 +22,17 @@ from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Ask
 from dancedata.building.signals import SignalId, identify_audio
+from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.grid import FrameGrid, Number, WindowSpec
-from dancedata.core.plugins import AudioFeature
-from dancedata.core.registry import FEATURES
+from dancedata.core.grid import Number
 from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import as_in_builds
-from dancedata.recipes.plugins import make_named
+from dancedata.store import Store
+from dancedata.store.normalize import Reader
+from dancedata.store.queries import reference
 
 __all__ = ["FeatureCache"]
 
@@ -51,89 +52,56 @@ class FeatureCache:
     def __init__(self, root: str | Path | None = None) -> None:
         self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
         self._compared: set[Path] = set()
-        self._features: dict[str, AudioFeature] = {}
+        self._jobs: dict[str, MusicField] = {}
 
     def __repr__(self) -> str:
         return f"FeatureCache({str(self.root)!r})"
 
-    def get(
+    def __call__(
         self,
-        feature: str,
         song: str | Path,
+        field: str = "librosa35",
+        *,
+        like: str | Path | Store | Reader | None = None,
         fps: Number = 30,
-        start_bpm: float | None = None,
+        bpm: float | None = None,
+        windows: tuple[int, int] | None = None,
         **parameters: Any,
     ) -> npt.NDArray[Any]:
-        """Return a feature of a whole song, as a build of whole clips has it.
+        """Return a feature of a song as `dancedata.features` does, of an audio file.
 
         Parameters
         ----------
-        feature
-            Name of a registered audio feature, such as "librosa35".
         song
-            An audio file. Only its signal counts, not its name.
-        fps
-            Rows per second.
-        start_bpm
-            Tempo to start from, where the feature tracks beats; None: it is estimated.
-        parameters
-            Parameters of the feature, as in a recipe.
+            An audio file. Only its signal counts, not its name; without `bpm`, `like` may state its tempo by it.
+        field, like, fps, bpm, windows, parameters
+            As of `dancedata.features`. Window k begins at frame ``k * windows[1]``.
 
         Returns
         -------
-        (T, D) array
-            Read-only and mapped: rows are read from the file at the first access, and processes of one machine
-            share the memory. Copy the array to change it.
+        (T, D) array, or (W, L, D) of W windows
+            Of a whole song read-only and mapped: rows are read from the file at the first access, and processes of
+            one machine share the memory. Copy the array to change it. W is 0 for a song shorter than a window.
 
         Raises
         ------
         DataError
             If the file cannot be decoded, or the feature cannot be computed of it.
         UsageError
-            For an unknown feature or parameter, or a file that does not exist.
+            For an unknown feature, field or parameter, or a file that does not exist.
         """
-        field = MusicField(feature, FrameGrid.of(fps), self._feature(feature, parameters))
-        music = Music(self._identify(song), bpm=start_bpm)
-        fields = [replace(field, arithmetic=known) for known in _arithmetics()]
-        (rows,) = self._rows(fields, lambda field: [field.ask(music)], self._mapped)
-        return rows
-
-    def get_windows(
-        self,
-        feature: str,
-        song: str | Path,
-        *,
-        length_frames: int = 150,
-        stride_frames: int = 15,
-        fps: Number = 30,
-        start_bpm: float | None = None,
-        **parameters: Any,
-    ) -> npt.NDArray[Any]:
-        """Return a feature of all windows of a song, each by itself, as a build of slices has it.
-
-        Parameters
-        ----------
-        length_frames, stride_frames
-            Length and stride of the windows, in frames at `fps`. Window k begins at frame ``k * stride_frames``.
-        feature, song, fps, start_bpm, parameters
-            As in `get`.
-
-        Returns
-        -------
-        (W, L, D) array
-            W windows of L rows; W is 0 for a song shorter than a window.
-        """
-        if length_frames < 1 or stride_frames < 1:
-            raise UsageError("windows have a length and a stride of at least 1", found=(length_frames, stride_frames))
-        grid = FrameGrid.of(fps)
-        windows = WindowSpec(length_frames, stride_frames, grid)
-        field = MusicField(feature, grid, self._feature(feature, parameters), windows=windows)
-        music = Music(self._identify(song), bpm=start_bpm)
-        fields = [replace(field, arithmetic=known) for known in _arithmetics()]
-        rows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)
-        if not rows:
-            return np.empty((0, length_frames, field.columns.width), field.dtype)
-        return np.stack(rows)
+        store = dataset_like(like)
+        job = self._job(field, store, fps, windows, parameters)
+        signal = self._identify(song)
+        if bpm is None and store is not None:
+            bpm, _ = stated_tempo(store, signal.sha256, Path(song))
+        music = Music(signal, bpm=bpm)
+        fields = [replace(job, arithmetic=known) for known in _arithmetics()]
+        if windows is None:
+            (rows,) = self._rows(fields, lambda field: [field.ask(music)], self._mapped)
+            return rows
+        of_windows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)
+        return np.stack(of_windows) if of_windows else np.empty((0, windows[0], job.columns.width), job.dtype)
 
     def _rows(
         self,
@@ -166,13 +134,20 @@ class FeatureCache:
             self._compared.add(array.path)
         return array.mapped()
 
-    def _feature(self, name: str, parameters: dict[str, Any]) -> AudioFeature:
-        """Return a resolved feature, as of a build; one object resolves it once."""
-        request = repr((name, sorted(parameters.items())))
-        if request not in self._features:
-            plugin = make_named(FEATURES, "audio", name, parameters)
-            self._features[request] = plugin.resolved(Cache(self.root).file_sha256)
-        return self._features[request]
+    def _job(
+        self,
+        name: str,
+        store: Store | None,
+        fps: Number,
+        windows: tuple[int, int] | None,
+        parameters: dict[str, Any],
+    ) -> MusicField:
+        """Return a field with a resolved feature, as of a build; one object resolves it once."""
+        request = repr((name, None if store is None else reference(store), fps, windows, sorted(parameters.items())))
+        if request not in self._jobs:
+            job = music_field(name, store, fps, windows, parameters)
+            self._jobs[request] = replace(job, feature=job.feature.resolved(Cache(self.root).file_sha256))
+        return self._jobs[request]
 
 
 def _arithmetics() -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,11 @@ from dancedata.building.inputs import Music
 from dancedata.building.left_out import implausible_problems
 from dancedata.building.plugins import Loadable
 from dancedata.building.signals import SignalId, identify_audio
-from dancedata.core.audio_signal import AUDIO_SUFFIXES
+from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
+from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.quality import music_flags
@@ -35,16 +37,82 @@ from dancedata.files.listing import named_files
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
+from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.plugins import make_named
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import Store, open_store
+from dancedata.store.normalize import Reader
 from dancedata.store.queries import network_weights
 from dancedata.store.schema import DATASET_FILE
-from dancedata.store.songs import music_hashes
 
 #: Largest .json of features: it lists the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26
+
+
+def features(
+    song: str | Path | AudioSignal,
+    field: str = "librosa35",
+    *,
+    like: str | Path | Store | Reader | None = None,
+    fps: Number = 30,
+    bpm: float | None = None,
+    windows: tuple[int, int] | None = None,
+    **parameters: Any,
+) -> npt.NDArray[Any]:
+    """Compute an audio feature of a song, as a build does. Nothing is kept; `FeatureCache` is the same call, kept.
+
+    Parameters
+    ----------
+    song
+        An audio file (wav, flac, mp3, ogg) or an AudioSignal.
+    field
+        Name of a registered audio feature, such as "librosa35"; with `like` a field of the dataset.
+    like
+        Dataset, or reader of one, with whose parameters, rate and tempo of the song the field is computed.
+    fps
+        Rows per second, without `like`.
+    bpm
+        Tempo to start from, where the feature tracks beats. None: what `like` states of the song, else it is
+        estimated.
+    windows
+        Length and stride in frames: each window by itself, as a build of slices has it. None: the whole song.
+    parameters
+        Parameters of the feature, as in a recipe, without `like`.
+
+    Returns
+    -------
+    (T, D) array, or (W, L, D) of W windows
+        A row per frame; float32, or the feature's type.
+
+    Raises
+    ------
+    UsageError
+        For an unknown feature, field or parameter, with the closest name.
+    DataError
+        If the song cannot be read, or the feature cannot be computed of it.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> dancedata.features("song.wav", "librosa35", fps=30, bpm=120).shape
+    (211, 35)
+    """
+    store = dataset_like(like)
+    job = music_field(field, store, fps, windows, parameters)
+    job = replace(job, feature=job.feature.resolved(sha256_file))
+    signal = song if isinstance(song, AudioSignal) else load_audio(song)
+    place = Path("song" if isinstance(song, AudioSignal) else song)
+    if bpm is None:
+        bpm, _ = stated_tempo(store, signal.sha256, place)
+    compute = as_in_builds(job.feature.exact)
+    if job.windows is None:
+        rows: npt.NDArray[Any] = compute(partial(job.feature.extract, start_bpm=bpm), signal, job.grid)
+        return rows
+    starts, length = job.slices(signal.n_samples, signal.sample_rate)
+    many = partial(job.feature.extract_windows, start_bpm=bpm)
+    rows = compute(many, signal, starts, length, job.grid, job.slice_rows)
+    return rows
 
 
 def find_jobs(feature: str | None, like: str | None) -> list[MusicField]:
@@ -109,7 +177,7 @@ def write_features(
     try:
         with _undone_if_it_fails(out) as new:
             for song, signal in signals.items():
-                stated = (bpm, "--bpm") if bpm is not None else _stated_tempo(dataset, signal.sha256, song)
+                stated = (bpm, "--bpm") if bpm is not None else stated_tempo(dataset, signal.sha256, song)
                 for job in jobs:
                     path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
@@ -231,24 +299,6 @@ def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> Audi
             weights_fix = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
             error.fix = f"{error.fix}. {weights_fix}" if error.fix else weights_fix
         raise
-
-
-def _stated_tempo(dataset: Store | None, sha256: str, song: Path) -> tuple[float | None, str]:
-    """Return a dataset's tempo of a song, in BPM, and the evidence: "samples" or "name".
-
-    None if the dataset states none: then training estimated it too.
-    """
-    if dataset is None:
-        return None, ""
-    hashes = music_hashes(dataset.clips())
-    clips = [clip for clip in dataset.clips() if not clip.source]
-    same = {clip.tempo_bpm for clip in clips if sha256.startswith(hashes.get(clip.id, "-"))}
-    tempos, by = (same, "samples") if same else ({c.tempo_bpm for c in clips if c.music == song.stem}, "name")
-    if len(tempos) > 1:
-        raise UsageError("the dataset states several tempos of this song", where=song,
-                         found=listed(sorted("none" if tempo is None else f"{tempo:g} BPM" for tempo in tempos)),
-                         fix="set --bpm")  # fmt: skip
-    return next(iter(tempos), None), by
 
 
 @dataclass(frozen=True)

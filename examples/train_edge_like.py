@@ -185,7 +185,7 @@ def main() -> None:
     data = WindowDataset(ds, fields=both, windows=windows, scale=Scale(fields=both), augment={"mirror": 0.5})
     torch.manual_seed(args.seed)
     model = Denoiser(ds.fields[field].width, 35, args.width, args.layers, data.windows[0].length)
-    music = dancedata.extract("librosa35", args.song, fps=ds.fps) if args.song else ds.clips()[-1].read("librosa35")
+    music = dancedata.features(args.song, "librosa35", fps=ds.fps) if args.song else ds.clips()[-1].read("librosa35")
     accelerator, model = train(args, model, data, Losses(data, field), lambda batch: (batch["librosa35"],), field)
     if accelerator.is_main_process:
         made = generate(model, data, field, torch.from_numpy(music).to(accelerator.device), args.ddim, args.guidance)

@@ -96,7 +96,7 @@ def main() -> None:
 
     music = store.clips()[-1].read("librosa35")
     if args.song:
-        music = dancedata.extract("librosa35", args.song, fps=store.fps)
+        music = dancedata.features(args.song, "librosa35", fps=store.fps)
     if len(music) < args.frames:
         raise SystemExit(f"the music has {len(music)} frames; --frames {args.frames} are needed")
     accelerator, model = train(args, model, data, Losses(data, FIELD), condition_of, "primitives")

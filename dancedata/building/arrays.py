@@ -1,6 +1,5 @@
-"""extract and encode: one song or one motion, without a dataset."""
+"""encode, and features of a song: one song or one motion, without a dataset."""
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,53 +17,13 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.recipes.plugins import make_named, one_of
 
 
-def extract(
-    feature: str,
-    song: str | Path | AudioSignal,
-    *,
-    fps: Number = 30,
-    start_bpm: float | None = None,
-    **parameters: Any,
-) -> npt.NDArray[Any]:
-    """Compute an audio feature of a whole song, as a build of whole clips does.
-
-    Parameters
-    ----------
-    feature
-        Name of a registered audio feature, such as "librosa35".
-    song
-        An audio file (wav, flac, mp3, ogg) or an AudioSignal.
-    fps
-        Rows per second.
-    start_bpm
-        Tempo to start from, where the feature tracks beats. None: it is estimated.
-    parameters
-        Parameters of the feature, as in a recipe.
-
-    Returns
-    -------
-    (T, D) array
-        A row per frame; float32, or the feature's type. Nothing is cached; `FeatureCache` does that.
-
-    Raises
-    ------
-    UsageError
-        For an unknown feature or parameter, with the closest name.
-    DataError
-        If the song cannot be read, or the feature cannot be computed of it.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> dancedata.extract("librosa35", "song.wav", fps=30, start_bpm=120).shape
-    (211, 35)
-    """
+def extract(feature: str, song: str | Path | AudioSignal, *, fps: Number = 30) -> npt.NDArray[Any]:
+    """Compute an audio feature (T, D) of a whole song, as a build of whole clips does."""
     from dancedata.music.signal import load_audio
 
-    plugin = make_named(FEATURES, "audio", feature, parameters).resolved(sha256_file)
+    plugin = make_named(FEATURES, "audio", feature, {}).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    compute = as_in_builds(plugin.exact)
-    rows: npt.NDArray[Any] = compute(partial(plugin.extract, start_bpm=start_bpm), signal, FrameGrid.of(fps))
+    rows: npt.NDArray[Any] = as_in_builds(plugin.exact)(plugin.extract, signal, FrameGrid.of(fps))
     return rows
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from dancedata.building.build import BuildResult
 from dancedata.building.build import build as _build
@@ -27,11 +27,28 @@ __all__ = ["build", "build_part", "check", "plan"]
 RecipeLike = str | Path | Mapping[str, Any] | Recipe
 
 
+@overload
+def build(
+    recipe: RecipeLike, source: str | Path | None = ..., out: str | Path | None = ..., *,
+    dry_run: Literal[False] = ..., overrides: Overrides = ..., jobs: int | None = ..., overwrite: bool = ...,
+    strict: bool = ..., cache: str | Path | None = ..., backend: str | None = ..., scheduler: str | None = ...,
+    progress: bool = ...,
+) -> BuildResult: ...  # fmt: skip
+
+
+@overload
+def build(
+    recipe: RecipeLike, source: str | Path | None = ..., out: str | Path | None = ..., *, dry_run: Literal[True],
+    overrides: Overrides = ..., jobs: int | None = ..., cache: str | Path | None = ..., progress: bool = ...,
+) -> Plan: ...  # fmt: skip
+
+
 def build(
     recipe: RecipeLike,
     source: str | Path | None = None,
     out: str | Path | None = None,
     *,
+    dry_run: bool = False,
     overrides: Overrides = (),
     jobs: int | None = None,
     overwrite: bool = False,
@@ -40,7 +57,7 @@ def build(
     backend: str | None = None,
     scheduler: str | None = None,
     progress: bool = True,
-) -> BuildResult:
+) -> BuildResult | Plan:
     """Build a dataset, as ``dancedata build`` does.
 
     Parameters
@@ -54,6 +71,8 @@ def build(
         written to ``OUT-source``.
     out
         Folder to write. Default: ``data/NAME`` in the working folder.
+    dry_run
+        Return what would be built, a `Plan`: only lengths are read, and nothing is written to `out`.
     overrides
         Keys of the recipe to change: ``{"windows.stride_s": 1}``, or ``["windows.stride_s=1"]`` as on the command
         line.
@@ -96,6 +115,8 @@ def build(
     (4, {})
     >>> ds = built.open()
     """
+    if dry_run:
+        return plan(recipe, source, out, overrides=overrides, jobs=jobs, cache=cache, progress=progress)
     request = _Request.of(recipe, source, out, overrides)
     reporter = Progress(quiet=not progress)
     reporter.announce(f"building {request.recipe.name} from {request.source} into {request.out}")

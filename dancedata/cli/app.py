@@ -195,7 +195,7 @@ def decode(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help=OUTPUT_HELP)],
     to: Annotated[str, typer.Option(help="bvh, npz, smpl (AMASS's arrays), smplx, glb or obj.")],
     out: Annotated[Path, typer.Option(help="Folder for the files.")],
-    representation: Annotated[str | None, typer.Option("--as", metavar="NAME", help=AS_HELP)] = None,
+    field: Annotated[str | None, typer.Option("--as", metavar="NAME", help=AS_HELP)] = None,
     like: Annotated[Path | None, typer.Option(metavar="STORE", help="The trainer's dataset: scaler, rate.")] = None,
     normalized: Normalized = None,
     scaler: ScalerFile = None,
@@ -214,11 +214,11 @@ def decode(
     dancedata decode FILE... --as edge151 --to bvh --out DIR
     """
     load_plugins(*(plugins or ()))
-    from dancedata.decoding.files import decode_file
+    from dancedata.decoding.decode import decode as run
 
     kind: Any = to  # checked there
-    written = decode_file(
-        files, representation, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+    written = run(
+        list(files), field, to=kind, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
         normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas_of(betas),
         frames=frames,
     )  # fmt: skip

@@ -1,72 +1,91 @@
-"""decode: columns of one motion, of a batch or of a group of dancers, back to motions."""
+"""decode: columns of one motion, of a batch, of a group of dancers, or of files, back to motions."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias, overload
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DanceDataError, DataError, UsageError
-from dancedata.core.grid import FrameGrid, Number
+from dancedata.core.errors import UsageError
+from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Representation
-from dancedata.core.registry import REPRESENTATIONS
-from dancedata.recipes.plugins import make_named
+from dancedata.core.text import shown
+from dancedata.decoding.decoder import Decoder, Like, ScalerLike
+from dancedata.decoding.files import decode_files
+from dancedata.scene.like import opened, store_of
 
-if TYPE_CHECKING:
-    from dancedata.store import Store
-    from dancedata.store.normalize import Reader, Scaler
-
-
-#: The representation that holds the places of dancers.
-_PLACES = "root_place"
-#: A dataset, open or not, or a reader of it.
-Like: TypeAlias = "Store | Reader | str | Path | None"
-#: A scaler, or its file.
-ScalerLike: TypeAlias = "Scaler | str | Path | None"
+#: Files of columns, folders of them, or patterns.
+Files: TypeAlias = "str | Path | Sequence[str | Path]"
 _OneMotion = np.ndarray[tuple[int, int], Any]
 _Batch = np.ndarray[tuple[int, int, int], Any]
 
 
 @overload
 def decode(
-    array: _Batch, representation: str, *, fps: Number | None = ..., like: Like = ..., normalized: bool | None = ...,
-    scaler: ScalerLike = ..., clamp: bool = ..., **parameters: Any,
+    columns: _OneMotion, field: str | None = ..., *, like: Like = ..., normalized: bool | None = ...,
+    scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ..., **parameters: Any,
+) -> Motion: ...  # fmt: skip
+
+
+@overload
+def decode(
+    columns: _Batch, field: str | None = ..., *, mask: npt.ArrayLike | None, place: npt.ArrayLike | None = ...,
+    like: Like = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
+    fps: Number | None = ..., **parameters: Any,
+) -> list[Motion | None]: ...  # fmt: skip
+
+
+@overload
+def decode(
+    columns: _Batch, field: str | None = ..., *, like: Like = ..., normalized: bool | None = ...,
+    scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ..., **parameters: Any,
 ) -> list[Motion]: ...  # fmt: skip
 
 
 @overload
 def decode(
-    array: _OneMotion, representation: str, *, fps: Number | None = ..., like: Like = ...,
-    normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ..., **parameters: Any,
-) -> Motion: ...  # fmt: skip
+    columns: Files, field: str | None = ..., *, to: str, out: str | Path, like: Like = ...,
+    normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ...,
+    key: str | None = ..., overwrite: bool = ..., body_model: str | Path | None = ...,
+    betas: npt.ArrayLike | None = ..., frames: str | None = ..., **parameters: Any,
+) -> list[Path]: ...  # fmt: skip
 
 
 def decode(
-    array: npt.NDArray[Any],
-    representation: str,
+    columns: npt.NDArray[Any] | Files,
+    field: str | None = None,
     *,
-    fps: Number | None = None,
     like: Like = None,
     normalized: bool | None = None,
     scaler: ScalerLike = None,
     clamp: bool = False,
+    fps: Number | None = None,
+    mask: npt.ArrayLike | None = None,
+    place: npt.ArrayLike | None = None,
+    to: str | None = None,
+    out: str | Path | None = None,
+    key: str | None = None,
+    overwrite: bool = False,
+    body_model: str | Path | None = None,
+    betas: npt.ArrayLike | None = None,
+    frames: str | None = None,
     **parameters: Any,
-) -> Motion | list[Motion]:
-    """Decode the columns of a representation into a motion, or a batch of them into a list.
+) -> Motion | list[Motion] | list[Motion | None] | list[Path]:
+    """Decode columns into a motion, a batch of them into a list; or files of them into motion files.
 
     Parameters
     ----------
-    array
-        (T, D) columns, or a batch (B, T, D): as stored, or normalised, as `normalized` states.
-    representation
-        Name of the representation that the columns are in; with `like` the name of the dataset's field, such as
-        "edge151.second".
-    fps
-        Frames per second of the rows. Default: those of `like`, else the representation's rate, else 30.
+    columns
+        (T, D) columns, a batch (B, T, D), or with `mask` or `place` a group (P, T, D) as `GroupDataset` gives it: as
+        stored, or normalised, as `normalized` states. Or files .npy, .npz, .pkl with such arrays, or batches of
+        groups, folders of them and patterns, with `to` and `out`. Pickles are read without executing them; entries
+        such as ``normalized``, ``fps``, ``person_mask`` and ``root_place`` of a file count.
+    field
+        Name of the dataset's field or of the representation that the columns are in, such as "edge151.second".
+        Default: what files of `WindowDataset.save_samples` state, else the only field of `like` of their width.
     like
         The dataset that the trainer read, or its reader. A reader states its scaler, and whether it normalises.
     normalized
@@ -75,24 +94,49 @@ def decode(
     scaler
         Another scaler, or the file of its ``save``: the columns are normalised by it.
     clamp
-        Clip normalised values to [-1, 1] first, as EDGE and Lodge do. False: mirrored and turned motion, which is a
+        Cut normalised values to [-1, 1] first, as EDGE and Lodge do. False: mirrored and turned motion, which is a
         little outside, comes back whole.
+    fps
+        Frames per second of the rows. Default: those of `like` or of the file, else the representation's, else 30.
+    mask
+        (P,) truth values: which dancers of a group there are; the rows of the others are ignored. Default: all.
+    place
+        (P, T, 6) columns of the field root_place, normalised if `columns` are: required for representations without
+        a place, such as humanml263, whose dancers would else all stand at the origin.
+    to
+        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
+        and "smplx" on SMPL-X, both +Z up. "glb": glTF, an animated skeleton, with `body_model` its skinned mesh.
+        "obj": a mesh for each frame, with pose correctives.
+    out
+        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch; <name>_p0.bvh and so on for the
+        dancers of a group who are there, <name>_000_p0.bvh in a batch. Meshes: <name>/<name>_000000.obj and so on.
+    key
+        Name of the array, where a file has several. Default: the only one with the representation's columns.
+    overwrite
+        Overwrite existing files.
+    body_model, betas
+        File of SMPL, SMPL-H or SMPL-X, whose mesh is written, required for "obj"; its shape, default: its mean.
+    frames
+        Frames of "obj", from 0: one, or begin:end or begin:end:step as slices of Python. Default: all.
     parameters
         Parameters of the representation, as in a recipe.
 
     Returns
     -------
-    Motion, or list of Motion for a batch
-        Metres, radians, +Y up.
+    Motion; list of Motion, of a group None for a dancer who is not there; or the files
+        Metres, radians, +Y up; the dancers of a group in one world.
 
     Raises
     ------
     UsageError
-        For an unknown representation or parameter, for a representation that holds positions only, for another shape
-        or a rate that the dataset does not have; if nothing states whether the columns are normalised, or they are
-        clearly not as stated; for a scaler of another field or dataset.
+        For an unknown field, representation, parameter or format, for a representation that holds positions only, for
+        another shape or a rate that the dataset does not have; if nothing states whether the columns are normalised,
+        or they are clearly not as stated; for a scaler of another field or dataset, and existing files.
     DataError
-        If the columns are not those of the representation, or not finite; for a batch with the number of the motion.
+        If the columns are not those of the representation, not finite, or a file cannot be read; with the number of
+        the motion or dancer.
+    StoreError
+        If the files cannot be written; then none is left.
 
     Examples
     --------
@@ -100,231 +144,36 @@ def decode(
     >>> ds = dancedata.open("data/aistpp")
     >>> dancedata.decode(ds.read(ds.windows("train")[3], "edge151"), "edge151", fps=ds.fps)
     Motion(150 frames at 30 FPS, 5.00 s, skeleton smpl24)
+    >>> dancedata.decode("samples.npy", "edge151", like="data/aistpp", normalized=True, to="bvh", out="x")
+    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
     """
-    return Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp).motions(array)
-
-
-def decode_group(
-    array: npt.NDArray[Any],
-    representation: str,
-    *,
-    person_mask: npt.ArrayLike | None = None,
-    place: npt.ArrayLike | None = None,
-    fps: Number | None = None,
-    like: Like = None,
-    normalized: bool | None = None,
-    scaler: ScalerLike = None,
-    clamp: bool = False,
-    **parameters: Any,
-) -> list[Motion | None]:
-    """Decode the columns of a group of dancers, one motion each, in one world.
-
-    Parameters
-    ----------
-    array
-        (P, T, D) columns, as `GroupDataset` gives them: as stored, or normalised, as `normalized` states.
-    representation, fps, like, normalized, scaler, clamp, parameters
-        As in `decode`.
-    person_mask
-        (P,) truth values: which dancers there are; the rows of the others are ignored. Default: all.
-    place
-        (P, T, 6) columns of the field root_place, normalised if `array` is: required for representations without a
-        place, such as humanml263, whose dancers would else all stand at the origin.
-
-    Returns
-    -------
-    list of P Motion, None for a dancer who is not there
-        Metres, radians, +Y up.
-
-    Raises
-    ------
-    UsageError
-        As `decode`; for a mask or places of another shape, and without places where they are required.
-    DataError
-        As `decode`, with the number of the dancer; for a dancer whose rows are all 0 without a mask.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> from dancedata.torch import Dancers, GroupDataset
-    >>> groups = GroupDataset("data/groups", fields=("edge151",), dancers=Dancers(persons=3))
-    >>> sample = groups[0]
-    >>> rows, mask = sample["edge151"].numpy(), sample["person_mask"]
-    >>> [motion is not None for motion in dancedata.decode_group(rows, "edge151", person_mask=mask, like=groups)]
-    [True, True, False]
-    """
-    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp)
-    return decoder.group(array, person_mask, place)
-
-
-@dataclass(frozen=True)
-class Decoder:
-    """A representation, and what a call and a file state of the scaling of its columns and their rate.
-
-    `field`: Name of the representation, or of the field of `like` with it.
-    `file`, `grid`: Whether the file states that its columns are normalised, and the rate that it states; None if it
-        does not.
-    """
-
-    field: str
-    representation: Representation
-    fps: Number | None
-    like: Like
-    normalized: bool | None
-    scaler: ScalerLike
-    clamp: bool
-    file: bool | None = None
-    grid: FrameGrid | None = None
-
-    @classmethod
-    def of(
-        cls, field: str, parameters: dict[str, Any], fps: Number | None, like: Like, normalized: bool | None,
-        scaler: ScalerLike, clamp: bool,
-    ) -> Decoder:  # fmt: skip
-        """Return the decoder of a call; `decode` says what is refused."""
-        name, _ = REPRESENTATIONS.split(field)
-        plugin = make_named(REPRESENTATIONS, "motion", name, parameters)
-        return cls(field, plugin, fps, like, normalized, scaler, clamp)
-
-    def motions(self, array: Any) -> Motion | list[Motion]:
-        """Decode columns (T, D), or a batch (B, T, D)."""
-        self._require_decodable()
-        array = _numbers(array, self.field)
-        self._require_shape(array, (2, 3))
-        stored, grid = self._undone(array)
-        if stored.ndim == 2:
-            return self.representation.decode(stored, grid)
-        return [self._motion(one, grid, f"motion {number} of the batch") for number, one in enumerate(stored)]
-
-    def group(self, array: Any, person_mask: Any, place: Any) -> list[Motion | None]:
-        """Decode the columns (P, T, D) of a group; see `decode_group`."""
-        self._require_decodable()
-        array = _numbers(array, self.field)
-        self._require_shape(array, (3,))
-        present = self._present(array, person_mask)
-        places = self._places(array, place, present)
-        motions: list[Motion | None] = [None] * len(array)
-        stored, grid = self._undone(array[present])
-        for row, number in enumerate(np.flatnonzero(present)):
-            motion = self._motion(stored[row], grid, f"dancer {number}")
-            motions[number] = (
-                motion if places is None else REPRESENTATIONS.make(_PLACES, {}).placed(motion, places[row])
-            )
-        return motions
-
-    def _present(self, array: npt.NDArray[Any], person_mask: Any) -> npt.NDArray[np.bool_]:
-        if person_mask is None:
-            absent = np.flatnonzero(~array.any(axis=(1, 2)))
-            if len(absent):
-                raise DataError(
-                    "a dancer's rows are all 0", reason="bad_shape", where=f"dancer {absent[0]}",
-                    fix="pass person_mask, which GroupDataset gives: who is not there has rows of 0",
-                )  # fmt: skip
-            return np.ones(len(array), np.bool_)
-        mask = np.asarray(person_mask)
-        if mask.shape != array.shape[:1] or not np.isin(mask, (0, 1)).all() or not mask.any():
-            raise UsageError("person_mask does not fit the columns",
-                             found=f"shape {mask.shape}, values {np.unique(mask).tolist()}",
-                             allowed=f"({len(array)},), 0 or 1, not all 0")  # fmt: skip
-        return mask.astype(np.bool_)
-
-    def _places(self, array: npt.NDArray[Any], place: Any, present: npt.NDArray[np.bool_]) -> npt.NDArray[Any] | None:
-        """Return rows (P, T, 6) of those present, not normalised; None for columns that hold places themselves."""
-        spatial = self.representation.spatial
-        placeless = spatial is not None and spatial.placeless
-        if (place is not None) != placeless:
-            raise UsageError(
-                f"the columns of {self.field} have no places" if placeless else f"{self.field} holds places itself",
-                fix="pass place=, the columns of the field root_place; in a file, an array root_place"
-                if placeless else "leave out the columns of root_place",
-            )  # fmt: skip
-        if place is None:
-            return None
-        rows = _numbers(place, "root_place")
-        if rows.shape != (*array.shape[:2], 6):
-            raise UsageError(
-                "the places do not fit the columns", found=f"shape {rows.shape}", allowed=f"{(*array.shape[:2], 6)}"
-            )
-        if self.scaler is not None:
-            raise UsageError(
-                "a scaler of one field does not normalise root_place",
-                fix="name the reader or dataset of both fields: like=, in a command --like STORE",
-            )
-        return replace(self, field=_PLACES, representation=_places())._undone(rows[present])[0]
-
-    def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
-        """Return columns as they are stored, and their rate."""
-        from dancedata.scene.like import opened, scaling_of, store_of
-
-        like = None if self.like is None else opened(self.like)
-        grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)
-        scaling = scaling_of(
-            like, self.field, self.representation.columns.labels, normalized=self.normalized, scaler=self.scaler,
-            clamp=self.clamp,
+    is_file = isinstance(columns, str | Path) or (
+        isinstance(columns, Sequence) and bool(columns) and isinstance(columns[0], str | Path)
+    )
+    if is_file != (to is not None and out is not None):
+        raise UsageError("files are decoded to a format and a folder, arrays to motions", found=shown(columns),
+                         fix='give to="bvh" and out=FOLDER with files, and with nothing else')  # fmt: skip
+    if is_file:
+        return decode_files(
+            columns, field, to=str(to), out=Path(str(out)), like=like, fps=fps, key=key, overwrite=overwrite,
+            normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas, frames=frames,
+            **parameters,
         )  # fmt: skip
-        return scaling.undo(array, self.representation, file=self.file), grid
-
-    def _motion(self, array: npt.NDArray[Any], grid: FrameGrid, where: str) -> Motion:
-        try:
-            return self.representation.decode(array, grid)
-        except DanceDataError as error:
-            error.where = where + (f", {error.where}" if error.where else "")
-            raise
-
-    def _require_decodable(self) -> None:
-        if not self.representation.decodes:
-            raise UsageError(
-                f"{self.field} cannot be decoded: positions do not determine how a bone turns about its own axis",
-                fix="use the positions unchanged, or store a representation that holds rotations as well",
-            )
-
-    def _require_shape(self, array: npt.NDArray[Any], dimensions: tuple[int, ...]) -> None:
-        width = self.representation.columns.width
-        if array.ndim not in dimensions or array.shape[-1] != width or 0 in array.shape:
-            raise UsageError(
-                f"these are not columns of {self.field}",
-                found=f"shape {array.shape}",
-                allowed=f"(T, {width}) or a batch (B, T, {width}), not empty"
-                if 2 in dimensions else f"a group (P, T, {width}), not empty",
-                fix=_named_by_width(array.shape[-1])
-                if array.ndim in dimensions and array.shape[-1] != width else None,
-            )  # fmt: skip
+    if field is None:
+        field = _field_of_width(columns, like)
+    decoder = Decoder.of(field, parameters, fps, like, normalized, scaler, clamp)
+    if mask is not None or place is not None:
+        return decoder.group(columns, mask, place)
+    return decoder.motions(columns)
 
 
-def _places() -> Representation:
-    return REPRESENTATIONS.make(_PLACES, {})
-
-
-def _numbers(array: Any, name: str) -> npt.NDArray[Any]:
-    try:
-        numbers = np.asarray(array)
-        problem = "" if numbers.dtype.kind in "iuf" else f"dtype {numbers.dtype}"
-    except (TypeError, ValueError, RuntimeError) as error:  # lists of unequal length; tensors that numpy cannot hold
-        problem = str(error)
-    if problem:
-        fix = "pass a numpy array: tensor.detach().cpu().float().numpy()"
-        raise UsageError(f"these are not columns of {name}", found=problem, allowed="floats or integers", fix=fix)
-    return numbers
-
-
-def _named_by_width(width: int) -> str | None:
-    fitting = [n for n in REPRESENTATIONS.names() if REPRESENTATIONS.get(n)().columns.width == width]
-    return f"{width} columns are those of {' or '.join(fitting)}" if fitting else None
-
-
-def _grid(
-    plugin: Representation, name: str, fps: Number | None, store: Store | None, file: FrameGrid | None
-) -> FrameGrid:
-    stored = None if store is None else FrameGrid(store.field(name).rate)
-    grid = FrameGrid.of(fps) if fps is not None else stored or file or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
-    from dancedata.formats.stated import same_rate
-
-    if not same_rate(file, grid):
-        raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",
-                        allowed=f"{grid}, as --fps or --like states",
-                        fix="leave the wrong one out, or save the file again")  # fmt: skip
-    if stored is not None and grid != stored:
-        raise UsageError(f"{name} has another rate in the dataset", where=store.path if store else None,
-                         found=f"{grid} frames per second", allowed=f"{stored}",
-                         fix="omit fps: the rate is the dataset's")  # fmt: skip
-    return grid
+def _field_of_width(columns: Any, like: Like) -> str:
+    """Return the only motion field of a dataset as wide as columns; UsageError without one."""
+    store = None if like is None else store_of(opened(like))
+    width = np.shape(columns)[-1:]
+    names = [] if store is None else [f.name for f in map(store.field, store.fields) if f.kind == "motion"]
+    fitting = [name for name in names if store is not None and (store.field(name).columns.width,) == width]
+    if len(fitting) != 1:
+        raise UsageError("nothing states what these columns are", found=f"shape {np.shape(columns)}",
+                         fix='name the field: decode(columns, "edge151")')  # fmt: skip
+    return fitting[0]

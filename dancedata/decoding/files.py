@@ -1,14 +1,14 @@
-"""decode_file: the output of a trainer, of single dancers or of groups, as motion files."""
+"""decode_files: the output of a trainer, of single dancers or of groups, as motion files."""
 
 from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy.typing as npt
 
@@ -18,7 +18,7 @@ from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.text import listed, shown
-from dancedata.decoding.decode import Decoder, Like, ScalerLike
+from dancedata.decoding.decoder import Decoder, Like, ScalerLike
 from dancedata.files import atomic
 from dancedata.files.listing import named_files
 from dancedata.formats.arrays import Array, ArrayFile
@@ -37,77 +37,26 @@ FORMATS = (*MOTION_FILES, "obj")
 _SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
 
 
-def decode_file(
-    path: str | Path | Sequence[str | Path],
-    representation: str | None = None,
+def decode_files(
+    path: Any,
+    field: str | None,
     *,
-    to: Literal["bvh", "npz", "smpl", "smplx", "glb", "obj"],
-    out: str | Path,
-    like: Like = None,
-    fps: Number | None = None,
-    key: str | None = None,
-    overwrite: bool = False,
-    normalized: bool | None = None,
-    scaler: ScalerLike = None,
-    clamp: bool = False,
-    body_model: str | Path | None = None,
-    betas: npt.ArrayLike | None = None,
-    frames: str | None = None,
+    to: str,
+    out: Path,
+    like: Like,
+    fps: Number | None,
+    key: str | None,
+    overwrite: bool,
+    normalized: bool | None,
+    scaler: ScalerLike,
+    clamp: bool,
+    body_model: str | Path | None,
+    betas: npt.ArrayLike | None,
+    frames: str | None,
     **parameters: Any,
 ) -> list[Path]:
-    """Decode a file that a trainer wrote into motion files, as ``dancedata decode`` does.
-
-    Parameters
-    ----------
-    path
-        .npy, .npz or .pkl with columns (T, D), or a batch (B, T, D). Pickles are read without executing them. An
-        entry ``normalized``, True or False, states whether the columns are normalised, and one such as ``fps`` their
-        rate. A group (P, T, D), by its entry ``person_mask`` (P,) or ``root_place`` (P, T, 6), and a batch of groups
-        (B, P, T, D) are decoded as in `dancedata.decode_group`. A folder of such files, a pattern such as
-        ``gen/*.npy``, and several of these are decoded file by file.
-    representation, like, normalized, scaler, clamp, parameters
-        As in `decode`. Default of what `WindowDataset.save_samples` wrote: what it states.
-    to
-        "bvh": metres, +Y up. "npz": translation, rotations, positions, skeleton. "smpl": AMASS's arrays on SMPL-H,
-        and "smplx" on SMPL-X, both +Z up. "glb": glTF, an animated skeleton, with `body_model` its skinned mesh.
-        "obj": a mesh for each frame, with pose correctives.
-    out
-        Folder for the files: <name>.bvh, or <name>_000.bvh and so on for a batch; <name>_p0.bvh and so on for the
-        dancers of a group who are there, <name>_000_p0.bvh in a batch. Meshes: <name>/<name>_000000.obj and so on.
-    fps
-        Frames per second. Default: those of `like` or of the file, or of the representation.
-    key
-        Name of the array, where the file has several. Default: the only one with the representation's columns.
-    overwrite
-        Overwrite existing files.
-    body_model
-        File of SMPL, SMPL-H or SMPL-X, whose mesh is written; required for "obj". The motion is put onto its bones.
-    betas
-        (n,) shape of the body; default: the model's mean.
-    frames
-        Frames of "obj", from 0: one, or begin:end or begin:end:step as slices of Python. Default: all.
-
-    Returns
-    -------
-    list of Path
-        The files, in the order of the batch.
-
-    Raises
-    ------
-    UsageError
-        As `decode`; for an unknown format or array, an unknown rate, and existing files.
-    DataError
-        As `decode`; if the file cannot be read, or states a rate other than `fps` or `like`.
-    StoreError
-        If the files cannot be written; then none is left.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> dancedata.decode_file("samples.npy", "edge151", to="bvh", like="data/aistpp", normalized=True, out="x")
-    [PosixPath('x/samples_000.bvh'), PosixPath('x/samples_001.bvh')]
-    """
-    out = Path(out).expanduser()
+    """Decode the files that a trainer wrote into motion files; see `dancedata.decode`."""
+    out = out.expanduser()
     if to not in FORMATS:
         raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
     given = [path] if isinstance(path, str | Path) else list(path)
@@ -118,8 +67,8 @@ def decode_file(
             raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
         written: list[Path] = []
         for one in paths:
-            written += decode_file(
-                one, representation, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
+            written += decode_files(
+                one, field, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
                 normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas, frames=frames,
                 **parameters,
             )  # fmt: skip
@@ -132,11 +81,11 @@ def decode_file(
     if (saved := saved_samples(path)) is not None:
         like = saved.dataset if like is None else like
         scaler = saved.chosen_scaler(scaler, normalized)
-        representation = representation or saved.field
-    if representation is None:
-        raise UsageError("nothing states what these columns are", where=path, fix="name it: --as edge151")
+        field = field or saved.field
+    if field is None:
+        raise UsageError("nothing states what these columns are", where=path, fix="name it: --field edge151")
     mesh = _mesh(to, body_model, betas, frames)
-    decoder = Decoder.of(representation, parameters, fps, like, normalized, scaler, clamp)
+    decoder = Decoder.of(field, parameters, fps, like, normalized, scaler, clamp)
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
         mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
@@ -259,7 +208,9 @@ def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
             f"{'several arrays have' if fitting else 'no array has'} {width} columns",
             where=arrays.path,
             found=arrays.listed,
-            fix="name the array with --key" if fitting else "name the representation that the file holds with --as",
+            fix="name the array with --key"
+            if fitting
+            else "name the representation that the file holds with --field",
         )
     return fitting[0]
 

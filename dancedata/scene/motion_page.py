@@ -30,7 +30,7 @@ _CELL_HEIGHT = 640
 
 
 @dataclass(frozen=True)
-class View:
+class Page:
     """A page that plays motions: the output of a notebook cell, or a file.
 
     `title`, `page`: Title, and text of the HTML page, which is complete in itself.
@@ -57,7 +57,7 @@ class View:
         )
 
     def __repr__(self) -> str:
-        return f"View({self.title}, {len(self.page) / 1000:.0f} kB)"
+        return f"Page({self.title}, {len(self.page) / 1000:.0f} kB)"
 
 
 def motion_scenes_of(motions: PlayedMotion, music: str | Path | None = None) -> MotionScenes:
@@ -77,7 +77,7 @@ def motion_scenes_of(motions: PlayedMotion, music: str | Path | None = None) -> 
     return MotionScenes(clips, "motions", beside)
 
 
-def view_motions(motions: PlayedMotion, *, music: str | Path | None = None, wall: bool = False) -> View:
+def view_motions(motions: PlayedMotion, *, music: str | Path | None = None, wall: bool = False) -> Page:
     """Return a page that plays motions.
 
     `motions`: One Motion, or clip of a dataset; several, by name or in a sequence.
@@ -99,7 +99,7 @@ def view_motions(motions: PlayedMotion, *, music: str | Path | None = None, wall
     files = {item.number: sounds.sound(item) for item in shown.items}
     embedded = PageSound({number: opus(sound.signal) for number, sound in files.items() if sound is not None})
     title = ", ".join(item.id for item in scenes.items)
-    return View(title, clip_page(shown, shown.items, sound=embedded if embedded.files else None))
+    return Page(title, clip_page(shown, shown.items, sound=embedded if embedded.files else None))
 
 
 def write_page(

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.errors import DanceDataError, UsageError
+from dancedata.core.errors import DanceDataError
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted, shown
 from dancedata.scene.figure import Figure
-from dancedata.scene.motion_page import View, view_motions
+from dancedata.scene.motion_page import Page, view_motions
 from dancedata.scene.page import clip_page
 from dancedata.scene.pose_space import frontal
 from dancedata.scene.scenes import Scenes
@@ -25,23 +25,40 @@ MOST_CLIPS, _STILL = 8, 64
 _SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 
-def view_clip(store: Store, clip: Clip) -> View:
+def view_clip(store: Store, clip: Clip) -> Page:
     """Return a page that plays a clip of a dataset."""
     scenes = Scenes(store)
-    return View(repr(clip), clip_page(scenes, scenes.items_of(clip.id)))
+    return Page(repr(clip), clip_page(scenes, scenes.items_of(clip.id)))
 
 
-def html_of(value: Motion | Clip | Clips | Store) -> str:
-    """Return what a notebook shows: a player of a motion or a clip; of clips or a dataset tables with stills."""
+def html_of(value: Any) -> str:
+    """Return what a notebook shows: of a motion or clip a player, of clips or a dataset tables with stills.
+
+    Of scores it is their table, those without a meaning in grey; of others, such as a `WindowDataset`, their text.
+    """
+    if hasattr(value, "cells"):
+        return _scores(value)
     if isinstance(value, Store):
         return store_html(value)
     if isinstance(value, Clips):
         return clips_html(value)
     if isinstance(value, Motion):
         return view_motions(value)._repr_html_()
-    if not isinstance(value.store, Store):
-        raise UsageError("the clip is not of a dataset", found=repr(value))
+    if not isinstance(value, Clip) or not isinstance(value.store, Store):
+        return f"<pre>{html.escape(str(value))}</pre>"
     return view_clip(value.store, value)._repr_html_()
+
+
+def _scores(report: Any) -> str:
+    """Return the table of an evaluation's scores, with its verdict."""
+    head, rows = report.cells()
+    void = [score.verdict == "void" for score in report.scores]
+    body = "".join(
+        f"<tr{' style=opacity:.5' * is_void}>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>"
+        for is_void, row in sorted(zip(void, rows, strict=True), key=lambda pair: pair[0])
+    )
+    names = "".join(f"<th>{_text(name)}</th>" for name in head)
+    return f"<p><b>{_text(report.verdict)}</b></p><table><tr>{names}</tr>{body}</table>"
 
 
 def store_html(store: Store) -> str:

@@ -114,7 +114,7 @@ def slices_picture() -> str:
     """Return the picture of whole clips and slices: onset envelopes of a song, and of three slices by themselves."""
     fps, length_s, stride_s, total_s = 30, 5.0, 2.5, 10.0
     signal = synthesise_song("mBR0", length_s=total_s).signal
-    song = dancedata.extract("librosa35", signal, fps=fps, start_bpm=80)[: int(total_s * fps), 0]
+    song = dancedata.features(signal, "librosa35", fps=fps, bpm=80)[: int(total_s * fps), 0]
     left, pixels = 16.0, 528 / total_s
     starts = np.arange(0, total_s - length_s + 1e-9, stride_s)
 
@@ -137,7 +137,7 @@ def slices_picture() -> str:
     for number, start in enumerate(starts):
         first, n = round(start * signal.sample_rate), round(length_s * signal.sample_rate)
         piece = AudioSignal(signal.samples[first : first + n], signal.sample_rate)
-        rows = dancedata.extract("librosa35", piece, fps=fps, start_bpm=80)[: int(length_s * fps), 0]
+        rows = dancedata.features(piece, "librosa35", fps=fps, bpm=80)[: int(length_s * fps), 0]
         floor = 318 + 58 * number
         track = song[int(start * fps) :][: len(rows)]
         parts.append(_curve(track, places(start, len(rows)), floor, "track", 1.2))

@@ -16,9 +16,12 @@ import pytest
 import soundfile
 
 import dancedata
+from dancedata import comparison
+from dancedata.alignment import align as room
 from dancedata.alignment import rhythm
 from dancedata.alignment.align import Aligned, Alignment
 from dancedata.alignment.rhythm import Search
+from dancedata.building import commands
 from dancedata.building.part import Part, build_part
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
@@ -80,7 +83,7 @@ def auto(planted: Path, tmp_path: Path) -> Path:
 
 
 def align(source: Path, cache: Path, **options: Any) -> Alignment:
-    return dancedata.align(source, **{"dataset": "folder", "cache": cache, "progress": False} | options)
+    return room.align(source, **{"dataset": "folder", "cache": cache, "progress": False} | options)
 
 
 def test_planted_offsets_are_found_and_a_wrong_song_is_unknown(planted: Path, cache: Path) -> None:
@@ -202,7 +205,7 @@ def test_a_strict_build_stops_at_an_unknown_offset(auto: Path, tmp_path: Path, c
 def test_plan_check_and_parts_know_auto(
     auto: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planned = dancedata.plan(RECIPE, auto, cache=cache, progress=False)
+    planned = commands.plan(RECIPE, auto, cache=cache, progress=False)
     assert planned.to_json()["left_out"] == {"unknown_offset": 1}
     built = dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, progress=False)
     assert planned.to_json()["splits"]["train"]["windows"] == built.counts["train"]["windows"]
@@ -212,7 +215,7 @@ def test_plan_check_and_parts_know_auto(
     assert sum(part.clips for part in parts) == 5
     monkeypatch.setattr(rhythm, "find_offset", None)  # all offsets are in the cache
     whole = dancedata.build(RECIPE, auto, tmp_path / "of parts", jobs=1, cache=tmp_path / "cache", progress=False)
-    assert dancedata.diff(whole.path, built.path) == []
+    assert comparison.diff(whole.path, built.path) == []
 
 
 def test_auto_needs_music_and_no_other_word_is_allowed(tmp_path: Path) -> None:
@@ -322,7 +325,7 @@ def test_real_dances_follow_what_is_planted(shared: Path, tmp_path: Path, cache:
     for ms in (0, 80):
         for music in {clip.split("_")[4] for clip in clips}:
             write_song(tmp_path / "wavs" / f"{music}.wav", music[1:], 430 + ms)
-        found = dancedata.align(tmp_path, dataset=AistPP.name, cache=cache, progress=False)
+        found = room.align(tmp_path, dataset=AistPP.name, cache=cache, progress=False)
         places[ms] = {row.name: row.offset for row in found.rows}
         known += len(found.known)
     assert known >= 2

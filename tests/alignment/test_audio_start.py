@@ -11,7 +11,8 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata import plot
+from dancedata import comparison, plot
+from dancedata.building import commands
 from dancedata.building.describe import reasons
 from dancedata.building.leaks import alike_songs
 from dancedata.core.audio_signal import AudioSignal
@@ -197,7 +198,7 @@ def test_what_reads_whole_songs_reads_them(tmp_path: Path, build: Any, two_split
     (two_splits / "a.wav").write_bytes((two_splits / "b.wav").read_bytes())
     shutil.copytree(tmp_path / "source", tmp_path / "other" / "source")
     other = build(start, tmp_path / "other")
-    [gap] = [d for d in dancedata.diff(store.path, other.path) if d.kind == "values"]
+    [gap] = [d for d in comparison.diff(store.path, other.path) if d.kind == "values"]
     assert gap.names == ("a",)
 
 
@@ -237,7 +238,7 @@ def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build
     tempo = {"augment": {"tempo": {"speeds": [0.9, 1.1]}}}
     store = build(start, **tempo)
     places = {"jobs": 1, "cache": cache, "progress": False}
-    plan = dancedata.plan(store.info["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
+    plan = commands.plan(store.info["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
     counts = store.info["splits"]["train"]
     assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
     assert plan["left_out"] == reasons(store)

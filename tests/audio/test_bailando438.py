@@ -146,10 +146,10 @@ def test_a_window_of_5_s_is_not_a_whole_number_of_rows_at_7_5() -> None:
 
 
 def test_extract_from_python_and_an_unknown_limit(clicks: AudioSignal) -> None:
-    rows = dancedata.extract("bailando438", clicks.part(0, 48000), fps=7.5)
+    rows = dancedata.features(clicks.part(0, 48000), "bailando438", fps=7.5)
     assert rows.shape == (8, 438)
     assert not rows[:, RHYTHM].any()
-    alive = dancedata.extract("bailando438", clicks.part(0, 48000), fps=7.5, onset_fmax="nyquist")
+    alive = dancedata.features(clicks.part(0, 48000), "bailando438", fps=7.5, onset_fmax="nyquist")
     assert alive[:, RHYTHM].any()
     with pytest.raises(UsageError, match="onset_fmax"):
-        dancedata.extract("bailando438", clicks, fps=60, onset_fmax="sr")
+        dancedata.features(clicks, "bailando438", fps=60, onset_fmax="sr")

@@ -15,19 +15,21 @@ from tests.messages import raises_message
 
 def test_extract_takes_a_file_or_a_signal(corpus: Path):
     path = corpus / "wavs" / "mHO3.wav"
-    rows = dancedata.extract("librosa35", path, fps=30, start_bpm=120)
+    rows = dancedata.features(path, "librosa35", fps=30, bpm=120)
     assert rows.dtype == np.float32
     assert rows.shape[1] == 35
-    assert np.array_equal(rows, dancedata.extract("librosa35", str(path), fps=30, start_bpm=120))
-    assert np.array_equal(rows, dancedata.extract("librosa35", load_audio(path), start_bpm=120))
+    assert np.array_equal(rows, dancedata.features(str(path), "librosa35", fps=30, bpm=120))
+    assert np.array_equal(rows, dancedata.features(load_audio(path), "librosa35", bpm=120))
 
 
 def test_extract_at_another_rate_and_with_parameters():
     signal = random_signal(3, 16_000)
-    assert len(dancedata.extract("librosa35", signal, fps=60)) == 2 * len(dancedata.extract("librosa35", signal)) - 1
-    assert dancedata.extract("librosa35", signal, start_bpm=120, tightness=50).shape == (91, 35)
+    assert (
+        len(dancedata.features(signal, "librosa35", fps=60)) == 2 * len(dancedata.features(signal, "librosa35")) - 1
+    )
+    assert dancedata.features(signal, "librosa35", bpm=120, tightness=50).shape == (91, 35)
     with raises_message(RecipeError, r"audio\.librosa35"):
-        dancedata.extract("librosa35", signal, tightness=-1)
+        dancedata.features(signal, "librosa35", tightness=-1)
 
 
 def test_a_value_without_rotations_is_a_usage_error():
@@ -50,14 +52,14 @@ def test_encode_takes_another_contact_rule():
 def test_misspelt_names_are_explained(tmp_path: Path):
     motion = random_motion(SMPL24, 3)
     with raises_message(UsageError, "bailando55"):
-        dancedata.extract("librosa", random_signal(1, 16_000))
+        dancedata.features(random_signal(1, 16_000), "librosa")
     with raises_message(RecipeError, "tightness"):
-        dancedata.extract("librosa35", random_signal(1, 16_000), tight=1)
+        dancedata.features(random_signal(1, 16_000), "librosa35", tight=1)
     with raises_message(UsageError, "root_place"):
         dancedata.encode(motion, "edge")
     with raises_message(RecipeError, "height"):
         dancedata.encode(motion, "edge151", contacts="velo")
     with raises_message(DataError, "exist", where="none.wav", reason="missing_file"):
-        dancedata.extract("librosa35", tmp_path / "none.wav")
+        dancedata.features(tmp_path / "none.wav", "librosa35")
     with pytest.raises(AttributeError, match="no attribute 'encoder'"):
         _ = dancedata.encoder

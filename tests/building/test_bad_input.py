@@ -174,7 +174,7 @@ def test_every_common_format_is_read(bad: Bad, song: str):
     with dancedata.open(bad.out) as ds:
         clip = ds[clip_to(song)]
         rows = clip.read("librosa35")
-        wanted = dancedata.extract("librosa35", path, start_bpm=clip.record.tempo_bpm)
+        wanted = dancedata.features(path, "librosa35", bpm=clip.record.tempo_bpm)
     assert np.array_equal(rows, wanted[: len(rows)])
     assert len(rows) >= 180
     assert rows[:, 0].max() > 1, "the clicks are heard"

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata.building import commands
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.motion import Motion
+from dancedata.curation import quality
 from dancedata.curation.scores import MEASURES
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.store import Store, verify_store
@@ -237,16 +239,16 @@ def test_check_finds_what_a_build_leaves_out(source: Path, tmp_path: Path, monke
         source, recipe={**DOCUMENT, "rules": {"curate": {"floor_drift": True}}}, progress=False
     )
     assert [(p.severity, p.where) for p in problems if p.message.startswith("curated")] == [("note", "sinks")]
-    plan = dancedata.plan({**DOCUMENT, "rules": {"curate": {"spikes": True}}}, source, cache=tmp_path, progress=False)
+    plan = commands.plan({**DOCUMENT, "rules": {"curate": {"spikes": True}}}, source, cache=tmp_path, progress=False)
     assert any("counted before curate" in note for note in plan.to_json()["notes"])
 
 
 def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, tmp_path: Path) -> None:
-    found = dancedata.quality(source, recipe=DOCUMENT, progress=False)
+    found = quality.quality(source, recipe=DOCUMENT, progress=False)
     above = {clip.clip: [name for name in MEASURES if clip.above(name)] for clip in found.clips}
     assert above == {"clean": [], "held": ["frozen"], "sinks": ["floor_drift"], "spike": ["spikes"]}
     assert found.losses("spikes", [0.0375, 0.075, 0.3]) == [1, 1, 0]
-    repaired = dancedata.quality(
+    repaired = quality.quality(
         source, recipe={**DOCUMENT, "transforms": [{"repair": {"spikes": True, "floor": True}}]}, progress=False
     )
     assert [c.clip for c in repaired.clips if any(map(c.above, MEASURES))] == ["held"]
@@ -259,16 +261,16 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
     document = as_json("quality", plain.path)
     assert document["scores"]["spikes"]["losses"]["0.15"] == 1
     assert document["clips"][3]["scores"]["spikes"]["spans"][0]["joint"] == "pelvis"
-    opened = dancedata.quality(plain, progress=False)
+    opened = quality.quality(plain, progress=False)
     assert opened.to_json()["clips"] == document["clips"]
     with raises_message(UsageError, "exists", where="q.csv"):
-        dancedata.quality(source, out=tmp_path / "q.csv")
+        quality.quality(source, out=tmp_path / "q.csv")
 
 
 def test_slices_are_scored_by_themselves(build: Any, plain: Store) -> None:
-    whole = {clip.clip: clip.scores for clip in dancedata.quality(plain, progress=False).clips}
+    whole = {clip.clip: clip.scores for clip in quality.quality(plain, progress=False).clips}
     slices = build(transforms=[{"slices": {"length_s": 2, "stride_s": 1}}])
-    scores = {clip.clip: clip for clip in dancedata.quality(slices, progress=False).clips}
+    scores = {clip.clip: clip for clip in quality.quality(slices, progress=False).clips}
     ((start, end, value, _),) = whole["spike"]["spikes"].above(0.075)
     for clip in (clip for clip in slices.clips() if clip.slice_of == "spike"):
         spans = scores[clip.id].scores["spikes"].above(0.075)
@@ -283,7 +285,7 @@ def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
     for path in source.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
     (tmp_path / "manifest.csv").write_text("\n".join(["id,motion,unit,up,fps", *lines]))
-    found = dancedata.quality(tmp_path, dataset="folder", progress=False)
+    found = quality.quality(tmp_path, dataset="folder", progress=False)
     assert [clip.clip for clip in found.clips] == ["clean", "held", "sinks", "spike"]
     assert found.rejects == ()
 

@@ -315,8 +315,8 @@ def test_one_rate_written_in_several_ways_is_one_recipe(source: Path) -> None:
 def test_a_song_has_no_file(tmp_path: Path) -> None:
     feature: Any = FEATURES.get("file").make_example(tmp_path)
     with raises_message(UsageError, "computes", where="{clip}.npy"):
-        dancedata.extract(
-            "file", synthesise_song("mBR0", length_s=1).signal, path=feature.path, rate=25, columns_per_row=3,
+        dancedata.features(
+            synthesise_song("mBR0", length_s=1).signal, "file", path=feature.path, rate=25, columns_per_row=3,
             tolerance_s=None, fps=25,
         )  # fmt: skip
 

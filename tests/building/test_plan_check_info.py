@@ -230,7 +230,7 @@ def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
     soundfile.write(song, samples, rate)
     (about,) = as_json("features", song, "--out", tmp_path / "features")
     rows = np.load(tmp_path / "features" / "my söng 2.librosa35.npy")
-    assert np.array_equal(rows, dancedata.extract("librosa35", song))
+    assert np.array_equal(rows, dancedata.features(song, "librosa35"))
     assert (about["window_starts"], about["fps"], about["shape"]) == (None, "30", list(rows.shape))
     written = json.loads((tmp_path / "features" / "my söng 2.librosa35.json").read_text(encoding="utf-8"))
     assert written == about

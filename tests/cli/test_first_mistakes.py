@@ -323,7 +323,7 @@ def test_an_estimated_tempo_is_printed_stored_and_gives_the_same_rows(corpus: Pa
     run("features", song, "--out", tmp_path / "b", "--bpm", repr(about["tempo_bpm"]))
     rows = [(tmp_path / name / "mHO3.librosa35.npy").read_bytes() for name in "ab"]
     assert rows[0] == rows[1]
-    assert np.array_equal(np.load(tmp_path / "a" / "mHO3.librosa35.npy"), dancedata.extract("librosa35", song))
+    assert np.array_equal(np.load(tmp_path / "a" / "mHO3.librosa35.npy"), dancedata.features(song, "librosa35"))
     assert about_of(tmp_path / "b")["tempo_estimated"] is False
     assert "tempo estimated" not in run("features", song, "--out", tmp_path / "b", "--bpm", 120).stdout
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import dancedata
-from dancedata.building.commands import build_part
+from dancedata.building.commands import build_part, plan
 from dancedata.cli import app as commands
 from dancedata.cli import options
 
@@ -16,17 +16,18 @@ from dancedata.cli import options
 OUTPUT = {"as_json", "quiet", "plugins"}
 OTHER = {"build": {"part"}, "evaluate": {"per_clip", "table", "list_protocols", "self_test", "source"}}
 #: Options with another name in Python, where several values are one argument there.
-RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"files": "path"}, "check": {"paths": "path"}}
+RENAMED = {"evaluate": {"metric": "metrics"}, "decode": {"files": "columns"}, "check": {"paths": "path"}}
 #: Keys of export targets, which Python takes as `parameters`.
 PARAMETERS = {"export": {"feature", "scaler", "keep_ignored", "overrides"}}
 #: Options whose default differs, with those of the command line and of Python; every other one has the same.
 DEFAULTS = {
     ("evaluate", "what"): (None, inspect.Parameter.empty),
     ("evaluate", "protocol"): (None, "dancedata"),
+    **{("decode", name): (inspect.Parameter.empty, None) for name in ("to", "out")},
     ("evaluate", "jobs"): (None, 1),
 }
 PYTHON: dict[str, Callable[..., Any]] = {
-    "build": dancedata.build, "plan": dancedata.plan, "check": dancedata.check, "decode": dancedata.decode_file,
+    "build": dancedata.build, "plan": plan, "check": dancedata.check, "decode": dancedata.decode,
     "export": dancedata.export, "evaluate": dancedata.evaluate,
 }  # fmt: skip
 

@@ -52,12 +52,12 @@ CALLS: dict[str, list[Callable[[], object]]] = {
     "hf": [
         lambda: HuggingFace().resolved(sha256_file),
         lambda: HuggingFace(device="cpu").extract(SIGNAL, FPS),
-        lambda: dancedata.extract("hf", "SONG", model="x"),
+        lambda: dancedata.features("SONG", "hf", model="x"),
     ],
     "jukebox": [
         lambda: Jukebox().resolved(sha256_file),
         lambda: Jukebox(device="cpu").extract(SIGNAL, FPS),
-        lambda: dancedata.extract("jukebox", "SONG", weights="x"),
+        lambda: dancedata.features("SONG", "jukebox", weights="x"),
     ],
     "beats": [lambda: Beats(source="beat_this", weights=Path("x")).resolved(sha256_file)],
     "dask": [lambda: Dask().connect("tcp://127.0.0.1:1", None).__enter__()],

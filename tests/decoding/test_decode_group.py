@@ -47,7 +47,7 @@ def roots(motions: list[Any]) -> np.ndarray:
 def test_each_dancer_is_as_decoded_alone_and_the_absent_are_none() -> None:
     rows, _ = columns("edge151")
     rows[2] = np.nan  # not looked at
-    group = dancedata.decode_group(rows, "edge151", person_mask=MASK)
+    group = dancedata.decode(rows, "edge151", mask=MASK)
     assert [m is None for m in group] == [False, False, True, False]
     for k in np.flatnonzero(MASK):
         alone = dancedata.decode(rows[k], "edge151")
@@ -57,9 +57,7 @@ def test_each_dancer_is_as_decoded_alone_and_the_absent_are_none() -> None:
 def test_samples_of_the_reader_come_back_as_stored(store: Store) -> None:
     groups = GroupDataset(store, fields=("edge151",))
     sample = next(s for s in (groups[k] for k in range(len(groups))) if s["group"] == "train1")
-    decoded = dancedata.decode_group(
-        sample["edge151"].numpy(), "edge151", person_mask=sample["person_mask"], like=groups
-    )
+    decoded = dancedata.decode(sample["edge151"].numpy(), "edge151", mask=sample["person_mask"], like=groups)
     assert [m is not None for m in decoded] == sample["person_mask"].tolist()
     for clip, motion in zip(sample["clips"], decoded, strict=True):
         if motion is not None:
@@ -71,44 +69,45 @@ def test_samples_of_the_reader_come_back_as_stored(store: Store) -> None:
 def test_dancers_without_a_place_in_their_columns_stand_where_they_were() -> None:
     rows, motions = columns("humanml263")
     places = np.stack([RootPlace().encode(m) for m in motions])[:, : rows.shape[1]]
-    placed = dancedata.decode_group(rows, "humanml263", person_mask=MASK, place=places, fps=30)
+    placed = dancedata.decode(rows, "humanml263", mask=MASK, place=places, fps=30)
     wanted = roots([m.part(0, rows.shape[1]) for m, there in zip(motions, MASK, strict=True) if there])
     np.testing.assert_allclose(roots(placed), wanted, rtol=0, atol=2e-5)  # float32 columns summed over 20 rows
 
 
 @pytest.mark.parametrize(("name", "options"), [
-    ("humanml263", {"fps": 30}), ("edge151", {"place": np.zeros((4, 20, 6))}),
-    ("humanml263", {"fps": 30, "place": np.zeros((4, 19, 3))}), ("edge151", {"person_mask": [1, 1, 0]}),
-    ("edge151", {"person_mask": [0, 0, 0, 0]}), ("edge151", {"person_mask": [2, 1, 0, 1]}), ("joints", {}),
+    ("edge151", {"place": np.zeros((4, 20, 6))}),
+    ("humanml263", {"fps": 30, "place": np.zeros((4, 19, 3))}), ("edge151", {"mask": [1, 1, 0]}),
+    ("edge151", {"mask": [0, 0, 0, 0]}), ("edge151", {"mask": [2, 1, 0, 1]}), ("joints", {}),
 ])  # fmt: skip
 def test_what_is_refused(name: str, options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "person_mask|places|turns"):
-        dancedata.decode_group(columns(name)[0], name, **options)
+    with raises_message(UsageError, "mask|places|turns"):
+        dancedata.decode(columns(name)[0], name, **options)
 
 
 def test_rows_of_0_without_a_mask_are_not_a_pose() -> None:
     rows, _ = columns("edge151")
     rows[2] = 0
-    with raises_message(DataError, "person_mask", where="dancer 2", reason="bad_shape"):
-        dancedata.decode_group(rows, "edge151")
+    human = np.zeros((3, 20, 263))
+    with raises_message(DataError, "mask", where="dancer 0", reason="bad_shape"):
+        dancedata.decode(human, "humanml263", place=np.zeros((3, 20, 6)), fps=30)
     with raises_message(UsageError, "these"):
-        dancedata.decode_group(rows[0], "edge151")
+        dancedata.decode(rows[0], "edge151", mask=MASK)
     rows[3, 4, 7] = np.nan
     with raises_message(DataError, "infinity", where="dancer 3, edge151", reason="nan"):
-        dancedata.decode_group(rows, "edge151", person_mask=MASK)
+        dancedata.decode(rows, "edge151", mask=MASK)
 
 
 def test_places_are_scaled_by_their_own_field(store: Store) -> None:
     places = np.zeros((4, 20, 6))
     scaler = store.scaler("edge151")
     with raises_message(UsageError, "normalise"):
-        dancedata.decode_group(columns("humanml263")[0][:, :20], "humanml263", place=places, scaler=scaler, fps=30)
+        dancedata.decode(columns("humanml263")[0][:, :20], "humanml263", place=places, scaler=scaler, fps=30)
 
 
 def test_files_of_groups_are_named_by_their_dancers(tmp_path: Path) -> None:
     rows, _ = columns("edge151")
     np.savez(tmp_path / "duo.npz", columns=rows, person_mask=MASK, fps=30)
-    files = dancedata.decode_file(tmp_path / "duo.npz", "edge151", to="npz", out=tmp_path / "one")
+    files = dancedata.decode(tmp_path / "duo.npz", "edge151", to="npz", out=tmp_path / "one")
     assert [f.name for f in files] == ["duo_p0.npz", "duo_p1.npz", "duo_p3.npz"]
     with np.load(files[2]) as written:
         joints = dancedata.decode(rows[3], "edge151").joints()
@@ -122,16 +121,16 @@ def test_files_of_groups_are_named_by_their_dancers(tmp_path: Path) -> None:
     human, motions = columns("humanml263")
     places = np.stack([RootPlace().encode(m) for m in motions])[:, : human.shape[1]]
     np.savez(tmp_path / "human.npz", columns=human, root_place=places, fps=30)
-    assert len(dancedata.decode_file(tmp_path / "human.npz", "humanml263", to="npz", out=tmp_path)) == 4
+    assert len(dancedata.decode(tmp_path / "human.npz", "humanml263", to="npz", out=tmp_path)) == 4
 
 
 def test_files_whose_masks_are_of_other_groups(tmp_path: Path) -> None:
     rows, _ = columns("edge151")
     np.savez(tmp_path / "batch.npz", columns=np.stack([rows, rows]), person_mask=[MASK])
     with raises_message(UsageError, "person_mask", where="batch.npz"):
-        dancedata.decode_file(tmp_path / "batch.npz", "edge151", to="npz", out=tmp_path / "out", fps=30)
+        dancedata.decode(tmp_path / "batch.npz", "edge151", to="npz", out=tmp_path / "out", fps=30)
     rows[1] = 0
     np.save(tmp_path / "plain.npy", np.stack([rows, rows]))
     with raises_message(DataError, "person_mask", reason="bad_shape"):
-        dancedata.decode_file(tmp_path / "plain.npy", "edge151", to="npz", out=tmp_path / "out", fps=30)
+        dancedata.decode(tmp_path / "plain.npy", "edge151", to="npz", out=tmp_path / "out", fps=30)
     assert not (tmp_path / "out").exists()

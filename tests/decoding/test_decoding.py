@@ -115,7 +115,7 @@ def test_the_file_that_is_decoded_stays(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path)
     for out in (tmp_path, tmp_path / "link"):
         with raises_message(UsageError, "replaced", where="x.npz"):
-            dancedata.decode_file(tmp_path / "x.npz", "edge151", to="npz", out=out, fps=30, overwrite=True)
+            dancedata.decode(tmp_path / "x.npz", "edge151", to="npz", out=out, fps=30, overwrite=True)
     assert (tmp_path / "x.npz").read_bytes() == before
 
 
@@ -123,7 +123,7 @@ def test_the_rate_that_a_file_states_is_that_of_its_columns(store: Store, tmp_pa
     def decoded(rate: float, **options: Any) -> float:
         np.savez(tmp_path / "x.npz", columns=_columns("edge151")[1], normalized=False, fps=rate)
         options |= {"out": tmp_path / "out", "overwrite": True}
-        (made,) = dancedata.decode_file(tmp_path / "x.npz", "edge151", to="npz", **options)
+        (made,) = dancedata.decode(tmp_path / "x.npz", "edge151", to="npz", **options)
         with np.load(made) as arrays:
             return float(arrays["fps"])
 
@@ -144,7 +144,7 @@ def test_a_trainers_file(store: Store, tmp_path: Path, to: Any) -> None:
     normal = store.scaler("edge151").normalize(store.read(window, "edge151"))
     np.save(tmp_path / "sample.npy", np.stack([normal, normal]))
     options: dict[str, Any] = {"out": tmp_path / "out", "like": store, "normalized": True}
-    files = dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, **options)
+    files = dancedata.decode(tmp_path / "sample.npy", "edge151", to=to, **options)
     suffix = "bvh" if to == "bvh" else "npz"
     assert [path.name for path in files] == [f"sample_000.{suffix}", f"sample_001.{suffix}"]
     wanted = dancedata.decode(store.read(window, "edge151"), "edge151", fps=24)
@@ -166,21 +166,21 @@ def test_files_of_several_arrays(tmp_path: Path) -> None:
     _, array = _columns("edge151")
     np.savez(tmp_path / "out.npz", sample=array, music=np.zeros((30, 35)), names=np.array(["a"]))
     options: dict[str, Any] = {"to": "bvh", "fps": 30}
-    (file,) = dancedata.decode_file(tmp_path / "out.npz", "edge151", out=tmp_path / "a", **options)
+    (file,) = dancedata.decode(tmp_path / "out.npz", "edge151", out=tmp_path / "a", **options)
     assert file == tmp_path / "a" / "out.bvh"
     with (tmp_path / "out.pkl").open("wb") as pickled:
         pickle.dump({"pose": array}, pickled)
-    dancedata.decode_file(tmp_path / "out.pkl", "edge151", out=tmp_path / "b", **options)
+    dancedata.decode(tmp_path / "out.pkl", "edge151", out=tmp_path / "b", **options)
     assert (tmp_path / "b" / "out.bvh").read_bytes() == file.read_bytes()
     np.savez(tmp_path / "two.npz", one=array, two=array[:5])
     with raises_message(UsageError, "several", where="two.npz"):
-        dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", **options)
-    dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "c", key="two", **options)
+        dancedata.decode(tmp_path / "two.npz", "edge151", out=tmp_path / "c", **options)
+    dancedata.decode(tmp_path / "two.npz", "edge151", out=tmp_path / "c", key="two", **options)
     assert "Frames: 5\n" in (tmp_path / "c" / "two.bvh").read_text()
     with raises_message(UsageError, "array", where="two.npz"):
-        dancedata.decode_file(tmp_path / "two.npz", "fact219", out=tmp_path / "d", **options)
+        dancedata.decode(tmp_path / "two.npz", "fact219", out=tmp_path / "d", **options)
     with raises_message(UsageError, "three", where="two.npz"):
-        dancedata.decode_file(tmp_path / "two.npz", "edge151", out=tmp_path / "d", key="three", **options)
+        dancedata.decode(tmp_path / "two.npz", "edge151", out=tmp_path / "d", key="three", **options)
     assert not (tmp_path / "d").exists()
 
 
@@ -189,15 +189,15 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
     np.save(tmp_path / "x.npy", np.stack([array, array]))
     path, out = tmp_path / "x.npy", tmp_path / "out"
     with raises_message(UsageError, "trainer", where="x.npy"):
-        dancedata.decode_file(path, "edge151", to="bvh", out=out)
+        dancedata.decode(path, "edge151", to="bvh", out=out)
     with raises_message(UsageError, "format"):
-        dancedata.decode_file(path, "edge151", to="fbx", out=out, fps=30)  # type: ignore[arg-type]
+        dancedata.decode(path, "edge151", to="fbx", out=out, fps=30)  # type: ignore[arg-type]
     with raises_message(DataError, "numpy", where="gone.npy", reason="broken_file"):
-        dancedata.decode_file(tmp_path / "gone.npy", "edge151", to="bvh", out=out, fps=30)
-    dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
+        dancedata.decode(tmp_path / "gone.npy", "edge151", to="bvh", out=out, fps=30)
+    dancedata.decode(path, "edge151", to="bvh", out=out, fps=30)
     with raises_message(UsageError, "already", where="out/x_000.bvh"):
-        dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30)
-    dancedata.decode_file(path, "edge151", to="bvh", out=out, fps=30, overwrite=True)
+        dancedata.decode(path, "edge151", to="bvh", out=out, fps=30)
+    dancedata.decode(path, "edge151", to="bvh", out=out, fps=30, overwrite=True)
     calls = []
 
     def full(place: Path, data: bytes) -> None:
@@ -208,7 +208,7 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(atomic, "write_bytes", full)
     with raises_message(StoreError, "space", where="full"):
-        dancedata.decode_file(path, "edge151", to="npz", out=tmp_path / "full", fps=30)
+        dancedata.decode(path, "edge151", to="npz", out=tmp_path / "full", fps=30)
     assert not list((tmp_path / "full").iterdir())
 
 
@@ -223,15 +223,15 @@ def test_contacts_are_not_part_of_a_motion() -> None:
 def test_folders_patterns_and_lists_are_decoded_file_by_file(tmp_path: Path) -> None:
     options: dict[str, Any] = {"to": "npz", "fps": 30}
     with raises_message(UsageError, "no file", where=tmp_path.name):
-        dancedata.decode_file(tmp_path, "edge151", out=tmp_path / "out", **options)
+        dancedata.decode(tmp_path, "edge151", out=tmp_path / "out", **options)
     rows = Edge151().encode(random_motion(Edge151().skeleton, 20, turn_rad=0.3), Velocity())
     for name in ("a.npy", "b.npy"):
         np.save(tmp_path / name, rows)
     (tmp_path / "notes.txt").write_text("")
     for n, what in enumerate((tmp_path, tmp_path / "*.npy", [tmp_path / "b.npy", tmp_path / "a.npy"])):
-        written = dancedata.decode_file(what, "edge151", out=tmp_path / f"out{n}", **options)
+        written = dancedata.decode(what, "edge151", out=tmp_path / f"out{n}", **options)
         assert {path.name for path in written} == {"a.npz", "b.npz"}
     np.savez(tmp_path / "a.npz", rows)
     with raises_message(UsageError, "one name"):
-        dancedata.decode_file(tmp_path, "edge151", out=tmp_path / "twice", **options)
+        dancedata.decode(tmp_path, "edge151", out=tmp_path / "twice", **options)
     assert not (tmp_path / "twice").exists()

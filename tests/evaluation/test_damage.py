@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata import comparison
 from dancedata.core.errors import StoreError
 from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import protocol_named
@@ -89,12 +90,12 @@ def test_side_files_that_were_changed_are_refused(copy: Path, name: str) -> None
 
 
 def test_exports_reports_and_diff_verify_their_input(store: Store, copy: Path, flip: Flip, tmp_path: Path) -> None:
-    assert dancedata.diff(store.path, copy) == []
+    assert comparison.diff(store.path, copy) == []
     flip("edge151")
     for use in (
         lambda: dancedata.export(copy, "npz", out=tmp_path / "out"),
         lambda: write_report(copy),
-        lambda: dancedata.diff(store.path, copy),
+        lambda: comparison.diff(store.path, copy),
     ):
         with raises_message(StoreError, "those", where="copy/train-00000-of-00001.h5"):
             use()

@@ -100,7 +100,7 @@ def test_files_that_decode_writes(tmp_path: Path, store: Store) -> None:
     scores = []
     for to, options in (("npz", {"up": "y", "body": "smpl24"}), ("smpl", {}), ("bvh", {"unit": "m"})):
         out = tmp_path / to
-        dancedata.decode_file(tmp_path / "sample.npy", "edge151", to=to, fps=30, out=out)
+        dancedata.decode(tmp_path / "sample.npy", "edge151", to=to, fps=30, out=out)
         found = dancedata.evaluate(
             out, like=store, metrics=["PFC"], protocol="edge-aistpp", intervals=False, **options
         )

@@ -178,7 +178,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
     (tmp_path / "x.npy").unlink()
     for normalized, columns in ((True, normal), (False, rows)):
         np.savez(tmp_path / "x.npz", columns=columns, normalized=normalized)
-        dancedata.decode_file(tmp_path / "x.npz", FIELD, to="npz", like=store, out=tmp_path / f"{normalized}")
+        dancedata.decode(tmp_path / "x.npz", FIELD, to="npz", like=store, out=tmp_path / f"{normalized}")
         with np.load(tmp_path / f"{normalized}" / "x.npz") as made:
             assert worst(made["positions"], joints(rows, store)) < 1e-5
         with raises_message(UsageError, "whether", where="x.npz"):

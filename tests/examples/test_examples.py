@@ -105,7 +105,7 @@ def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], 
     found = losses(tmp_path / "once")
     assert len(found) == 24
     assert np.mean(found[-4:]) < 0.6 * np.mean(found[:4])
-    check_dance(tmp_path / "once", len(dancedata.extract("librosa35", song)))
+    check_dance(tmp_path / "once", len(dancedata.features(song, "librosa35")))
     for steps in ("10", "24"):
         run("train_edge_like", tmp_path / "twice", *size, "--steps", steps)
     assert losses(tmp_path / "twice") == found

@@ -175,8 +175,8 @@ import numpy as np
 import dancedata
 from dancedata.cache import FeatureCache
 song, cache, out = sys.argv[1:]
-track = dancedata.extract("librosa35", song, fps=30, start_bpm=100)
-windows = FeatureCache(cache).get_windows("librosa35", song, start_bpm=100)
+track = dancedata.features(song, "librosa35", fps=30, bpm=100)
+windows = FeatureCache(cache)(song, "librosa35", windows=(150, 15), bpm=100)
 np.savez(out, track=track, windows=windows)
 """
 
@@ -188,8 +188,8 @@ def test_features_from_python_are_those_of_the_command_line(tmp_path: Path) -> N
     run("-c", EXTRACT, song, tmp_path / "cache", out, **SETTINGS["older processor"])
     features = FeatureCache(tmp_path / "own")
     with np.load(out) as found:
-        np.testing.assert_array_equal(found["track"], features.get("librosa35", song, fps=30, start_bpm=100))
-        np.testing.assert_array_equal(found["windows"], features.get_windows("librosa35", song, start_bpm=100))
+        np.testing.assert_array_equal(found["track"], features(song, "librosa35", fps=30, bpm=100))
+        np.testing.assert_array_equal(found["windows"], features(song, "librosa35", windows=(150, 15), bpm=100))
 
 
 def write_song(path: Path) -> Path:
@@ -267,19 +267,19 @@ def test_a_worker_of_a_loader_takes_what_builds_have_computed(tmp_path, monkeypa
     """What is missing it computes under a key of its own."""
     song = write_song(tmp_path / "song.wav")
     features = FeatureCache(tmp_path / "cache")
-    built = features.get("librosa35", song, start_bpm=100), features.get_windows("librosa35", song, start_bpm=100)
+    built = features(song, "librosa35", bpm=100), features(song, "librosa35", windows=(150, 15), bpm=100)
     entries = len(list((tmp_path / "cache" / "features").rglob("*.npy")))
     monkeypatch.setattr(multiprocessing.current_process(), "_config", {"daemon": True})
     assert arithmetic.expected() == "other"
-    taken = features.get("librosa35", song, start_bpm=100), features.get_windows("librosa35", song, start_bpm=100)
+    taken = features(song, "librosa35", bpm=100), features(song, "librosa35", windows=(150, 15), bpm=100)
     for one, other in zip(built, taken, strict=True):
         np.testing.assert_array_equal(one, other)
     assert len(list((tmp_path / "cache" / "features").rglob("*.npy"))) == entries
     shutil.rmtree(tmp_path / "cache" / "features")
-    features.get("librosa35", song, start_bpm=100)
+    features(song, "librosa35", bpm=100)
     own = {path.name for path in (tmp_path / "cache" / "features").rglob("*.npy")}
     monkeypatch.undo()
-    features.get("librosa35", song, start_bpm=100)
+    features(song, "librosa35", bpm=100)
     assert own < {path.name for path in (tmp_path / "cache" / "features").rglob("*.npy")}
 
 

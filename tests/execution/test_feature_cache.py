@@ -73,15 +73,15 @@ def ask_at_once(n: int, ask: Callable[[], Any]) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("how", ["get", "get_windows"])
-def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, calls: Callable[[], int], how: str):
-    found = ask_at_once(6, lambda: getattr(own, how)("librosa35", song, fps=30, start_bpm=120))
+@pytest.mark.parametrize("windows", [None, (150, 15)])
+def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, calls: Callable[[], int], windows: Any):
+    found = ask_at_once(6, lambda: own(song, "librosa35", fps=30, bpm=120, windows=windows))
     assert calls() == 1
     assert all(np.array_equal(rows, found[0]) for rows in found)
-    assert found[0].shape[-2:] == ((found[0].shape[0], 35) if how == "get" else (150, 35))
+    assert found[0].shape[-2:] == ((found[0].shape[0], 35) if windows is None else (150, 35))
     assert list((own.root / "locks").iterdir()) == list((own.root / "tmp").iterdir()) == []
     # Another object, another process by and by.
-    getattr(FeatureCache(own.root), how)("librosa35", song, fps=30, start_bpm=120)
+    FeatureCache(own.root)(song, "librosa35", fps=30, bpm=120, windows=windows)
     assert calls() == 1
 
 
@@ -93,10 +93,10 @@ def test_results_of_a_build_are_found_and_equal(
         bpm = next(c.tempo_bpm for c in ds if c.original == VAL)
         features = FeatureCache(cache)
         if scope == "track":
-            rows = features.get("librosa35", song, fps=30, start_bpm=bpm)
+            rows = features(song, "librosa35", fps=30, bpm=bpm)
             np.testing.assert_array_equal(rows[:150], ds[VAL].read("librosa35")[:150])
         else:
-            windows = features.get_windows("librosa35", song, fps=30, start_bpm=bpm)
+            windows = features(song, "librosa35", windows=(150, 15), fps=30, bpm=bpm)
             for clip in (clip for clip in ds if clip.slice_of == VAL):
                 np.testing.assert_array_equal(windows[clip.slice_start // 15], clip.read("librosa35"))
     # The song is longer than the dance: its last windows are in no dataset.
@@ -109,7 +109,7 @@ def test_a_build_reuses_results_of_a_training_job(
     with dancedata.open(built) as ds:
         asked = {(c.music, c.tempo_bpm) for c in ds}
     for music, bpm in asked:
-        own.get("librosa35", corpus / "wavs" / f"{music}.wav", start_bpm=bpm)
+        own(corpus / "wavs" / f"{music}.wav", "librosa35", bpm=bpm)
     before = calls()
     assert before == len(asked) == 2
     run_build(corpus, out, cache=own.root)
@@ -117,71 +117,71 @@ def test_a_build_reuses_results_of_a_training_job(
 
 
 def test_parameters_tempo_and_rate_are_other_features(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    for options in ({}, {"tightness": 1}, {"start_bpm": 100}, {"fps": 60}, {"tightness": 1}):
-        own.get("librosa35", song, **options)
+    for options in ({}, {"tightness": 1}, {"bpm": 100}, {"fps": 60}, {"tightness": 1}):
+        own(song, "librosa35", **options)
     assert calls() == 4
 
 
 def test_rows_stay_when_the_cache_is_pruned_and_come_back(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    rows = own.get("librosa35", song, start_bpm=120)
+    rows = own(song, "librosa35", bpm=120)
     copy = np.array(rows)
     assert prune(own.root, max_bytes=0).in_use == 1
     np.testing.assert_array_equal(rows, copy)
     del rows
     prune(own.root, max_bytes=0)
-    np.testing.assert_array_equal(own.get("librosa35", song, start_bpm=120), copy)
+    np.testing.assert_array_equal(own(song, "librosa35", bpm=120), copy)
     assert calls() == 2
 
 
 def test_a_damaged_entry_is_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    wanted = np.array(own.get("librosa35", song, start_bpm=120))
+    wanted = np.array(own(song, "librosa35", bpm=120))
     (path,) = own.root.glob("features/*/*.npy")
     data = bytearray(path.read_bytes())
     data[1000] ^= 1
     path.write_bytes(data)
-    found = FeatureCache(own.root).get("librosa35", song, start_bpm=120)
+    found = FeatureCache(own.root)(song, "librosa35", bpm=120)
     np.testing.assert_array_equal(found, wanted)
     assert calls() == 2
 
 
 def test_any_number_of_damaged_windows_are_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    wanted = own.get_windows("librosa35", song, fps=30, start_bpm=120, length_frames=60, stride_frames=3)
+    wanted = own(song, "librosa35", windows=(60, 3), fps=30, bpm=120)
     entries = list((own.root / "features").rglob("*.npy"))
     assert len(entries) == len(wanted) > 35
     for path in entries:
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1
         path.write_bytes(data)
-    found = own.get_windows("librosa35", song, fps=30, start_bpm=120, length_frames=60, stride_frames=3)
+    found = own(song, "librosa35", windows=(60, 3), fps=30, bpm=120)
     np.testing.assert_array_equal(found, wanted)
     assert calls() == 2, "all of them at once"
 
 
 def test_a_song_shorter_than_a_window_has_none(own: FeatureCache, song: Path):
-    assert own.get_windows("librosa35", song, length_frames=300, start_bpm=120).shape == (0, 300, 35)
+    assert own(song, "librosa35", windows=(300, 15), bpm=120).shape == (0, 300, 35)
 
 
 def test_results_are_read_only_and_it_is_picklable(own: FeatureCache, song: Path):
-    wanted = own.get("librosa35", song, start_bpm=120)
+    wanted = own(song, "librosa35", bpm=120)
     with pytest.raises(ValueError, match="read-only"):
         wanted[0] = 0
     other = pickle.loads(pickle.dumps(own))
     assert repr(other) == repr(own)
-    np.testing.assert_array_equal(other.get("librosa35", song, start_bpm=120), wanted)
+    np.testing.assert_array_equal(other(song, "librosa35", bpm=120), wanted)
 
 
 def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path):
     with raises_message(UsageError, "bailando55"):
-        own.get("librosa", song)
+        own(song, "librosa")
     with raises_message(UsageError, "tightness"):
-        own.get("librosa35", song, tightnes=1)
+        own(song, "librosa35", tightnes=1)
     with raises_message(UsageError, "exist"):
-        own.get("librosa35", tmp_path / "none.wav")
+        own(tmp_path / "none.wav", "librosa35")
     with raises_message(UsageError, "stride"):
-        own.get_windows("librosa35", song, stride_frames=0)
+        own(song, "librosa35", windows=(150, 0))
     (tmp_path / "broken.wav").write_bytes(b"RIFF")
     with pytest.raises(DataError, match=r"broken\.wav"):
-        own.get("librosa35", tmp_path / "broken.wav")
+        own(tmp_path / "broken.wav", "librosa35")
     assert not own.root.joinpath("features").exists()
 
 
@@ -213,7 +213,7 @@ def test_a_feature_is_made_ready_as_in_a_build(
     own: FeatureCache, song: Path, calls: Callable[[], int], monkeypatch: pytest.MonkeyPatch
 ):
     """As jukebox fixes its precision and the hash of its weights."""
-    own.get("librosa35", song, tightness=7)
+    own(song, "librosa35", tightness=7)
     monkeypatch.setattr(Librosa35, "resolved", lambda self, hash_file: replace(self, tightness=7.0), raising=False)
-    FeatureCache(own.root).get("librosa35", song)
+    FeatureCache(own.root)(song, "librosa35")
     assert calls() == 1

@@ -70,7 +70,7 @@ def test_bailandos_songs(bailando: Path, built) -> None:
         assert {p.stem for p in (out / folder).iterdir()} == music
     name = sorted(music)[0]
     slow = arrays(out / "aistpp_music_feat_7.5fps" / f"{name}.json")["music_array"]
-    wanted = dancedata.extract("bailando438", dataset.source / "wavs" / f"{name}.wav", fps=7.5)
+    wanted = dancedata.features(dataset.source / "wavs" / f"{name}.wav", "bailando438", fps=7.5)
     np.testing.assert_array_equal(slow.astype(np.float32), wanted)
     assert slow.dtype == np.float64
     fast = arrays(out / "aistpp_music_feat_60fps" / f"{name}.json")["music_array"]
@@ -218,7 +218,7 @@ def test_music_that_ends_before_the_dance(built, aist, tmp_path: Path) -> None:
         assert len(held["music_array"]) == len(held["dance_array"]) == len(music) < len(clip.read("bailando72"))
     # The feature at 7.5 rows per second is the stored one, with its parameters.
     slow = arrays(out / "aistpp_music_feat_7.5fps" / "mBR0.json")["music_array"].astype(np.float32)
-    wanted = dancedata.extract("bailando438", source / "wavs" / "mBR0.wav", fps=7.5, onset_fmax="nyquist")
+    wanted = dancedata.features(source / "wavs" / "mBR0.wav", "bailando438", fps=7.5, onset_fmax="nyquist")
     np.testing.assert_array_equal(slow, wanted)
 
 

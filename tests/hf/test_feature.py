@@ -189,15 +189,15 @@ def test_keys_know_the_weights_and_not_where_they_are(model, feature, tmp_path):
 
 def test_from_python(model: Callable[[str], Path], encoder: Callable[..., HuggingFaceEncoder]) -> None:
     signal = song(1.2)
-    rows = dancedata.extract(
-        "hf", signal, fps=30, model=str(model("mert")), layers=[2], precision="fp32", device="cpu", store="float32"
+    rows = dancedata.features(
+        signal, "hf", fps=30, model=str(model("mert")), layers=[2], precision="fp32", device="cpu", store="float32"
     )
     assert rows.shape == (36, 24)
     own = encoder("mert", layers=(2,))
     wanted = own.rows([signal.samples], 22_050, FPS, 36, finish=lambda rows: rows)[0]
     np.testing.assert_allclose(rows, wanted, atol=1e-5)
     with raises_message(UsageError, "fp16"):
-        dancedata.extract("hf", signal, model=str(model("mert")), precision="fp16", device="cpu")
+        dancedata.features(signal, "hf", model=str(model("mert")), precision="fp16", device="cpu")
 
 
 def test_bf16_equals_transformers_in_bf16(model: Callable[[str], Path]) -> None:

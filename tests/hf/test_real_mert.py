@@ -51,7 +51,7 @@ def test_it_is_mert_95m_and_loads_natively_with_nothing_missing(folder: Path) ->
 
 def test_10_s_of_the_demos_music(folder: Path) -> None:
     signal = synthesise_song("mBR2", length_s=10).signal
-    rows = dancedata.extract("hf", signal, fps=30, model=str(folder), layers=[7], precision="fp32", device="cpu")
+    rows = dancedata.features(signal, "hf", fps=30, model=str(folder), layers=[7], precision="fp32", device="cpu")
     assert (rows.shape, rows.dtype) == ((300, 768), np.float16)
     assert np.isfinite(rows).all()
     assert rows.std(axis=0, dtype=np.float32).min() > 1e-4  # no column is constant

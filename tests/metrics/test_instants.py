@@ -135,7 +135,7 @@ def test_beats_of_music_are_read_at_their_instants(fps: int) -> None:
     """Clicks on frames of all four rates, and 0.4 of a row after one of each rate."""
     for first in (0.5, 0.5 + 0.4 / fps):
         beats = first + 0.5 * np.arange(18)
-        rows = dancedata.extract("librosa35", clicks(beats, 10), fps=fps, start_bpm=120)
+        rows = dancedata.features(clicks(beats, 10), "librosa35", fps=fps, bpm=120)
         stored = np.flatnonzero(rows[:, -1]) / fps
         assert len(stored) >= 16
         late = stored - beats[np.abs(stored[:, None] - 1 / fps - beats).argmin(axis=1)]

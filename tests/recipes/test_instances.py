@@ -66,7 +66,7 @@ def test_instances_are_built_together(
         clip = ds[window.clip]
         song = corpus / "wavs" / f"{clip.music}.wav"
         if transforms == "[]":
-            whole = dancedata.extract("librosa35", song, fps=60, tightness=50, start_bpm=clip.tempo_bpm)
+            whole = dancedata.features(song, "librosa35", fps=60, tightness=50, bpm=clip.tempo_bpm)
             first = window.start * 2
             np.testing.assert_array_equal(rows["librosa35.60"], whole[first : first + 120])
 

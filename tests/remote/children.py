@@ -22,10 +22,10 @@ def start(environment: Mapping[str, str]) -> None:
 
 
 def push(environment: Mapping[str, str], store: Path, to: str) -> None:
-    import dancedata
+    from dancedata.remote.push import push as run
 
     start(environment)
-    dancedata.push(store, to, rights="random numbers", progress=False)
+    run(store, to, rights="random numbers", progress=False)
 
 
 def pull(environment: Mapping[str, str], address: str) -> None:

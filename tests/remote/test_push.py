@@ -37,7 +37,7 @@ RIGHTS = "they are random numbers"
 
 def push(store: Path, **options: Any) -> run.Pushed:
     options = {"rights": RIGHTS, "progress": False} | options
-    return dancedata.push(store, WHERE, **options)
+    return run.push(store, WHERE, **options)
 
 
 def card_of(files: dict[str, bytes]) -> dict[str, Any]:
@@ -156,7 +156,7 @@ def test_a_tag_of_another_upload(uploads: UploadHub, published: Path) -> None:
 
 
 def test_branches_and_folders(uploads: UploadHub, published: Path) -> None:
-    dancedata.push(published, f"{WHERE}@next/a/b", rights=RIGHTS, progress=False)
+    run.push(published, f"{WHERE}@next/a/b", rights=RIGHTS, progress=False)
     assert not uploads.files("main")
     assert all(name.startswith("a/b/") for name in uploads.files("next"))
     tag = next(iter(uploads.tags))
@@ -179,11 +179,11 @@ def test_sources_that_forbid_it(
 ) -> None:
     store = of_dataset(random_store, tmp_path / "store", name)
     with raises_message(UsageError, "terms", where="store") as caught:
-        dancedata.push(store, WHERE, progress=False)
+        run.push(store, WHERE, progress=False)
     assert DATASETS.get(name).licence in str(caught.value)
     assert ("the manifest's column licence" in str(caught.value)) == (name == "folder")
     assert not uploads.log
-    pushed = dancedata.push(store, WHERE, recipe_only=True, progress=False)
+    pushed = run.push(store, WHERE, recipe_only=True, progress=False)
     assert pushed.recipe_only
     assert not [file for file in uploads.files() if file.endswith(".h5")]
 
@@ -193,7 +193,7 @@ def test_sources_that_allow_it(random_store: Callable[..., Any], tmp_path: Path,
     for name, music in (("synthetic", True), ("aist++", False)):
         with open_store(of_dataset(random_store, tmp_path / name, name, music=music)) as store:
             assert restrictions(store) == []
-    assert not dancedata.push(tmp_path / "aist++", WHERE, progress=False).recipe_only
+    assert not run.push(tmp_path / "aist++", WHERE, progress=False).recipe_only
 
 
 @pytest.mark.parametrize(
@@ -350,7 +350,7 @@ def test_a_hub_that_does_not_answer(uploads: UploadHub, published: Path, monkeyp
 )  # fmt: skip
 def test_arguments(published: Path, to: str, options: dict[str, Any]) -> None:
     with raises_message(UsageError, "branch|published|rights|settings|valid"):
-        dancedata.push(published, to, progress=False, **options)
+        run.push(published, to, progress=False, **options)
 
 
 def test_offline(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:

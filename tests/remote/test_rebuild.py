@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 import dancedata
+from dancedata import comparison
 from dancedata.building.rebuild import Published
 from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.registry import DATASETS, REGISTRIES
 from dancedata.remote.pull import pull
+from dancedata.remote.push import push
 from tests.commands import run
 from tests.messages import raises_message
 from tests.remote.upload_hub import UploadHub
@@ -50,7 +52,7 @@ def fine(fine_source: Path, cache: Path) -> Path:
 
 @pytest.fixture
 def published_fine(uploads: UploadHub, fine: Path) -> UploadHub:
-    dancedata.push(fine, WHERE, recipe_only=True, progress=False)
+    push(fine, WHERE, recipe_only=True, progress=False)
     return uploads
 
 
@@ -96,7 +98,7 @@ def test_finedance_in_a_clean_process(
 
 def test_the_demo_in_a_clean_process(uploads: UploadHub, tmp_path: Path, cache: Path) -> None:
     built = dancedata.build("demo", out=tmp_path / "demo", overrides=DEMO, jobs=1, cache=cache, progress=False)
-    dancedata.push(built.path, WHERE, recipe_only=True, progress=False)
+    push(built.path, WHERE, recipe_only=True, progress=False)
     text = in_new_process("build", WHERE, "--out", tmp_path / "again", "--jobs", 1, "--json")
     assert json.loads(text)["rebuilt"] is True
     assert (tmp_path / "again/dataset.json").read_bytes() == (tmp_path / "demo/dataset.json").read_bytes()
@@ -145,9 +147,9 @@ def test_a_server(as_folder: Path, server: Any, fine_source: Path, tmp_path: Pat
 
 def test_opening_it_says_how_to_build(published_fine: UploadHub) -> None:
     assert "a recipe and no data" in run("check", WHERE, code=1).output
-    for use in (dancedata.open, dancedata.diff):
+    for use in (dancedata.open, comparison.diff):
         with pytest.raises(StoreError, match=r"a recipe and no data.*dancedata build hf://datasets/org/name@"):
-            use(*[WHERE] * (2 if use is dancedata.diff else 1))
+            use(*[WHERE] * (2 if use is comparison.diff else 1))
     files = {p.name for p in pull(WHERE, progress=False).path.iterdir()}
     assert files == {"publication.json", "clips.jsonl", "recipe.yaml", "rejects.jsonl", "stats.json"}
 
@@ -155,16 +157,16 @@ def test_opening_it_says_how_to_build(published_fine: UploadHub) -> None:
 def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_path: Path, cache: Path) -> None:
     manifest = tmp_path / "manifest.csv"
     manifest.write_text("id,motion\n")
-    dancedata.push(fine, WHERE, recipe_only=True, beside=[manifest], progress=False)
+    push(fine, WHERE, recipe_only=True, beside=[manifest], progress=False)
     assert uploads.files()["manifest.csv"] == manifest.read_bytes()
     published = Published.at(WHERE)
     assert published is not None
     assert "manifest.csv" in next(published.missing_beside(fine_source))
     assert not list(published.missing_beside(tmp_path))
     with raises_message(UsageError, "publication", where="out/dataset.json"):
-        dancedata.push(fine, WHERE, recipe_only=True, beside=[fine / "dataset.json"], progress=False)
+        push(fine, WHERE, recipe_only=True, beside=[fine / "dataset.json"], progress=False)
     with raises_message(UsageError, "directory", where="nothing.csv"):
-        dancedata.push(fine, WHERE, recipe_only=True, beside=[tmp_path / "nothing.csv"], progress=False)
+        push(fine, WHERE, recipe_only=True, beside=[tmp_path / "nothing.csv"], progress=False)
 
 
 class edited:  # noqa: N801 (a context)
@@ -225,7 +227,7 @@ def test_local_plugins(
         "motion": {"edge151": {}}, "audio": {"loudness": {}}, "plugins": [str(plugin)],
     }  # fmt: skip
     built = dancedata.build(recipe, corpus, tmp_path / "first", jobs=1, cache=cache, progress=False).path
-    dancedata.push(built, WHERE, recipe_only=True, beside=[plugin], progress=False)
+    push(built, WHERE, recipe_only=True, beside=[plugin], progress=False)
     for registry in REGISTRIES.values():
         registry._classes.pop("loudness", None)
     plugin_files._files.clear()

@@ -10,7 +10,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-import dancedata
+from dancedata import comparison
 from dancedata.core.errors import UsageError
 from dancedata.files.page_files import PageFiles
 from dancedata.pages import write_report
@@ -166,7 +166,7 @@ def test_untrusted_names_of_groups_stay_text(relabelled, tmp_path: Path) -> None
 
 def test_against_another_dataset(demo: Path, hostile: Path, tmp_path: Path) -> None:
     path = tmp_path / "both.html"
-    report = write_report(hostile, path, clips="none", against=demo, differences=dancedata.diff)
+    report = write_report(hostile, path, clips="none", against=demo, differences=comparison.diff)
     page = Page(path)
     check_safe(page)
     assert len([a for t, a in page.elements if t == "script"]) == 1, "no player"
@@ -210,7 +210,7 @@ def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp
 
 
 def test_a_dataset_is_the_same_as_itself(demo: Path, tmp_path: Path) -> None:
-    report = write_report(demo, tmp_path / "same.html", clips="none", against=demo, differences=dancedata.diff)
+    report = write_report(demo, tmp_path / "same.html", clips="none", against=demo, differences=comparison.diff)
     assert report.differences == []
     assert report.document == report.other
     assert "the same data" in (tmp_path / "same.html").read_text()

@@ -14,6 +14,7 @@ import dancedata
 from dancedata import songs as own_songs
 from dancedata.building.describe import describe_store, store_json
 from dancedata.building.fields.music import MusicField
+from dancedata.building.song_fields import stated_tempo
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import FEATURES
@@ -69,7 +70,7 @@ def test_several_tempos_of_one_song_are_an_error(built: Path, corpus: Path, tmp_
         clips = [SimpleNamespace(**{**vars(c.record), "tempo_bpm": 80.0 + k}) for k, c in enumerate(store.clips())]
         stand_in: Any = SimpleNamespace(meta=store.info, clips=lambda: clips)
         with raises_message(UsageError, "tempos", where="source/wavs/mBR0.wav"):
-            own_songs._stated_tempo(stand_in, load_audio(song).sha256, song)
+            stated_tempo(stand_in, load_audio(song).sha256, song)
 
 
 def jobs(*names: str) -> list[MusicField]:
