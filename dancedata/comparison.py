@@ -12,15 +12,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_differences, shaping
-from dancedata.building.source_record import SourceRecord, source_differences
 from dancedata.core.errors import UsageError
 from dancedata.core.segments import Segment
 from dancedata.core.text import counted, listed, shown
-from dancedata.store import Store, open_store
-from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.clip_view import Clip
-from dancedata.store.queries import require_intact
+from dancedata.kernel import (
+    CLIP_COLUMNS,
+    Clip,
+    SourceRecord,
+    Store,
+    document_differences,
+    open_store,
+    require_intact,
+    shaping,
+    source_differences,
+)
 
 Row = Mapping[str, Any]
 

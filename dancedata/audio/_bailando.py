@@ -22,8 +22,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.typing import override
-from dancedata.music.kernels import compiling
-from dancedata.music.signal import pcm16, resample, resampled_length
+from dancedata.kernel import compiling, pcm16, resample, resampled_length
 
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840

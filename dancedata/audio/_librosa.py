@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
-from dancedata.music.kernels import compiling
-from dancedata.music.signal import pcm16, resample
+from dancedata.kernel import compiling, pcm16, resample
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.music.signal import resample, resampled_length
+from dancedata.kernel import resample, resampled_length
 
 N_FFT = 384
 _BINS = 1 + N_FFT // 2

@@ -27,7 +27,7 @@ from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, listed
 from dancedata.files.regular_file import open_regular
-from dancedata.music.signal import load_audio
+from dancedata.kernel import load_audio
 
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
@@ -221,7 +221,7 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     Returns: Name of a song -> the first name, by the alphabet, of those that have its samples; without the first
         ones.
     """
-    from dancedata.store.songs import joined_sets  # here: it imports h5py, which listing plug-ins does not need
+    from dancedata.kernel import joined_sets
 
     names: dict[Path, set[str]] = {}
     for clip in clips:

@@ -44,7 +44,7 @@ from dancedata.datasets.checks import (
 )
 from dancedata.datasets.published import Found, Layout, LeftOut, Published, rejected
 from dancedata.formats.values import open_arrays
-from dancedata.music.signal import audio_length
+from dancedata.kernel import audio_length
 
 KEYS, SUFFIX = ("smpl_poses", "smpl_trans"), "_smpl"
 #: Rates that are recognised from the lengths of motion and music, which agree within this share.

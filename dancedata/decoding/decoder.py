@@ -14,11 +14,10 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
-from dancedata.recipes.plugins import make_named
+from dancedata.kernel import make_named
 
 if TYPE_CHECKING:
-    from dancedata.store import Store
-    from dancedata.store.normalize import Reader, Scaler
+    from dancedata.kernel import Reader, Scaler, Store
 
 
 #: The representation that holds the places of dancers.

@@ -76,7 +76,7 @@ def decode_files(
     (path,) = paths
     from dancedata.formats.arrays import stated_normalized
     from dancedata.formats.stated import stated_grid
-    from dancedata.store.saved_samples import saved_samples
+    from dancedata.kernel import saved_samples
 
     if (saved := saved_samples(path)) is not None:
         like = saved.dataset if like is None else like

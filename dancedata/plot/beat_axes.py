@@ -9,10 +9,10 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
+from dancedata.kernel import Store
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import bare, scene_of
 from dancedata.scene.scene_list import HIT_S
-from dancedata.store import Store
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

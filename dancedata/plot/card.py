@@ -7,12 +7,11 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from dancedata.core.errors import DanceDataError, UsageError
-from dancedata.execution.progress import Progress
+from dancedata.kernel import Progress, Store
 from dancedata.plot.beat_axes import beats
 from dancedata.plot.map_axes import pose_map
 from dancedata.plot.motion_axes import motion
 from dancedata.plot.path_axes import paths
-from dancedata.store import Store
 
 if TYPE_CHECKING:
     from collections.abc import Callable

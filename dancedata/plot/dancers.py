@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
+from dancedata.kernel import Clip, Store, open_store
 from dancedata.plot.bodies import Camera, body
 from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.clip import MemoryClip
@@ -22,7 +23,6 @@ from dancedata.scene.motions import figures_of
 from dancedata.scene.palette import Theme, colours_of
 from dancedata.scene.scene_list import Scene
 from dancedata.scene.scenes import Scenes
-from dancedata.store import Clip, Store, open_store
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,10 +10,10 @@ import numpy as np
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import load
 from dancedata.core.skeleton import SMPL24
+from dancedata.kernel import Store, open_store
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import SIDES, bare
 from dancedata.scene.pose_space import Hexagon, Poses, base_split, measured_poses
-from dancedata.store import Store, open_store
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

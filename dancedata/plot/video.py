@@ -22,6 +22,7 @@ from dancedata.core.text import shown
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
 from dancedata.formats.body_mesh import BodyMesh
+from dancedata.kernel import Store, open_store
 from dancedata.plot.frames import Frames
 from dancedata.plot.timeline import THEMES
 from dancedata.scene.figure import Figure
@@ -31,7 +32,6 @@ from dancedata.scene.scene_list import Scene
 from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import ClipSound, ClipSource
-from dancedata.store import Store, open_store
 
 
 def write_mp4(

@@ -6,14 +6,13 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from dancedata.building.plugins import TRANSFORMS
-from dancedata.building.take import Scene, Transform
 from dancedata.core.bodies import SKELETONS, has_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 from dancedata.core.typing import override
+from dancedata.kernel import TRANSFORMS, Scene, Transform
 from dancedata.retarget.maps import load_map
 from dancedata.retarget.transfer import VERSION, Retargeted, retargeted
 

@@ -18,6 +18,7 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, json_text
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import save_page
+from dancedata.kernel import ClipRecord
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, Parts, page_data, whole_page
 from dancedata.scene.payload import page_json, scene_payload
@@ -25,7 +26,6 @@ from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import Sounds
 from dancedata.scene.wall import places
-from dancedata.store.clip_columns import ClipRecord
 from dancedata.study.trials import Trial, begin_of, common_clips, make_trials, shown_figures
 
 #: What raters are asked, and the reasons that they may give.

@@ -14,7 +14,7 @@ from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.text import counted
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.store.saved_samples import as_numpy
+from dancedata.kernel import as_numpy
 from dancedata.training.sample_page import Generated, sample_page
 
 if TYPE_CHECKING:

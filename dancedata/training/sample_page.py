@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.typing import override
+from dancedata.kernel import Sample, Store
 from dancedata.scene.comparisons import Comparison
 from dancedata.scene.figure import Figure
 from dancedata.scene.page import clip_page
@@ -16,8 +17,6 @@ from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Scene
 from dancedata.scene.wall import Wall
 from dancedata.scene.windows import SampleScenes
-from dancedata.store import Store
-from dancedata.store.samples import Sample
 
 
 @dataclass(frozen=True, eq=False)

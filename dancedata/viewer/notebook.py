@@ -11,13 +11,12 @@ import numpy as np
 from dancedata.core.errors import DanceDataError
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted, shown
+from dancedata.kernel import Clip, Clips, Store
 from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import Page, view_motions
 from dancedata.scene.page import clip_page
 from dancedata.scene.pose_space import frontal
 from dancedata.scene.scenes import Scenes
-from dancedata.store import Clip, Store
-from dancedata.store.clip_view import Clips
 
 #: Clips that a table shows, and the height of a still, pixels.
 MOST_CLIPS, _STILL = 8, 64

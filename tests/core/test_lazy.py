@@ -7,6 +7,8 @@ import pytest
 
 import dancedata
 import dancedata.audio.jukebox
+import dancedata.kernel
+import dancedata.readers
 import dancedata.torch
 from dancedata.core.lazy import lazy_names
 from dancedata.core.packages import install
@@ -50,3 +52,8 @@ def test_readers_without_torch_name_the_extra() -> None:
         f"dancedata.torch.WindowDataset needs torch, which is not installed. {install('torch')}. "
         "Reading with numpy alone is dancedata.open(path)."
     )
+
+
+def test_the_kernel_has_few_public_names() -> None:
+    assert len(dancedata.kernel.__all__) <= 60
+    assert [name for name in dancedata.kernel.__all__ if getattr(dancedata.kernel, name) is None] == []

@@ -17,7 +17,7 @@ from dancedata.audio.beats.track import BeatTrack
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.music.signal import resample
+from dancedata.kernel import resample
 
 SAMPLE_RATE, HOP, N_FFT, N_BANDS = 22050, 441, 1024, 128
 _LOWEST_HZ, _HIGHEST_HZ = 30.0, 11000.0

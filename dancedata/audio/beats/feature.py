@@ -22,7 +22,7 @@ from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import shown
 from dancedata.core.typing import override
-from dancedata.music.signal import resample
+from dancedata.kernel import resample
 
 #: Names the file of the network's weights unless a recipe does.
 ENVIRONMENT = "DANCEDATA_BEAT_THIS"

@@ -18,7 +18,7 @@ from dancedata.audio.hf.settings import Settings
 from dancedata.audio.networks.devices import Batches, compute_dtype, exact_float32, require_device
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.music.signal import resample
+from dancedata.kernel import resample
 
 #: Chunks at once on a card, where a recipe does not say; halved where its memory runs out.
 _BATCH = 16

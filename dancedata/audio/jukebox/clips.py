@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.core.errors import DataError, UsageError, did_you_mean
-from dancedata.music.signal import resample
+from dancedata.kernel import resample
 
 TooLong = Literal["error", "truncate"]
 _MAX_CHANNELS = 64

@@ -24,7 +24,7 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.music.signal import pcm16, resampled_length
+from dancedata.kernel import pcm16, resampled_length
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.encoder import JukeboxEncoder

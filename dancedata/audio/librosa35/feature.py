@@ -27,7 +27,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.music.signal import pcm16, resampled_length
+from dancedata.kernel import pcm16, resampled_length
 
 _log = logging.getLogger(__name__)
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, cut, each_times
 from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, tail_matrix
-from dancedata.music.signal import resample, resampled_length
+from dancedata.kernel import resample, resampled_length
 
 # Samples at each end of a window that differ from the track's, the same at every level of the pyramid: halving turns
 # an end of one reach of the 2:1 filter into half a reach, and the filter itself adds half a reach.

@@ -145,7 +145,7 @@ def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
 
 
 def _seconds(song: Path) -> float | None:
-    from dancedata.music.signal import audio_length
+    from dancedata.kernel import audio_length
 
     try:
         samples, rate = audio_length(song)
