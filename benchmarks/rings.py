@@ -30,15 +30,14 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 #: Rooms of the kernel, from the lowest; rooms of one entry may import each other.
-KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "torch", "cache"))
-KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "readers", "cache"),
+KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "torch", "cache"),
           ("kernel",))  # fmt: skip
 #: Rooms of the kernel that know nothing of datasets: shelves stand on them.
 GROUND = {"core", "files"}
 SHELVES = {"formats", "metrics", "scene", "synthetic"}
 #: The shelf that reads datasets and motion files: it stands on the kernel and on the other shelves.
 SCENE = "scene"
-TOP = {"__init__", "__main__", "calls", "kernel", "cli", "testing"}
+TOP = {"__init__", "__main__", "calls", "cli", "testing"}
 TOP = {"__init__", "__main__", "cli", "testing"}
 #: Rooms whose files and folders are plug-ins.
 PLUGINS = {"datasets", "audio", "exports"}

@@ -19,17 +19,6 @@ from dancedata.scene.like import opened, store_of
 
 #: Files of columns, folders of them, or patterns.
 Files: TypeAlias = "str | Path | Sequence[str | Path]"
-
-if TYPE_CHECKING:
-    from dancedata.kernel import Reader, Scaler, Store
-
-
-#: The representation that holds the places of dancers.
-_PLACES = "root_place"
-#: A dataset, open or not, or a reader of it.
-Like: TypeAlias = "Store | Reader | str | Path | None"
-#: A scaler, or its file.
-ScalerLike: TypeAlias = "Scaler | str | Path | None"
 _OneMotion = np.ndarray[tuple[int, int], Any]
 _Batch = np.ndarray[tuple[int, int, int], Any]
 

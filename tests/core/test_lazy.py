@@ -8,7 +8,6 @@ import pytest
 import dancedata
 import dancedata.audio.jukebox
 import dancedata.kernel
-import dancedata.readers
 import dancedata.torch
 from dancedata.core.lazy import lazy_names
 from dancedata.core.packages import install
