@@ -48,7 +48,6 @@ from threadpoolctl import threadpool_limits
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.music.signal import load_audio
 from dancedata.store import open_store
 from dancedata.synthetic import synthesise_song
 from dancedata.synthetic.music import SyntheticSong
@@ -222,6 +221,8 @@ def _command(folder: Path, arguments: list[str]) -> tuple[float, float]:
 def _plain_window_s(source: Path, n_sampled: int = 40) -> tuple[float, float]:
     """Return wall and CPU seconds of the plain loop per window, a mean over windows of all songs, warm."""
     plain = Librosa35(method="librosa")
+    from dancedata.music.signal import load_audio  # other benchmarks import this file with an older checkout
+
     signals = [load_audio(path) for path in sorted((source / "wavs").glob("*.wav"))]
     windows = [(signal, start) for signal in signals for start in _starts(signal)]
     sample = [windows[k] for k in np.linspace(0, len(windows) - 1, n_sampled + 1).astype(int)]

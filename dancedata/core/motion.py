@@ -76,14 +76,14 @@ class _Poses:
     Attributes
     ----------
     local, world
-        Rotations as matrices (T, J, 3, 3), relative to the parents and in the world.
+        Rotations as matrices (T, J, 3, 3), relative to the parents and in the world; None where they are not kept.
     places, bones
         Joint positions (T, J, 3) for each requested skeleton, and what `posed_bones` gives for different bones.
     """
 
     whole: Motion
-    local: Float64Array
-    world: Float64Array
+    local: Float64Array | None = None
+    world: Float64Array | None = None
     places: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
     bones: list[tuple[Skeleton, Float64Array]] = field(default_factory=list)
 
@@ -108,7 +108,10 @@ class _Poses:
             # Skeletons often differ in nothing but the root.
             if posed.parents == skeleton.parents and np.array_equal(posed.offsets[1:], skeleton.offsets[1:]):
                 return bones
-        bones = posed_bones(skeleton, self.world)
+        world = self.world
+        if world is None:
+            world = world_matrices(self.whole.skeleton, self.whole.matrices)
+        bones = posed_bones(skeleton, world)
         self.bones.append((skeleton, bones))
         return bones
 
@@ -233,14 +236,14 @@ class Motion:
         """Return the same translation and rotations on another skeleton of as many joints."""
         return Motion(self.translation, self.rotations, self.grid, skeleton, self.trim_start)
 
-    def with_cache(self) -> Motion:
+    def with_cache(self, *, matrices: bool = True) -> Motion:
         """Return the same motion with matrices and joint positions cached for itself and all its parts.
 
-        For motions with many overlapping parts to encode. The cache takes 144 bytes per joint and frame, and 24 to
-        48 for each requested skeleton.
+        For motions with many overlapping parts to encode. The cache takes 144 bytes per joint and frame for matrices,
+        which may be left out, and 24 to 48 for each requested skeleton.
         """
         motion = self._frames(slice(None), self.grid, self.trim_start)
-        motion.__dict__["_poses"] = _Poses.of(self), slice(None)
+        motion.__dict__["_poses"] = _Poses.of(self) if matrices else _Poses(self), slice(None)
         return motion
 
     @property
@@ -251,10 +254,8 @@ class Motion:
     @property
     def matrices(self) -> Float64Array:
         """Rotations (T, J, 3, 3) relative to the parents; read-only if they are cached."""
-        if self._poses is None:
-            return matrix_from_rotvec(self.rotations)
-        poses, frames = self._poses
-        return poses.local[frames]
+        local, frames = (None, slice(None)) if self._poses is None else (self._poses[0].local, self._poses[1])
+        return matrix_from_rotvec(self.rotations) if local is None else local[frames]
 
     def resampled(self, grid: FrameGrid) -> Motion:
         """Return the motion at another rate, from the same first frame.

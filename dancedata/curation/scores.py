@@ -113,7 +113,7 @@ def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, S
     >>> score_motion(motion)["spikes"]
     Score(value=0.0, spans=())
     """
-    cached = motion.with_cache()
+    cached = motion if motion.is_cached else motion.with_cache(matrices=False)
     return {name: _rounded(_SCORES[name](cached, MEASURES[name].least)) for name in names}
 
 

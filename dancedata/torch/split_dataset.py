@@ -393,7 +393,9 @@ class SplitDataset(EpochDataset):
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
             for place, flag in zip(request.places, request.mirrored, strict=True)
         ]
-        marks = [f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" * bool(m) for m, k in zip(copies, places, strict=True)]
+        marks = [
+            f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" if m else "" for m, k in zip(copies, places, strict=True)
+        ]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
         attributes = ("id", "genre", "music", "dancer", "tempo_bpm", *["columns"] * bool(self.columns))
