@@ -38,7 +38,6 @@ SHELVES = {"formats", "metrics", "scene", "synthetic"}
 #: The shelf that reads datasets and motion files: it stands on the kernel and on the other shelves.
 SCENE = "scene"
 TOP = {"__init__", "__main__", "calls", "cli", "testing"}
-TOP = {"__init__", "__main__", "cli", "testing"}
 #: Rooms whose files and folders are plug-ins.
 PLUGINS = {"datasets", "audio", "exports"}
 SOURCE = """

@@ -16,11 +16,9 @@ from tests.docs.pages import ROOT, load
 
 RINGS = load(ROOT / "benchmarks" / "rings.py")
 #: Pairs of files that break the rings, by rooms; the numbers only shrink, and the table ends empty.
-BREAKS: dict[str, int] = {
-    "calls -> evaluation": 1, "calls -> pages": 3,
-}  # fmt: skip
+BREAKS: dict[str, int] = {}
 #: Most lines that a build of aist++ and a batch of it load.
-ROAD = 28_300
+ROAD = 26_600
 
 
 def circle(root: Path) -> list[str]:
