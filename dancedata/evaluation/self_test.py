@@ -96,21 +96,9 @@ def self_test(
     cache: Path | None = None,
     progress: Progress | None = None,
 ) -> SelfTest:
-    """Measure the ground truth of a dataset under every protocol that has a published row for it.
+    """Measure the ground truth of a dataset under every protocol that has a published row for it; see `run`.
 
-    Parameters
-    ----------
-    source
-        Folder with the dataset's files, as for ``dancedata build``; music is used if present.
-    protocol
-        Only this protocol.
-
-    Raises
-    ------
-    SourceError
-        If no reader recognises the folder.
-    UsageError
-        If nothing was published for it.
+    SourceError if no reader recognises the folder; UsageError if nothing was published for it.
     """
     reader, _ = scan_folder(source)
     protocols = (
