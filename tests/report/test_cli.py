@@ -57,7 +57,7 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
     video = ["--video", str(tmp_path / "a.mp4")]
     assert "its name" in RUN.invoke(app, ["view", str(demo), *video]).stderr.lower()
     clip = write_report(demo).document["clips"][0]["clip"]
-    assert "--source DIR" in RUN.invoke(app, ["view", str(demo), clip, *video, "--audio", "embed"]).stderr
+    assert "--music PATH" in RUN.invoke(app, ["view", str(demo), clip, *video, "--audio", "embed"]).stderr
     assert os.listdir(tmp_path) == []
 
 
@@ -66,9 +66,9 @@ def test_a_video_needs_a_clip_and_a_source(demo: Path, tmp_path: Path) -> None:
     (["--compare", "nowhere", "--video", "v.mp4"], "nothing to compare with"),
     (["--fps", "17", "--export", "v.html"], "--fps would have no effect without --compare"),
     (["--up", "z", "--unit", "cm", "--no-browser"], "--up and --unit would have no effect without --compare"),
-    (["--compare-as", "edge151", "--normalized", "--video", "v.mp4"], "--compare-as and --normalized or --not-nor"),
+    (["--normalized", "--video", "v.mp4"], "--normalized or --not-normalized would have no effect"),
     (["--overlay", "--video", "v.mp4"], "--overlay would have no effect without --compare"),
-    (["--as", "edge151", "--export", "v.html"], "--as goes with motion files"),
+    (["--like", "x", "--export", "v.html"], "--like goes with motion files"),
     (["--export", "v.mp4"], "--video FILE.mp4"), (["--video", "v.html"], "written with --export"),
     (["--video", "v.mp4", "--size", "big"], "WIDTHxHEIGHT"),
     (["--export", "v.html", "--video", "v.mp4"], "two outputs"),
