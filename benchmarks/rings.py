@@ -30,8 +30,8 @@ from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).parents[1]
 #: Rooms of the kernel, from the lowest; rooms of one entry may import each other.
-KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",), ("building", "recipes", "torch", "cache"),
-          ("kernel",))  # fmt: skip
+KERNEL = (("core",), ("files",), ("execution",), ("music",), ("store",),
+          ("building", "recipes", "samples", "torch", "cache"), ("kernel",))  # fmt: skip
 #: Rooms of the kernel that know nothing of datasets: shelves stand on them.
 GROUND = {"core", "files"}
 SHELVES = {"formats", "metrics", "scene", "synthetic"}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.sample_id import SampleId
+from dancedata.samples.saved import saved_samples
 from dancedata.scene.motion_page import Page, PlayedMotion, view_motions
 from dancedata.scene.page import clip_page
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Clip, Store
-from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
 
 if TYPE_CHECKING:

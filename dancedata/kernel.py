@@ -88,13 +88,13 @@ if TYPE_CHECKING:
     from dancedata.recipes.parse import load_recipe
     from dancedata.recipes.plugins import make_named
     from dancedata.recipes.recipe import Recipe
+    from dancedata.samples import Sample
+    from dancedata.samples.saved import as_numpy, saved_samples
     from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
     from dancedata.store.clip_view import Clip, Clips
     from dancedata.store.dataset import Store, open_store
     from dancedata.store.normalize import Reader, Scaler
     from dancedata.store.queries import network_weights, optional_fields, require_intact, slice_length
-    from dancedata.store.samples import Sample
-    from dancedata.store.saved_samples import as_numpy, saved_samples
     from dancedata.store.schema import DATASET_FILE, SPLIT_ORDER, Field, check_name, slice_name
     from dancedata.store.songs import joined_sets, songs_of
 else:  # type checkers take the imports above, and so find misspelt names
@@ -118,7 +118,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Reader": "dancedata.store.normalize",
             "Recipe": "dancedata.recipes.recipe",
             "RecipeLike": "dancedata.building.commands",
-            "Sample": "dancedata.store.samples",
+            "Sample": "dancedata.samples",
             "Scaler": "dancedata.store.normalize",
             "Scene": "dancedata.building.take",
             "SignalId": "dancedata.building.signals",
@@ -129,7 +129,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Transform": "dancedata.building.take",
             "WindowRule": "dancedata.building.plugins",
             "as_in_builds": "dancedata.execution.units",
-            "as_numpy": "dancedata.store.saved_samples",
+            "as_numpy": "dancedata.samples.saved",
             "audio_length": "dancedata.music.signal",
             "check_name": "dancedata.store.schema",
             "compiling": "dancedata.music.kernels",
@@ -153,7 +153,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "resample": "dancedata.music.signal",
             "resampled_length": "dancedata.music.signal",
             "run_units": "dancedata.execution.units",
-            "saved_samples": "dancedata.store.saved_samples",
+            "saved_samples": "dancedata.samples.saved",
             "scan_folder": "dancedata.building.check",
             "shaping": "dancedata.building.documents",
             "slice_length": "dancedata.store.queries",

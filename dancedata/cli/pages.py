@@ -153,7 +153,7 @@ def report(
     from dancedata.comparison import diff
     from dancedata.pages.findings import findings
     from dancedata.pages.write import default_path, write_report
-    from dancedata.store.saved_samples import saved_samples
+    from dancedata.samples.saved import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
     if card:

@@ -9,11 +9,11 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
+from dancedata.samples import Sample, recording_of
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
 from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_readers
 from dancedata.store import Store
 from dancedata.store.queries import optional_fields, reference, slice_length
-from dancedata.store.samples import Sample, recording_of
 
 
 @dataclass(frozen=True, eq=False)

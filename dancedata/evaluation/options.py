@@ -22,6 +22,7 @@ from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.scores import DRAWS
 from dancedata.execution.addresses import local_folder
 from dancedata.recipes.plugins import make_named
+from dancedata.samples import Sample
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
@@ -31,7 +32,6 @@ from dancedata.scene.poses import ColumnsReader, motion_readers
 from dancedata.scene.scaling import Scaling
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Reader, Scaler
-from dancedata.store.samples import Sample
 from dancedata.store.schema import DATASET_FILE
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.

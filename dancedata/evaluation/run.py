@@ -20,10 +20,10 @@ from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.engines import engine_at
 from dancedata.execution.progress import Progress
+from dancedata.samples.saved import saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import opened, store_of
 from dancedata.store import Store
-from dancedata.store.saved_samples import saved_samples
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion

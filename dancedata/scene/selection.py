@@ -15,6 +15,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.terms import OVERRIDE, require_shareable
 from dancedata.core.text import counted, listed
 from dancedata.formats.body_mesh import BodyMesh
+from dancedata.samples.saved import saved_samples
 from dancedata.scene.comparisons import Comparison, OriginalComparison, comparison_of, file_format
 from dancedata.scene.inputs.files import FileFormat, field_of_width
 from dancedata.scene.motions import MotionScenes, motion_scenes
@@ -25,7 +26,6 @@ from dancedata.scene.source import ClipSource, Sounds
 from dancedata.scene.wall import Wall, WallSounds
 from dancedata.scene.windows import SampleScenes, samples_in
 from dancedata.store import Store, open_store
-from dancedata.store.saved_samples import saved_samples
 from dancedata.store.schema import DATASET_FILE
 
 #: Attributes of a request whose option has another name.

@@ -21,10 +21,10 @@ from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.execution.addresses import fetch_soon
+from dancedata.samples import Samples
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
-from dancedata.store.samples import Samples
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
@@ -249,7 +249,7 @@ class SplitDataset(EpochDataset):
             raise UsageError("no motion field that is read, or not one alone, has this width", found=str(width),
                              allowed=widths)  # fmt: skip
         scaler = self._normalizers.get(fitting[0])
-        from dancedata.store.saved_samples import save_samples
+        from dancedata.samples.saved import save_samples
 
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
 

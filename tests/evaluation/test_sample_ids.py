@@ -16,11 +16,11 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import safe_name
 from dancedata.evaluation.report import Report
 from dancedata.metrics.beats import beat_alignment, motion_beat_times
+from dancedata.samples import Samples
+from dancedata.samples.saved import save_samples
 from dancedata.scene.comparisons import comparison_payload
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store, write_store
-from dancedata.store.samples import Samples
-from dancedata.store.saved_samples import save_samples
 from dancedata.study.trials import begin_of, common_clips
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message

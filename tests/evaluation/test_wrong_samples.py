@@ -12,9 +12,9 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
 from dancedata.evaluation.report import Report
+from dancedata.samples.saved import save_samples
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store
-from dancedata.store.saved_samples import save_samples
 from tests.messages import raises_message
 
 FIRST = "{clip}@0+150"

@@ -1,4 +1,4 @@
-"""Samples of a dataset: what ids name, with their music, and the recording that they come from."""
+"""Samples of models: what ids name in a dataset, and files."""
 
 from __future__ import annotations
 

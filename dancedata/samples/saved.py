@@ -18,9 +18,9 @@ from dancedata.core.text import listed, quoted, shown
 from dancedata.core.version import __version__
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
+from dancedata.samples import Samples
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.normalize import Scaler
-from dancedata.store.samples import Samples
 
 if TYPE_CHECKING:
     from torch import Tensor
