@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.errors import DataError, SourceError
+from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.dd100 import DD100, is_test
 from dancedata.store import verify_store
@@ -94,12 +94,6 @@ def test_one_of_a_pair_is_kept_if_the_recipe_says_so(source: Path, tmp_path: Pat
     kept = dancedata.build(recipe | {"groups": {"incomplete": "keep"}}, source, tmp_path / "kept", **places).open()
     assert {clip.id for clip in kept.clips()} - {clip.id for clip in whole.clips()} == {"Ballet_9_0_01"}
     assert verify_store(tmp_path / "kept") == []
-
-
-def test_what_is_not_a_copy(tmp_path: Path) -> None:
-    (tmp_path / "x").mkdir()
-    with raises_message(SourceError, r"_01\.npy"):
-        DD100().scan(tmp_path)
 
 
 def test_both_in_one_world_with_y_up(source: Path) -> None:

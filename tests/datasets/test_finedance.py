@@ -120,23 +120,6 @@ def test_ids_that_finedance_does_not_have(finedance: Any) -> None:
     assert "2 more have unknown ids" in notes(scan)
 
 
-def test_motion_without_music(finedance: Any) -> None:
-    (finedance.root / "music_wav" / "001.wav").unlink()
-    scan = FineDance().scan(finedance.root)
-    assert scan.clips[0].audio_path is None
-    assert "1 clip without a file in music_wav/ (001)" in notes(scan)
-
-
-def test_several_files_of_one_song_and_unused_music(finedance: Any) -> None:
-    for file in ("music_wav/001.mp3", "music_wav/004.FLAC", "music_wav/200.ogg"):
-        finedance.song(file)
-    (finedance.root / "music_wav" / "004.wav").unlink()
-    scan = FineDance().scan(finedance.root)
-    assert [clip.audio_path.name for clip in scan.clips[:2] if clip.audio_path] == ["001.wav", "004.FLAC"]
-    assert rejects(scan, "unused_music") == ["music_wav/001.mp3", "music_wav/200.ogg"]
-    assert "wav is preferred to flac" in notes(scan)
-
-
 def test_lengths_that_differ(finedance: Any) -> None:
     finedance.song("music_wav/001.wav", seconds=2.0)
     finedance.song("music_wav/004.wav", seconds=3.0 + 2 / 30)
@@ -196,56 +179,6 @@ def test_bad_label(fine: Any, content: Any, reason: str, words: str) -> None:
     assert [clip.genre for clip in kept.clips] == ["", "Urban"]
     assert words in kept.clips[0].notes[0]
     assert "1 clip kept without a genre, as requested: 001" in notes(kept)
-
-
-def test_extra_files_by_name(finedance: Any) -> None:
-    odd = [
-        "motion/1.npy", "motion/0001.npy", "motion/M001.npy", "motion/٠٠١.npy", "motion/001.txt", "motion/001.NPY",
-        "music_wav/mein lied ü.wav", "music_wav/001.txt", "label_json/labels.json", "label_json/200.json",
-    ]  # fmt: skip
-    for file in odd:
-        finedance.write(file, b"x")
-    for file in ("motion/.DS_Store", "music_wav/._001.wav", "__MACOSX/motion/x"):
-        finedance.write(file, b"x")
-    (finedance.root / "motion" / "more").mkdir()
-    scan = FineDance().scan(finedance.root)
-    assert rejects(scan, "extra_file") == sorted([*odd, "motion/more/"])
-    (mirrored,) = (r for r in scan.rejects if r.file == "motion/M001.npy")
-    assert "mirrored" in mirrored.detail
-    assert all(reject.detail for reject in scan.rejects)
-    assert len(scan.clips) == 5
-
-
-def test_links(finedance: Any) -> None:
-    root = finedance.root
-    (root / "motion" / "200.npy").symlink_to("nowhere")
-    (root / "motion" / "loop").symlink_to(root, target_is_directory=True)
-    (root / "music_wav" / "200.wav").symlink_to("200.wav")
-    (root / "motion" / "201.npy").symlink_to("001.npy")
-    (root / "music_wav" / "201.wav").symlink_to("001.wav")
-    (root / "label_json" / "201.json").symlink_to(root / "label_json" / "001.json")
-    scan = FineDance().scan(root)
-    assert rejects(scan, "extra_file") == ["motion/200.npy", "motion/loop/", "music_wav/200.wav"]
-    assert splits(scan)["201"] == "train"
-
-
-@pytest.mark.parametrize(
-    "file",
-    [
-        "001.npy", "motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl", "mofea319/001.npy", "finedance.rar", "readme.md",
-        "motion/dance.npy",
-    ],
-)  # fmt: skip
-def test_the_error_for_a_wrong_folder_lists_its_content(fine: Any, file: str) -> None:
-    fine.write(file, b"x")
-    with raises_message(SourceError, "FineDance"):
-        FineDance().scan(fine.root)
-
-
-def test_an_empty_motion_folder(tmp_path: Path) -> None:
-    (tmp_path / "motion").mkdir()
-    with raises_message(SourceError, "check", where="motion"):
-        FineDance().scan(tmp_path)
 
 
 def test_example(tmp_path: Path) -> None:

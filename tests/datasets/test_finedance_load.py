@@ -146,12 +146,6 @@ def test_broken_files(fine: Any, data: bytes) -> None:
     assert "001.npy" in str(error.value)
 
 
-def test_file_that_went_away(fine: Any) -> None:
-    for path in (fine.root / "motion" / "gone.npy", fine.root):
-        with raises_message(DataError, "numpy", reason="broken_file"):
-            load(path)
-
-
 @pytest.mark.parametrize("bare", [True, False])
 def test_hostile_pickle_is_not_executed(fine: Any, unpickled_marker: Any, bare: bool) -> None:
     marker, attack = unpickled_marker

@@ -164,12 +164,6 @@ def test_the_folder_above(source: Path) -> None:
     assert len(InfiniteDance().scan(source.parent / "repo").clips) == 3
 
 
-def test_archives_that_were_not_unpacked(source: Path) -> None:
-    (source / FITS_FOLDER).rename(source / "elsewhere")
-    with raises_message(SourceError, "InfiniteDance", where="мой dänce"):
-        InfiniteDance().scan(source)
-
-
 def test_a_fit(source: Path) -> None:
     content = fit_of(source)
     motion = load(InfiniteDance(), source / FITS_FOLDER / f"{OWN}.pkl")

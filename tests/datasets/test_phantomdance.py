@@ -52,12 +52,6 @@ def test_all_in_one_folder(source: Path) -> None:
     assert not scan.rejects
 
 
-def test_missing_music(source: Path) -> None:
-    (source / "music" / "dance_002.wav").unlink()
-    assert rejects(PhantomDance().scan(source), "missing_music") == ["dance_002"]
-    assert PhantomDance(music="optional").scan(source).clips[1].audio_path is None
-
-
 def test_several_folders(source: Path) -> None:
     (source / "old").mkdir()
     write(source / "old" / "a.json", {})

@@ -80,20 +80,6 @@ def test_lists_that_cannot_be_used(source: Path) -> None:
     assert len(PopDanceSet(split="by-video").scan(source).clips) == 4
 
 
-def test_what_is_left_out(source: Path) -> None:
-    (source / "splits" / "train.txt").write_text(f"{FIRST}\n{SECOND}\n")
-    (source / "wavs" / f"{SECOND}.wav").unlink()
-    (source / "wavs" / "BVzzzzzzzz9z_Clip_1.wav").write_bytes(b"")
-    (source / "motions" / "other.pkl").write_bytes(b"")
-    scan = PopDanceSet().scan(source)
-    assert splits(scan) == {FIRST: "train", TEST: "test"}
-    assert rejects(scan, "unassigned") == [MATRICES]
-    assert rejects(scan, "missing_music") == [SECOND]
-    assert rejects(scan, "unused_music") == ["wavs/BVzzzzzzzz9z_Clip_1.wav"]
-    assert rejects(scan, "extra_file") == ["motions/other.pkl"]
-    assert splits(PopDanceSet(music="optional").scan(source))[SECOND] == "train"
-
-
 def test_motion_stands_upright_in_metres(source: Path) -> None:
     path = source / "motions" / f"{FIRST}.pkl"
     content = pickle.loads(path.read_bytes())

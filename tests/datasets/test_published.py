@@ -1,0 +1,100 @@
+"""What scans of all published datasets make of missing and unused music, other files, links and wrong folders."""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from dancedata.core.errors import SourceError
+from dancedata.core.registry import DATASETS
+from dancedata.datasets.published import Published
+from tests.datasets.scans import rejects
+from tests.messages import raises_message
+
+NAMES = [name for name in DATASETS.names() if issubclass(DATASETS.get(name), Published)]
+WITH_MUSIC = [name for name in NAMES if DATASETS.get(name).has_audio]
+#: A name that no example has.
+OTHER = {
+    "aioz-gdance": "plainid0123_09_0_9", "aist++": "mKR0", "dcm": "a9_9", "dd100": "Jive_1_0", "finedance": "200",
+}  # fmt: skip
+
+
+def reader(name: str, **keys: Any) -> Any:
+    return DATASETS.get(name)(**keys)
+
+
+@pytest.fixture
+def source(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    """The example of the test's dataset, in a path with a space and letters beyond ASCII."""
+    source = tmp_path / "мой dänce 舞"
+    reader(request.getfixturevalue("name")).make_example(source)
+    return source
+
+
+def below(source: Path, path: Path) -> str:
+    return path.relative_to(source).as_posix()
+
+
+@pytest.mark.parametrize("name", WITH_MUSIC)
+def test_music_that_is_missing_and_music_without_motion(name: str, source: Path) -> None:
+    before = reader(name).scan(source)
+    path = before.clips[0].audio_path
+    mine = {clip.id for clip in before.clips if clip.audio_path == path}
+    other = path.rename(path.with_name(f"{OTHER.get(name, 'BVzzzzzzzz9z_Clip_1')}.mp3"))
+    scan = reader(name).scan(source)
+    assert rejects(scan, "unused_music") == [below(source, other)]
+    if "music" not in {field.name for field in fields(reader(name))}:
+        assert [clip.audio_path for clip in scan.clips if clip.id in mine] == [None] * len(mine)
+        return
+    assert {clip.id for clip in scan.clips} == {clip.id for clip in before.clips} - mine
+    lacking = [reject for reject in scan.rejects if reject.reason == "missing_music"]
+    assert all(reject.music and reject.file and "wav, flac, mp3 or ogg" in reject.detail for reject in lacking)
+    keys = {"music": "optional"} | ({"fps": "30"} if name == "i-dancers" else {})
+    assert {clip.id for clip in reader(name, **keys).scan(source).clips} == {clip.id for clip in before.clips}
+
+
+@pytest.mark.parametrize("name", WITH_MUSIC)
+def test_the_preferred_one_of_several_files_of_a_song(name: str, source: Path) -> None:
+    path = reader(name).scan(source).clips[0].audio_path
+    path.with_suffix(".OGG").write_bytes(b"")
+    scan = reader(name).scan(source)
+    assert scan.clips[0].audio_path == path
+    assert rejects(scan, "unused_music") == [below(source, path.with_suffix(".OGG"))]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_other_files_links_and_folders_by_name(name: str, source: Path) -> None:
+    before = reader(name).scan(source)
+    motion = before.clips[0].motion_path
+    folders = {motion.parent} | ({before.clips[0].audio_path.parent} if name in WITH_MUSIC else set())
+    odd = []
+    for folder in folders:
+        for file in ("notes ü.txt", "loop"):
+            odd.append(folder / file)
+        odd[-2].write_bytes(b"x")
+        odd[-1].symlink_to(source, target_is_directory=True)
+        for file in (".DS_Store", f"._{motion.name}"):
+            (folder / file).write_bytes(b"x")
+    link = motion.with_name(motion.name.replace(motion.suffix, motion.suffix.upper()))
+    link.symlink_to("nowhere")
+    scan = reader(name).scan(source)
+    wanted = [below(source, path) + "/" * path.is_dir() for path in [*odd, link]]
+    shown = [file for file in wanted if not (name == "phantomdance" and file.startswith("music/"))]
+    assert rejects(scan, "extra_file") == sorted(shown)
+    assert all(reject.detail for reject in scan.rejects)
+    assert [clip.id for clip in scan.clips] == [clip.id for clip in before.clips]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_with_another_dataset_or_without_motion(name: str, source: Path) -> None:
+    motion = reader(name).scan(source).clips[0].motion_path
+    for path in motion.parent.iterdir():
+        path.unlink()
+    with raises_message(SourceError, "", where="") as error:
+        reader(name).scan(source)
+    assert error.value.fix
+    (source.parent / "other").mkdir()
+    (source.parent / "other" / "holiday.jpg").write_bytes(b"x")
+    with raises_message(SourceError, r"holiday\.jpg", where="other"):
+        reader(name).scan(source.parent / "other")
