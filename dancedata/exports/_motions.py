@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from dancedata.core.bodies import on_body
+from dancedata.core.skeleton import SMPL24
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field
@@ -36,6 +38,20 @@ def decoded(job: ExportJob, field: str, clips: Sequence[Clip] | None = None) -> 
     reader = _decodable(job)[name]
     for clip in job.each("clips", job.clips() if clips is None else clips):
         yield clip, reader.representation.decode(clip.read(name), reader.grid)
+
+
+def groups_decoded(
+    job: ExportJob, field: str, groups: Mapping[str, Sequence[Clip]]
+) -> Iterator[tuple[str, list[tuple[Clip, Motion]]]]:
+    """Yield the name of each group, and its clips with their motions, as `decoded`."""
+    motions = decoded(job, field, [clip for members in groups.values() for clip in members])
+    for name, members in groups.items():
+        yield name, [next(motions) for _ in members]
+
+
+def on_smpl(motion: Motion) -> Motion:
+    """Return a motion on SMPL's joints; one of them keeps its numbers, as in the file that it came from."""
+    return motion if motion.skeleton.joints == SMPL24.joints else on_body(motion, SMPL24)
 
 
 def field_name(job: ExportJob, field: str) -> str:

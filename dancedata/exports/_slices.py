@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
@@ -43,27 +42,22 @@ class SliceExport(Export):
     sound
         ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
         use them, only rendering does.
-    guide_text
-        Markdown of `guide`, with places for out, kind, feature, width and again.
     """
 
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
     listed_folders: ClassVar[tuple[str, ...]] = tuple(
         f"{part}/{name}" for part in ("train", "test") for name in FOLDERS
     )
-    guide_text: ClassVar[str]
 
     feature: str = "librosa35"
     sound: Sound = "cut"
 
     @override
-    def guide(self, job: ExportJob) -> str:
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
         width = job.store.fields[self.feature].width
         kind = WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
-        return self.guide_text.format(
-            out=quote(str(job.out)), kind=kind, feature=self.feature, width=width, again=again
-        )
+        return {"kind": kind, "width": width, "again": again}
 
 
 @dataclass(frozen=True)

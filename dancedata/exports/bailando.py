@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -134,6 +133,7 @@ class Bailando(Export):
         "audio": {_FEATURE: {}},
     }
     reference: ClassVar[str] = "lisiyao21/Bailando, commit cc90b98, utils/functional.py"
+    guide_text: ClassVar[str] = _GUIDE
     listed_folders: ClassVar[tuple[str, ...]] = (_TRAIN, _TEST, _MUSIC, _MUSIC_60)
 
     feature: str = _FEATURE
@@ -184,22 +184,15 @@ class Bailando(Export):
             folder.note(f"without Bailando++'s rotations: they need motion: {{{_ROTATIONS}: {{}}}}")
 
     @override
-    def guide(self, job: ExportJob) -> str:
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
         ignored = (
             "Clips of the ignore list are kept, as in the paper's training set."
             if self.keep_ignored
             else "Clips of the ignore list are left out. The paper's training set has them (`--keep-ignored`)."
         )
         rotations = "" if _ROTATIONS in job.store.fields else " They are not here."
-        return _GUIDE.format(
-            out=quote(str(job.out)),
-            train=_TRAIN,
-            test=_TEST,
-            music=_MUSIC,
-            music_60=_MUSIC_60,
-            ignored=ignored,
-            rotations=rotations,
-        )
+        places = {"train": _TRAIN, "test": _TEST, "music": _MUSIC, "music_60": _MUSIC_60}
+        return {**places, "ignored": ignored, "rotations": rotations}
 
     def _clips(self, job: ExportJob, part: str) -> list[Clip]:
         return [clip for clip in job.clips(*PARTS[part]) if self.keep_ignored or not is_ignored(clip)]

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -33,7 +32,7 @@ python -u main_mix.py --config configs/sep_vqvaexm_full_final.yaml --train
 
 - `motion/pos3d/SPLIT/PAIR_00.npy` (T, 165) are the joints of the follower, `PAIR_01.npy` of the leader: SMPL-X's 55
   in metres, +Z up, both dancers in one world. `motion/rotmat` (T, 498) has translation and 55 rotation matrices.
-- They are decoded from `{field}`, on the neutral body: Duolando's script takes betas and gender of each file, which
+- They are decoded from `{source}`, on the neutral body: Duolando's script takes betas and gender of each file, which
   datasets do not hold. Jaw and eyes do not turn.
 - `music/feature/SPLIT/PAIR.npy` (T, 54) is `{feature}`, which is computed without essentia's resampler; at 15,360 Hz
   both have the same samples.
@@ -64,6 +63,7 @@ class Duolando(MotionExport):
         "audio": {"bailando54": {}},
     }
     reference: ClassVar[str] = "lisiyao21/Duolando, commit abb93e6, datasets/dd100lf_all2.py"
+    guide_text: ClassVar[str] = _GUIDE
     listed_folders: ClassVar[tuple[str, ...]] = tuple(f"{kind}/{part}" for kind in _KINDS for part in _PARTS)
 
     feature: str = "bailando54"
@@ -106,18 +106,11 @@ class Duolando(MotionExport):
             folder.note(f"{counted(others, 'dancer')} outside pairs are not in the export: Duolando reads duets")
 
     @override
-    def guide(self, job: ExportJob) -> str:
-        return _GUIDE.format(out=quote(str(job.out)), feature=self.feature, field=field_name(job, self.field))
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
+        return {"source": field_name(job, self.field)}
 
 
 def _duets(job: ExportJob) -> "list[list[Clip]]":
     """Return the groups of two by name, the follower before the leader."""
-    groups: dict[str, list[Clip]] = {}
-    for clip in job.clips():
-        if clip.group:
-            groups.setdefault(clip.group, []).append(clip)
-    return [
-        sorted(group, key=lambda clip: (clip.role == "leader", clip.member))
-        for _, group in sorted(groups.items())
-        if len(group) == 2
-    ]
+    pairs = (group for group in job.groups().values() if len(group) == 2)
+    return [sorted(pair, key=lambda clip: clip.role == "leader") for pair in pairs]

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import lru_cache
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -164,6 +163,7 @@ class Fact(Export):
         "audio": {"librosa35": {}},
     }
     reference: ClassVar[str] = "google-research/mint, commit b8f8bdf, tools/preprocessing.py and mint/core/inputs.py"
+    guide_text: ClassVar[str] = _GUIDE
 
     feature: str = "librosa35"
     unpaired: int = 0
@@ -218,10 +218,6 @@ class Fact(Export):
             for row in drawn
             for clip, x in zip(clips, row, strict=True)
         ]
-
-    @override
-    def guide(self, job: ExportJob) -> str:
-        return _GUIDE.format(out=quote(str(job.out)))
 
     def _length(self, clip: Clip) -> int:
         """Return how many frames of motion have music."""

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
 from typing import Any, ClassVar
 
 import numpy as np
@@ -48,6 +47,7 @@ class FineDance(Export):
         "audio": {"librosa35": {}},
     }
     reference: ClassVar[str] = "li-ronghui/FineDance, commit bb13fe8, dataset/FineDance_dataset.py"
+    guide_text: ClassVar[str] = _GUIDE
 
     feature: str = "librosa35"
 
@@ -61,7 +61,3 @@ class FineDance(Export):
             folder.write_npy(f"finedance/motion_fea319/{clip.id}.npy", clip.read(_MOTION))
             folder.write_npy(f"finedance/music_npy/{clip.id}.npy", clip.read(self.feature).astype(np.float32))
         note_missing(job, folder, "FineDance's loader", "ignored", "ignored.finenet")
-
-    @override
-    def guide(self, job: ExportJob) -> str:
-        return _GUIDE.format(out=quote(str(job.out)))

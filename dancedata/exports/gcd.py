@@ -2,23 +2,19 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.bodies import on_body
-from dancedata.core.motion import Motion
-from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.exports._motions import MotionExport, decoded, needs_motion
+from dancedata.exports._motions import MotionExport, groups_decoded, needs_motion, on_smpl
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
 from dancedata.files.atomic_folder import AtomicFolder
 
 if TYPE_CHECKING:
-    from dancedata.store import Clip
+    pass
 
 _FPS = 30
 _GUIDE = """GCD reads this folder as its `--data_path`:
@@ -56,6 +52,7 @@ class Gcd(MotionExport):
         "audio": {"librosa35": {}},
     }
     reference: ClassVar[str] = "aioz-ai/GCD, commit b9524d8, data_loaders/gdance/gdance_dataset.py"
+    guide_text: ClassVar[str] = _GUIDE
 
     feature: str = "librosa35"
     field: str = ""
@@ -65,21 +62,15 @@ class Gcd(MotionExport):
         missing = needs_fps(job, _FPS) + needs_motion(job, self.field)
         missing += needs_field(job, self.feature, kind="audio", rate=_FPS)
         missing += needs_music_from_start([clip for clip in job.clips() if clip.group])
-        if not any(clip.group for clip in job.clips()):
+        if not job.groups():
             missing.append(Missing("the dataset has no groups", "dataset: {aioz-gdance: {}}, or another with groups"))
         return missing
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        groups: dict[str, list[tuple[Clip, Motion]]] = {}
-        singles, short = 0, list[str]()
-        for clip, motion in decoded(job, self.field):
-            singles += not clip.group
-            if clip.group:
-                groups.setdefault(clip.group, []).append((clip, motion))
+        short: list[str] = []
         names: dict[str, list[str]] = {split: [] for split in job.store.splits}
-        for group, members in groups.items():
-            members.sort(key=lambda member: member[0].member)
+        for group, members in groups_decoded(job, self.field, job.groups()):
             clip = members[0][0]
             # GCD draws windows by the length in the name, and takes as many rows of music.
             music = clip.read(self.feature)[: clip.n_frames].astype(np.float32)
@@ -87,9 +78,7 @@ class Gcd(MotionExport):
             if n < clip.n_frames:
                 short.append(group)
             name, start = sequence_name(group, n)
-            # Of SMPL's joints the translation keeps its numbers, as in the files that they came from.
-            dancers = [m if m.skeleton.joints == SMPL24.joints else on_body(m, SMPL24) for _, m in members]
-            dancers = [d.part(0, n) for d in dancers]
+            dancers = [on_smpl(motion).part(0, n) for _, motion in members]
             folder.write_pickle(
                 f"motions_smpl/{name}.pkl",
                 {
@@ -107,12 +96,9 @@ class Gcd(MotionExport):
         folder.write_text("split_sequence_names.txt", "".join(f"{name}\n" for name in all_names))
         if short:
             folder.note(f"{counted(len(short), 'group')} cut where the music ends: {listed(short)}")
+        singles = sum(not clip.group for clip in job.clips())
         if singles:
             folder.note(f"{counted(singles, 'single dancer')} are not in the export: GCD reads groups")
-
-    @override
-    def guide(self, job: ExportJob) -> str:
-        return _GUIDE.format(out=quote(str(job.out)), feature=self.feature)
 
 
 def sequence_name(group: str, n_frames: int) -> tuple[str, int]:

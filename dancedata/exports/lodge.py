@@ -8,7 +8,6 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from shlex import quote
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -148,6 +147,7 @@ class Lodge(Export):
         "audio": {"librosa35": {}},
     }
     reference: ClassVar[str] = "li-ronghui/LODGE, commit a898e59, dld/data/FineDance_dataset.py"
+    guide_text: ClassVar[str] = _GUIDE
     listed_folders: ClassVar[tuple[str, ...]] = ("finedance/label_json", "finedance/mofea319")
 
     motion: Literal["lodge139", "lodge319"] = "lodge139"
@@ -179,10 +179,10 @@ class Lodge(Export):
         note_missing(job, folder, "Lodge's loader", "ignored")
 
     @override
-    def guide(self, job: ExportJob) -> str:
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
         over = "the tracks of all splits, test included" if self.scaler == "all" else "the tracks of train"
         lodge = "as Lodge fits it" if self.scaler == "all" else "Lodge fits it on test as well (`--scaler all`)"
-        return _GUIDE.format(out=quote(str(job.out)), over=over, lodge=lodge)
+        return {"over": over, "lodge": lodge}
 
     def _fitted(self, job: ExportJob) -> Iterator[npt.NDArray[np.float32]]:
         for clip in job.clips(*(job.store.splits if self.scaler == "all" else ("train",))):

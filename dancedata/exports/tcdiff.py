@@ -3,20 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
-from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.bodies import on_body
 from dancedata.core.clip import Window
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import FEATURES
-from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.exports._motions import MotionExport, decoded, needs_motion
+from dancedata.exports._motions import MotionExport, groups_decoded, needs_motion, on_smpl
 from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, quantised_wav, with_whole_sound
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
@@ -25,7 +22,6 @@ from dancedata.music.signal import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store import Clip
 
 #: TCDiff trains on the official train list, and calls the val list test.
 _PARTS = {"train": "train", "test": "val"}
@@ -71,6 +67,7 @@ class Tcdiff(MotionExport):
         "audio": {"librosa35": {}},
     }
     reference: ClassVar[str] = "Da1yuqin/TCDiff, commit 9afee32, dataset/group_dataset.py"
+    guide_text: ClassVar[str] = _GUIDE
     listed_folders: ClassVar[tuple[str, ...]] = tuple(f"{part}/{name}" for part in _PARTS for name in _FOLDERS)
 
     feature: str = ""
@@ -97,15 +94,12 @@ class Tcdiff(MotionExport):
             slices = self._with_rows(job, slices, folder) if self.feature else slices
             self._write_sounds(job, folder, part, slices)
             by_group = {name: list(of_group) for name, of_group in groupby(slices, key=lambda s: s.clip.group)}
-            clips = [clip for clip in job.clips(split) if clip.group in by_group]
-            clips.sort(key=lambda clip: (clip.group, clip.member))
-            members = decoded(job, self.field, clips)
-            for group, of_group in groupby(members, key=lambda member: member[0].group):
-                dancers = list(of_group)
+            groups = {name: clips for name, clips in job.groups(split).items() if name in by_group}
+            for group, dancers in groups_decoded(job, self.field, groups):
                 sizes.setdefault(len(dancers), []).append(group)
-                _write_motion(folder, part, by_group[group], dancers)
-        for size, groups in sorted(sizes.items()):
-            folder.write_text(f"split_dancerNum_{size}.txt", "".join(f"{name}\n" for name in sorted(groups)))
+                _write_motion(folder, part, by_group[group], [on_smpl(motion) for _, motion in dancers])
+        for size, names in sorted(sizes.items()):
+            folder.write_text(f"split_dancerNum_{size}.txt", "".join(f"{name}\n" for name in sorted(names)))
         singles = sum(not clip.group for clip in job.clips(*_PARTS.values()))
         if singles:
             folder.note(f"{counted(singles, 'single dancer')} are not in the export: TCDiff reads groups")
@@ -129,32 +123,23 @@ class Tcdiff(MotionExport):
             folder.write_npy(f"{part}/feats438/{item.name}.npy", rows.astype(np.float32))
 
     @override
-    def guide(self, job: ExportJob) -> str:
-        features = _STORED.format(feature=self.feature) if self.feature else _OF_SLICE
-        return _GUIDE.format(out=quote(str(job.out)), features=features)
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
+        return {"features": _STORED.format(feature=self.feature) if self.feature else _OF_SLICE}
 
 
 def _slices(job: ExportJob, split: str) -> list[Slice]:
     """Return the windows of the groups of a split, each with the group's first dancer, in the loader's order."""
     from dancedata.store.schema import slice_name
 
-    first: dict[str, Clip] = {}
-    for clip in job.clips(split):
-        if clip.group:
-            first.setdefault(clip.group, clip)
     grid = WindowGrid(LENGTH, STRIDE)
     return [
         Slice(slice_name(group, k), clip, Window(clip.id, grid.start(k), LENGTH))
-        for group, clip in sorted(first.items())
+        for group, (clip, *_) in job.groups(split).items()
         for k in range(grid.count(clip.n_frames))
     ]
 
 
-def _write_motion(folder: AtomicFolder, part: str, slices: list[Slice], dancers: "list[tuple[Clip, Motion]]") -> None:
-    # Of SMPL's joints the translation keeps its numbers, as in the files that they came from.
-    motions = [
-        motion if motion.skeleton.joints == SMPL24.joints else on_body(motion, SMPL24) for _, motion in dancers
-    ]
+def _write_motion(folder: AtomicFolder, part: str, slices: list[Slice], motions: "list[Motion]") -> None:
     pos = np.stack([motion.translation for motion in motions]).astype(np.float32)
     q = np.stack([motion.rotations.reshape(motion.n_frames, -1) for motion in motions]).astype(np.float32)
     for item in slices:

@@ -265,7 +265,7 @@ def test_terms_on_the_card_and_in_a_page(built: Path, files: Path, tmp_path: Pat
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "x/level: int, 2 of 2 clips, 3 to 4, median 3.5" in page
     assert "all rights reserved; may not be passed on" in page
-    options = ["--to", tmp_path / "music.html", "--audio", "embed", "--source", files]
+    options = ["--to", tmp_path / "music.html", "--audio", "embed", "--music", files]
     refused = run("report", built, *options, code=2).stderr
     assert "1 clip: all rights reserved; may not be passed on" in refused
     assert not (tmp_path / "music.html").exists()

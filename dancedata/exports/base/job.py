@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from dancedata.core.plugins import Plugin
@@ -71,6 +72,14 @@ class ExportJob:
         chosen = splits or self.store.splits
         clips = (c for c in self.store if c.split in chosen and c.id not in self.without)
         return sorted(clips, key=lambda clip: clip.id)
+
+    def groups(self, *splits: str) -> dict[str, list[Clip]]:
+        """Return the dancers of each group of some splits, in their order, by the group's name."""
+        groups: dict[str, list[Clip]] = {}
+        for clip in sorted(self.clips(*splits), key=lambda clip: (clip.group, clip.member)):
+            if clip.group:
+                groups.setdefault(clip.group, []).append(clip)
+        return groups
 
     @cached_property
     def without(self) -> dict[str, tuple[str, ...]]:
@@ -142,11 +151,14 @@ class Export(Plugin):
         Repository and commit of the code that reads the files; "" where there is none.
     listed_folders
         Folders of which a loader opens every file: nothing except its own files may be written there.
+    guide_text
+        Markdown of `guide`, with places for ``out``, parameters by their names, and `guide_values`.
     """
 
     recipe: ClassVar[Mapping[str, Any]]
     reference: ClassVar[str] = ""
     listed_folders: ClassVar[tuple[str, ...]] = ()
+    guide_text: ClassVar[str] = ""
 
     @abstractmethod
     def missing(self, job: ExportJob) -> list[Missing]:
@@ -176,12 +188,17 @@ class Export(Plugin):
         """Return the head of the README, such as the YAML that hubs read; by default nothing."""
         return ""
 
-    @abstractmethod
+    def guide_values(self, job: ExportJob) -> Mapping[str, object]:
+        """Return what fills further places of `guide_text`."""
+        return {}
+
     def guide(self, job: ExportJob) -> str:
-        """Return Markdown for the README of the export.
+        """Return Markdown for the README of the export: by default `guide_text`, filled.
 
         The trainer's command, its caches that have to be removed, and where it is known to stop.
         """
+        parameters = {f.name: getattr(self, f.name) for f in fields(self)}
+        return self.guide_text.format(**parameters, **{"out": quote(str(job.out)), **self.guide_values(job)})
 
 
 EXPORTS = Registry("export", "dancedata.exports", Export)
