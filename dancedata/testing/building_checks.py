@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.fields.motion import KeyMotionField, MotionField, RepresentationField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
-from dancedata.building.result import Result
+from dancedata.building.result import Result, Rows
 from dancedata.building.take import Dancer, Reader, Recording, Scene, Scenes, Take, Time, Transform
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.core.registry import DATASETS
+from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import CONTACTS, DATASETS, KEYMOTIONS, REPRESENTATIONS
 from dancedata.core.segments import Layer, Segment
 from dancedata.testing.examples import FPS
 from dancedata.testing.plugin_checks import check_plugin, require
@@ -101,7 +103,10 @@ def check_rule(cls: type[WindowRule]) -> None:
     take, scene = _example(2)
     starts = tuple(range(0, _ROWS - 60, 30))
     segments = [_segments([*rule.annotators], take, scene, k) for k in range(2)]
-    seen = Seen(Result(take, starts, (0, 1)), (), FPS, 60, segments)
+    fields = _fields()
+    rows = {f.id: f.make(Scenes(scene), [ask.part for ask in f.asks(take)]) for f in fields}
+    made = {of: [Rows(r, "") if isinstance(r, np.ndarray) else r for r in of_field] for of, of_field in rows.items()}
+    seen = Seen(Result(take, starts, (0, 1), made=made), fields, FPS, 60, segments)
     for k in range(2):
         rejects = rule.judge(seen, k, starts)
         require(rejects == rule.judge(seen, k, starts), "equal takes get equal answers")
@@ -109,6 +114,17 @@ def check_rule(cls: type[WindowRule]) -> None:
         require(all(bool(r.reason and r.detail) for r in rejects), "rejects have a reason and a detail")
         require(all(json.dumps(r.to_json()) for r in rejects), "rejects are JSON")
     require(all(isinstance(note, str) for note in rule.notes(("train",))), "notes are texts")
+
+
+def _fields() -> list[MotionField]:
+    """Return all fields of motion, as a recipe may have them, for rules that read rows."""
+    fields: list[MotionField] = []
+    for name in REPRESENTATIONS.names():
+        plugin = REPRESENTATIONS.make(name, {})
+        rule = None if plugin.default_contacts is None else CONTACTS.make(plugin.default_contacts, {})
+        grid = FPS if plugin.rate is None else FrameGrid(plugin.rate)
+        fields.append(RepresentationField(name, grid, plugin, rule, optional=True))
+    return [*fields, *(KeyMotionField(n, FPS, KEYMOTIONS.make(n, {}), optional=True) for n in KEYMOTIONS.names())]
 
 
 def _segments(annotators: Sequence[Annotator], take: Take, scene: Scene, dancer: int) -> list[Segment]:

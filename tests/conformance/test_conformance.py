@@ -10,6 +10,7 @@ import pytest
 
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.building import plugins as building
+from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, CopyAugmentation, SampleAugmentation
@@ -63,6 +64,10 @@ def _subclass(registry: Registry, **members: Any) -> type[Any]:
     return dataclass(frozen=True)(type("Broken", (base,), {"__doc__": base.__doc__, **members}))
 
 
+def by_the_last_row(self: Any, seen: Any, dancer: int, starts: Any) -> Any:
+    return [Reject("filtered", window=len(seen.rows("edge151", dancer)), detail="too late")]
+
+
 def looks_at_the_place(self: Any, joints: Any, grid: Any, skeleton: Any) -> Any:
     return (joints[:, list(skeleton.feet), 0] > 1).astype(np.float32)
 
@@ -99,6 +104,7 @@ WHEN = f"{inspect.getdoc(_first(CONTACTS))}\n\nwhen\n    A pair, which JSON make
         (DATASETS, {"scan": backwards}, "sorted"),
         (FILTERS, {"reason": "ugly"}, "reason is one of"),
         (FILTERS, {"reject": by_a_group}, "group"),
+        (building.RULES, {"judge": by_the_last_row}, "first frames"),
     ],
 )
 def test_a_plugin_with_one_thing_wrong_fails(
