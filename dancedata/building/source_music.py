@@ -14,6 +14,7 @@ from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageE
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import shown
+from dancedata.files.listing import MANIFESTS, MOTION_FOLDERS
 from dancedata.files.regular_file import sha256_file
 from dancedata.music.signal import audio_length, load_audio
 from dancedata.recipes.plugins import one_of
@@ -85,14 +86,16 @@ class SourceMusic:
 
 
 def is_source(store: Store, folder: Path) -> bool:
-    """Return whether a folder has motion files that a dataset was built from, in it or in folders in it.
+    """Return whether a folder has motion files that a dataset was built from, where readers expect them.
 
     Files are recognised by their names, the ids of clips, and by their hashes: a dataset does not record the place of
     its source. Files with other names, as a manifest allows, are not recognised.
     """
     clips = SourceRecord.of_store(store).clips or {}
+    places = [folder, *(folder / name for name in MOTION_FOLDERS)]
     try:
-        places = [folder, *(path for path in folder.iterdir() if path.is_dir())]
+        if any((folder / name).is_file() for name in MANIFESTS):
+            places += [path for path in folder.iterdir() if path.is_dir()]
         for place in filter(Path.is_dir, places):
             named = (path for path in place.iterdir() if path.stem in clips and path.is_file())
             if any(sha256_file(p)[:DIGITS] == clips[p.stem][:DIGITS] for p in islice(named, _COMPARED)):

@@ -9,6 +9,9 @@ from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.text import listed
 
+#: What a folder to build from has: folders of motion, or a manifest.
+MOTION_FOLDERS, MANIFESTS = ("motions", "motion"), ("manifest.csv", "manifest.jsonl")
+
 
 def list_folder(folder: Path) -> list[Path]:
     """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.

@@ -10,10 +10,9 @@ from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._words import words_of
 from dancedata.datasets.files import Files, extra_file, file_problem, with_music_dir
-from dancedata.files.listing import best_audio, describe, group_by_stem, list_folder, relative
+from dancedata.files.listing import MOTION_FOLDERS, best_audio, describe, group_by_stem, list_folder, relative
 from dancedata.formats.values import MOTION_SUFFIXES
 
-MOTION_FOLDERS = ("motions", "motion")
 LOOKED_FOR = (
     "manifest.csv or manifest.jsonl; or motions/NAME.npz (.npy, .pkl, .bvh) with music/NAME.wav (.flac, .mp3, .ogg); "
     "or NAME.npz next to NAME.wav"

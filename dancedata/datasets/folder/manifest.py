@@ -35,7 +35,6 @@ from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.values import MOTION_SUFFIXES
 
-MANIFESTS = ("manifest.csv", "manifest.jsonl")
 _ABOUT = ("id", "motion", "audio", "split", "genre", "genre_id", "music", "dancer", "tempo_bpm")
 _DECLARED = ("fps", "up", "unit", "layout", "gender", "person", "joint_map")
 #: Of a manifest that was proposed: columns that are guesses, and how the row's values were found.

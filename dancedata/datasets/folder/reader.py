@@ -35,7 +35,6 @@ from dancedata.datasets.folder.load import (
     stated_time,
 )
 from dancedata.datasets.folder.manifest import (
-    MANIFESTS,
     Row,
     check_row,
     clip_id,
@@ -49,7 +48,7 @@ from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
 from dancedata.datasets.folder.people import open_person, seen_in, split_people
 from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.datasets.folder.up import judge_up
-from dancedata.files.listing import relative, stem_of
+from dancedata.files.listing import MANIFESTS, relative, stem_of
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
