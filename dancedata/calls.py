@@ -138,14 +138,18 @@ def report(
     if like is None and saved is not None:
         like = saved.dataset
     if like is None or (place / DATASET_FILE).exists():
+        from dancedata.comparison import diff
         from dancedata.pages import write_report
 
         if as_evaluate:
             raise UsageError(f"{', '.join(as_evaluate)} goes with samples of a model, and this is a dataset",
                              where=place, fix="leave it out, or name the dataset of the samples: like=")  # fmt: skip
-        return write_report(place, out, against=compare, clips=clips, overwrite=overwrite, progress=progress)
+        return write_report(
+            place, out, against=compare, differences=diff, clips=clips, overwrite=overwrite, progress=progress
+        )
     from dancedata.evaluation.run import evaluate
-    from dancedata.pages.samples import write_samples_report
+    from dancedata.pages.samples import require_free_page, write_samples_report
 
+    require_free_page(out, like, overwrite=overwrite)
     scores = evaluate(place, like=like, progress=progress, **as_evaluate)
     return write_samples_report(scores, like, out, clips=clips, overwrite=overwrite, progress=progress)

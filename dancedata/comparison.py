@@ -192,8 +192,8 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differen
 
     Examples
     --------
-    >>> import dancedata
-    >>> [str(difference) for difference in dancedata.diff("data/aistpp", "data/the-same-again")]
+    >>> from dancedata.comparison import diff
+    >>> [str(difference) for difference in diff("data/aistpp", "data/the-same-again")]
     []
     """
     if atol is not None and not (math.isfinite(atol) and atol >= 0):

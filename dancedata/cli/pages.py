@@ -175,11 +175,12 @@ def report(
         if audio != "none" or not clips.isdecimal():
             raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")
         from dancedata.evaluation.run import evaluate
-        from dancedata.pages.samples import write_samples_report
+        from dancedata.pages.samples import require_free_page, write_samples_report
         from dancedata.pages.samples_page import describe
 
         page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
         show = not (quiet or as_json)
+        require_free_page(page, against, overwrite=overwrite)
         scores = evaluate(
             store, protocol=protocol, like=against, role="generated", split=split, field=field, normalized=normalized,
             scaler=scaler, clamp=clip_to_range, fps=fps, music=music, progress=show,

@@ -12,6 +12,7 @@ from dancedata.core.clip import Window
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.execution.progress import Progress
+from dancedata.files.atomic import require_free
 from dancedata.files.page_files import PageFiles
 from dancedata.pages.measure import Measured, clip_numbers, measure
 from dancedata.pages.numbers import document
@@ -39,6 +40,12 @@ from dancedata.store.queries import require_intact
 
 #: Poses at a time whose distances are computed.
 _BLOCK = 1000
+
+
+def require_free_page(page: str | Path | None, like: str | Path, *, overwrite: bool) -> None:
+    """Raise UsageError where a page cannot be written: to be asked before the evaluation, which takes long."""
+    if page is not None:
+        require_free(Path(page), [Path(like)], "report", overwrite=overwrite)
 
 
 def write_samples_report(

@@ -45,7 +45,7 @@ class Report:
     other_numbers
         Those of the dataset it is compared with.
     differences
-        Between both datasets, as `dancedata.diff` returns them; None: not looked for.
+        Between both datasets, as `dancedata.comparison.diff` returns them; None: not looked for.
     path
         The page; None if none was written.
     """
@@ -124,7 +124,7 @@ def write_report(
     against
         Another dataset to compare with.
     differences
-        What finds the differences of both, such as `dancedata.diff`. Default: they are not listed.
+        What finds the differences of both, such as `dancedata.comparison.diff`. Default: they are not listed.
     max_mb
         Largest page, megabytes.
     overwrite

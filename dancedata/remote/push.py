@@ -126,8 +126,8 @@ def push(
 
     Examples
     --------
-    >>> import dancedata
-    >>> pushed = dancedata.push("data/demo", "hf://datasets/ORG/NAME", private=True)  # doctest: +SKIP
+    >>> from dancedata.remote.push import push
+    >>> pushed = push("data/demo", "hf://datasets/ORG/NAME", private=True)  # doctest: +SKIP
     >>> pushed.address  # doctest: +SKIP
     'hf://datasets/ORG/NAME@dataset-01ffe21d9289'
     """
