@@ -88,8 +88,7 @@ def _both(first: Callable[[], Any], second: Callable[[], Any]) -> None:
 
 def _read_folder(path: Path) -> None:
     from dancedata.datasets.folder.facts import Declared
-    from dancedata.datasets.folder.load import Reading, load_motion
-    from dancedata.datasets.folder.reader import describe
+    from dancedata.datasets.folder.load import Reading, describe, load_motion
 
     reading = Reading(Declared(), Declared("30", "y", "guess" if path.suffix == ".bvh" else "m"))
     describe(path, reading)

@@ -20,13 +20,14 @@ from dancedata.datasets.folder.array_layouts import Layout, read_motion, recogni
 from dancedata.datasets.folder.facts import (
     GUESS,
     IN_MANIFEST,
+    IN_RECIPE,
     Declared,
     Fact,
     bad_declaration,
     decide,
     undeclared,
 )
-from dancedata.datasets.folder.people import on_video_frames, open_person
+from dancedata.datasets.folder.people import on_video_frames, open_person, seen_in
 from dancedata.datasets.folder.positions import (
     JOINT_SETS,
     body_at,
@@ -41,10 +42,11 @@ from dancedata.formats.body_model import GENDERS, body_model_skeleton, find_mode
 from dancedata.formats.bvh.joint_names import JointMap, map_joints
 from dancedata.formats.bvh.kinematics import stretch, world
 from dancedata.formats.bvh.parse import Bvh, read_bvh, read_bvh_header
-from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of
-from dancedata.formats.stated import RATE_KEYS, UNITS, UPRIGHT, metres, rate_of_period, stored_rate
+from dancedata.formats.bvh.retarget import Rig, make_rig, retarget, skeleton_of, uneven_bones
+from dancedata.formats.stated import RATE_KEYS, UNITS, UPRIGHT, drift_note, metres, rate_of_period, stored_rate
 from dancedata.formats.video_pose import PersonArrays
 
+NO_LENGTH = "BVH bones without length"
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
 PLAUSIBLE_M = (1.2, 2.2)
 _UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"
@@ -370,3 +372,43 @@ def _check_sides(path: Path, joints: Floats, *, toes: bool) -> None:
             allowed="toes to the front, knees that bend backwards, left shoulder above left hip: above 0",
             fix="correct joint_map or the names of the joints; export a mirrored file without a negative scale",
         )
+
+
+def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFacts]:
+    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and the facts.
+
+    From the file's header. Raises as `load_motion` does.
+    """
+    if path.suffix.lower() == ".bvh":
+        bvh = read_bvh_header(path)
+        facts, rig = bvh_facts(bvh, reading)
+        text = f"BVH: {facts}; joint names {rig.joints.producer or 'as given in joint_map'}"
+        beyond = [f"{SMPL24.joints[s]} (of {SMPL24.joints[below]})" for s, below in rig.beyond.items()]
+        without = (f"{NO_LENGTH}: the direction of {', '.join(beyond)}",) if beyond else ()
+        uneven = uneven_bones(rig)
+        sides = (f"BVH bones of unequal length: {', '.join(uneven)}",) if uneven else ()
+        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *sides, *_drift(facts))
+        return notes, SMPL24.name, facts
+    with open_person(path, reading.manifest.person) as arrays:
+        layout = recognised(arrays, reading)
+        facts = array_facts(arrays, layout, reading)
+        span = seen_in(arrays)
+        tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
+        fit = fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
+    body = "smpl" if layout.body == "positions" else layout.body
+    joints = f" on {body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
+    text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
+    video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
+    if tracks:
+        video = (
+            f"Video: people {', '.join(tracks)} joined to one: each begins where the one before was lost",
+            *video,
+        )
+    body = layout.skeleton.name if reading.body_model is None else ""
+    return (text, *fit, *video, *_drift(facts)), body, facts
+
+
+def _drift(facts: FileFacts) -> tuple[str, ...]:
+    """Return the note on a rate that the file states, near a usual one."""
+    note = "" if facts.rate.where in (IN_MANIFEST, IN_RECIPE) else drift_note(facts.rate.value)
+    return (note,) if note else ()

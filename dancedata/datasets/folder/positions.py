@@ -25,7 +25,7 @@ from dancedata.core.rest import SMPL_REST
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.datasets.checks import is_human
-from dancedata.datasets.folder.array_values import finite
+from dancedata.datasets.folder.facts import finite
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.producers import REQUIRED, detect, plain
 from dancedata.formats.stated import JOINT_NAMES

@@ -7,6 +7,7 @@ has checked a row empties its ``guessed``; until then readers of the manifest na
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import os
 import re
@@ -25,11 +26,9 @@ from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import counted, csv_cell, listed, shown
 from dancedata.datasets.files import require_folder
 from dancedata.datasets.folder.facts import GUESS, Declared
-from dancedata.datasets.folder.load import Reading, bvh_facts, load_motion
+from dancedata.datasets.folder.load import Reading, bvh_facts, describe, load_motion
 from dancedata.datasets.folder.manifest import id_problem
-from dancedata.datasets.folder.names import Name
 from dancedata.datasets.folder.people import open_person
-from dancedata.datasets.folder.reader import describe
 from dancedata.datasets.folder.up import judge_up
 from dancedata.files.listing import best_audio, relative, stem_of
 from dancedata.formats.arrays import ArrayFile
@@ -37,6 +36,11 @@ from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import MOTION_SUFFIXES
 
+#: Least similarity of the letters of two names with equal numbers: mBR0 and mBR5 are different songs.
+_ALIKE = 0.8
+#: A shorter name within another one is not evidence.
+_MIN_PART = 3
+_PARTS = re.compile(r"[^\W\d_]+|[0-9]+")
 #: Lengths of motion and music that count as equal, seconds; a guessed rate has to give such a length, too.
 _SAME_S = 0.5
 #: Rates that are tried against the length of the music, the usual one first.
@@ -48,6 +52,45 @@ _WORD = re.compile(r"[^\W\d_]{3,}")
 #: Arrays with fewer columns are no pose of a body: 12 joints in space have 36.
 _LEAST_COLUMNS = 36
 _ASKED = re.compile(r"[Dd]eclare (fps|up|unit):(?: (\S+))?")
+
+
+@dataclass(frozen=True)
+class Name:
+    """A file name, split into letters and numbers; "001" is "1"."""
+
+    text: str
+    parts: tuple[str, ...]
+    numbers: tuple[str, ...]
+    letters: str
+    #: All parts in a row, to search one name in another.
+    row: str
+
+    @classmethod
+    def of(cls, text: str) -> Name:
+        """Split a name."""
+        words = _PARTS.findall(text.lower())
+        parts = tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in words)
+        numbers = tuple(part for part in parts if part.isdigit())
+        letters = "".join(part for part in parts if not part.isdigit())
+        return cls(text, parts, numbers, letters, f" {' '.join(parts)} ")
+
+    def near(self, other: Name) -> bool:
+        """Return whether the other name may be this one, written differently or misspelt."""
+        if self.parts == other.parts:
+            return bool(self.parts)
+        if self._has(other) or other._has(self):
+            return True
+        return self.numbers == other.numbers and self.likeness(other) >= _ALIKE
+
+    def _has(self, part: Name) -> bool:
+        # "mBR0 (1)" and "mBR0_48k" contain "mBR0".
+        return len(part.text) >= _MIN_PART and part.row in self.row
+
+    def likeness(self, other: Name) -> float:
+        """Return the similarity of the letters, 0 to 1."""
+        if not self.letters or not other.letters:
+            return 0.0
+        return difflib.SequenceMatcher(None, self.letters, other.letters, autojunk=False).ratio()
 
 
 @dataclass(frozen=True)

@@ -21,17 +21,14 @@ from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets._words import stated_words
 from dancedata.datasets.files import absence, require_folder
-from dancedata.datasets.folder.facts import IN_MANIFEST, IN_RECIPE, Declared
+from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names, points_note
 from dancedata.datasets.folder.load import (
-    FileFacts,
+    NO_LENGTH,
     Reading,
-    array_facts,
-    bvh_facts,
-    fitting_note,
+    describe,
     load_motion,
     motion_of,
-    recognised,
     stated_time,
 )
 from dancedata.datasets.folder.manifest import (
@@ -42,23 +39,20 @@ from dancedata.datasets.folder.manifest import (
     guess_notes,
     id_problem,
     inside,
+    on_frames,
+    part_notes,
+    part_of,
     read_manifest,
 )
-from dancedata.datasets.folder.parts import on_frames, part_notes, part_of
-from dancedata.datasets.folder.people import open_person, seen_in, split_people
+from dancedata.datasets.folder.people import split_people
 from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.datasets.folder.up import judge_up
 from dancedata.files.listing import MANIFESTS, relative, stem_of
 from dancedata.formats.arrays import ArrayFile
-from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.bvh.producers import producers
-from dancedata.formats.bvh.retarget import uneven_bones
-from dancedata.formats.stated import drift_note
-from dancedata.formats.video_pose import PersonArrays
 
 #: Most kinds of files that the notes distinguish.
 _MAX_KINDS = 12
-_NO_LENGTH = "BVH bones without length"
 _WITHOUT_MUSIC = "build motion alone: --set dataset.folder.music=optional --set 'audio={}'"
 
 
@@ -366,46 +360,6 @@ def _check_keys(keys: Mapping[str, str] | None) -> None:
         )
 
 
-def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFacts]:
-    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and the facts.
-
-    From the file's header. Raises as `load_motion` does.
-    """
-    if path.suffix.lower() == ".bvh":
-        bvh = read_bvh_header(path)
-        facts, rig = bvh_facts(bvh, reading)
-        text = f"BVH: {facts}; joint names {rig.joints.producer or 'as given in joint_map'}"
-        beyond = [f"{SMPL24.joints[s]} (of {SMPL24.joints[below]})" for s, below in rig.beyond.items()]
-        without = (f"{_NO_LENGTH}: the direction of {', '.join(beyond)}",) if beyond else ()
-        uneven = uneven_bones(rig)
-        sides = (f"BVH bones of unequal length: {', '.join(uneven)}",) if uneven else ()
-        notes = (text, f"BVH joints: {rig.joints.text(bvh.joints)}", *without, *sides, *_drift(facts))
-        return notes, SMPL24.name, facts
-    with open_person(path, reading.manifest.person) as arrays:
-        layout = recognised(arrays, reading)
-        facts = array_facts(arrays, layout, reading)
-        span = seen_in(arrays)
-        tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
-        fit = fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
-    body = "smpl" if layout.body == "positions" else layout.body
-    joints = f" on {body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
-    text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"
-    video = (f"Video: {span[0]}",) if span is not None and str(span[0]) else ()
-    if tracks:
-        video = (
-            f"Video: people {', '.join(tracks)} joined to one: each begins where the one before was lost",
-            *video,
-        )
-    body = layout.skeleton.name if reading.body_model is None else ""
-    return (text, *fit, *video, *_drift(facts)), body, facts
-
-
-def _drift(facts: FileFacts) -> tuple[str, ...]:
-    """Return the note on a rate that the file states, near a usual one."""
-    note = "" if facts.rate.where in (IN_MANIFEST, IN_RECIPE) else drift_note(facts.rate.value)
-    return (note,) if note else ()
-
-
 def _file_notes(
     clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]
 ) -> tuple[list[ClipRef], list[str], list[Reject]]:
@@ -427,7 +381,7 @@ def _file_notes(
         for note in notes:
             first.setdefault(note, clip.motion_path.name)
         # Such bones had no direction before.
-        revision = int(any(note.startswith(_NO_LENGTH) for note in notes))
+        revision = int(any(note.startswith(NO_LENGTH) for note in notes))
         described.append(replace(clip, notes=notes, body=body, revision=revision))
     kinds = counts.most_common()
     summary = []
