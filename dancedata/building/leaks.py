@@ -69,7 +69,7 @@ def leaks(path: str | Path) -> list[Problem]:
     with open_store(path) as store:
         songs = songs_of(store.clips())
         alike = alike_songs(store, songs)
-        official, where = store.info.get("source", {}).get("split_rule") == "official", str(store.path)
+        official, where = store.info.get("source", {}).get("split_rule") == "official", str(path)
         split_of = {clip.id: clip.split for clip in store}
         by_split = defaultdict(set)
         for clip in store:

@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 import dancedata
-from dancedata.audio.bailando438 import Bailando438, feature
+from dancedata.audio import _bailando
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -80,7 +81,7 @@ def _plain_librosa(y: NDArray[np.float32], sr: int, onset: dict[str, Any]) -> ND
     [("era", "60", {"fmax": 11025}), ("nyquist", "60", {}), ("nyquist", "30", {}), ("nyquist", "7.5", {})],
 )
 def test_it_is_plain_librosa(clicks: AudioSignal, onset_fmax: Any, fps: str, onset: dict[str, Any]) -> None:
-    feature.compile_kernels()
+    _bailando.compile_kernels()
     signal, grid = clicks.part(0, 3 * clicks.sample_rate), FrameGrid.of(fps)
     rate = int(512 * grid.rate)
     rows = Bailando438(onset_fmax=onset_fmax).extract(signal, grid)

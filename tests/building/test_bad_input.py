@@ -226,7 +226,7 @@ def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):
     (tmp_path / "wrong" / "holiday photos").mkdir(parents=True)
     (tmp_path / "wrong" / "list.txt").write_text("")
     for folder in ("empty", "wrong"):
-        with raises_message(SourceError, "edge_aistpp"):
+        with raises_message(SourceError, "motions/"):
             run_build(tmp_path / folder, out)
 
 
