@@ -40,7 +40,7 @@ PYTEST = "python -m pytest -q -p no:cacheprovider -o filterwarnings=default"
 CORE = f"{PYTEST} tests/core tests/contacts tests/frozen"
 #: Packages whose versions are in the table: of a row without extras, else those of its extra.
 CORE_PACKAGES = ("h5py", "librosa", "numba", "numpy", "pydantic", "scipy", "typer")
-BUILD = "dancedata build demo --quiet && dancedata check data/demo && dancedata doctor"
+BUILD = "dancedata build demo --quiet && dancedata check data/demo && dancedata info"
 #: What shows that an extra works, in an environment with nothing else.
 HERE = "dancedata build demo --quiet"
 EXTRAS = {
@@ -54,10 +54,10 @@ EXTRAS = {
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
     "python -c 'import pyarrow.parquet as p; assert p.read_table(\"parquet/data\").num_rows == 756'",
     "lightning": f"{PYTEST} tests/training",
-    "report": f"{HERE} && dancedata report data/demo --to report.html && test -s report.html && "
+    "report": f"{HERE} && dancedata report data/demo --out report.html && test -s report.html && "
     f"{PYTEST} tests/plot/test_figures.py",
     "pandas": f"{HERE} && python -c 'import dancedata; assert len(dancedata.open(\"data/demo\").to_pandas()) == 42'",
-    "video": f"{HERE} && dancedata view data/demo gBR_sBM_cAll_d04_mBR4_ch03 --video clip.mp4 && test -s clip.mp4",
+    "video": f"{HERE} && dancedata view data/demo gBR_sBM_cAll_d04_mBR4_ch03 --out clip.mp4 && test -s clip.mp4",
     "remote": f"{PYTEST} tests/remote/test_push.py tests/remote/test_faults.py",
     "docs": "python docs/site/build.py site",
 }

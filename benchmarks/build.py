@@ -99,14 +99,17 @@ def aistpp(folder: Path, jobs: int) -> None:
         environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache-plan")}
         command = [sys.executable, "-m", "dancedata"]
         subprocess.run(
-            [*command, "plan", str(recipe), "--source", str(source)], check=True, capture_output=True, env=environment
+            [*command, "build", "--dry-run", str(recipe), str(source)],
+            check=True,
+            capture_output=True,
+            env=environment,
         )
         shutil.rmtree(cache, ignore_errors=True)
         environment["DANCEDATA_CACHE"] = str(cache)
         for label in ("cold", "from the cache"):
             out = folder / "out"
             shutil.rmtree(out, ignore_errors=True)
-            arguments = ["--source", str(source), "--out", str(out), "--jobs", str(jobs)]
+            arguments = [str(source), "--out", str(out), "--jobs", str(jobs)]
             print(f"{kind}, {label}: ", end="", flush=True)
             print_row(1380, watched([*command, "build", str(recipe), *arguments], environment))
             shutil.rmtree(out)
@@ -137,8 +140,10 @@ def build(folder: Path, songs: int, clip_s: float, kind: str, jobs: int) -> Spen
         RECIPE.format(songs=songs, clips=CLIPS_PER_SONG, clip_s=clip_s, transforms=TRANSFORMS[kind]), encoding="utf-8"
     )
     command = [sys.executable, "-m", "dancedata"]
-    source = ["--source", str(folder / "source")]
-    subprocess.run([*command, "plan", str(recipe), *source], check=True, capture_output=True)  # writes the corpus
+    source = [str(folder / "source")]
+    subprocess.run(
+        [*command, "build", "--dry-run", str(recipe), *source], check=True, capture_output=True
+    )  # writes the corpus
     environment = {**os.environ, "DANCEDATA_CACHE": str(folder / "cache")}
     out = ["--out", str(folder / "out"), "--jobs", str(jobs)]
     try:

@@ -3,7 +3,7 @@
     python benchmarks/drawing.py                                # this version, on the demo
     python benchmarks/drawing.py --tree ../before --rounds 5    # in turn with another working tree
     python benchmarks/drawing.py --minutes 30                   # on one clip of 30 minutes
-    python benchmarks/drawing.py --files                        # seconds and bytes of --export and --video
+    python benchmarks/drawing.py --files                        # seconds and bytes of pages and videos
     python benchmarks/drawing.py DATASET --clip ID --throttle 4  # another dataset, a machine four times as slow
 
 Each tree builds its own dataset, as formats differ, unless a DATASET is given that all of them read. A chromium that
@@ -84,7 +84,7 @@ def built(tree: Path, folder: Path, minutes: float) -> tuple[Path, Path]:
         "recipe: 1\nname: long\ndataset: {folder: {fps: 60, up: y, unit: m}}\n"
         "windows: {length_s: 5, stride_s: 0.5}\nmotion: {edge151: {}}\n"
     )
-    run(tree, "build", str(folder / "long.yaml"), "--source", str(source), "--out", str(out), "-q", *cache)
+    run(tree, "build", str(folder / "long.yaml"), str(source), "--out", str(out), "-q", *cache)
     return out, source
 
 
@@ -96,9 +96,9 @@ def files(tree: Path, dataset: Path, source: Path, out: Path) -> dict[str, float
         clip = store.clips()[0].id
     found = {}
     for name, options in (
-        ("page", ("--export", "page.html")),
-        ("page with music", ("--export", "music.html", "--source", str(source), "--audio", "embed")),
-        ("video", ("--video", "clip.mp4", "--source", str(source), "--audio", "embed")),
+        ("page", ("--out", "page.html")),
+        ("page with music", ("--out", "music.html", "--music", str(source))),
+        ("video", ("--out", "clip.mp4", "--music", str(source))),
     ):
         path = out / options[1]
         begun = time.perf_counter()

@@ -185,7 +185,7 @@ def _write_corpora(folder: Path, n_songs: int) -> None:
     for corpus, parameters in made.items():
         recipe = RECIPE.format(dataset=f"{{synthetic: {parameters}}}", transforms=TRANSFORMS["whole"])
         (folder / "made.yaml").write_text(recipe, encoding="utf-8")
-        _command(folder, ["plan", str(folder / "made.yaml"), "--source", str(folder / corpus)])
+        _command(folder, ["build", "--dry-run", str(folder / "made.yaml"), str(folder / corpus)])
     for kind in ("slices", "whole"):
         recipe = RECIPE.format(dataset="aist++", transforms=TRANSFORMS[kind])
         (folder / f"{kind}.yaml").write_text(recipe, encoding="utf-8")
@@ -201,7 +201,7 @@ def _build(folder: Path, corpus: str, kind: str, jobs: int) -> tuple[float, floa
     """Return the wall and CPU seconds of a build with an empty cache."""
     for old in ("out", "cache"):
         shutil.rmtree(folder / old, ignore_errors=True)
-    command = ["build", str(folder / f"{kind}.yaml"), "--source", str(folder / corpus)]
+    command = ["build", str(folder / f"{kind}.yaml"), str(folder / corpus)]
     return _command(folder, [*command, "--out", str(folder / "out"), "--jobs", str(jobs)])
 
 

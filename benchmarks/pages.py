@@ -74,7 +74,7 @@ def print_report(dataset: Path, folder: Path) -> None:
         "import resource, subprocess, sys\nsubprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)\n"
         "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )
-    command = [sys.executable, "-m", "dancedata", "report", str(dataset), "--to", str(page)]
+    command = [sys.executable, "-m", "dancedata", "report", str(dataset), "--out", str(page)]
     done = subprocess.run([sys.executable, "-c", code, *command], check=True, capture_output=True, text=True)
     took, cpu_s = time.perf_counter() - begun, _cpu_s() - before
     print(
@@ -93,7 +93,7 @@ def _cpu_s() -> float:
 def served(dataset: Path, source: Path | None) -> Iterator[tuple[int, str]]:
     """Run the server; gives its process id and its address."""
     command = [sys.executable, "-m", "dancedata", "view", str(dataset), "--no-browser"]
-    command += [] if source is None else ["--source", str(source)]
+    command += [] if source is None else ["--music", str(source)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None

@@ -76,7 +76,8 @@ def build(case: Case, source: Path, checkout: Path, folder: Path, side: str) -> 
     recipe, settings = case.recipe_of(folder, side == "base")
     shutil.rmtree(folder / "out", ignore_errors=True)
     words = [sys.executable, "-P", "-m", "dancedata", "build", recipe, *(f"--set={s}" for s in settings)]
-    words += ["--source", str(source), "--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "2"]
+    words += [*(["--source"] if side == "base" else []), str(source)]
+    words += ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "2"]
     return watched(words, environment(checkout))
 
 

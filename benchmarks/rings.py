@@ -221,7 +221,15 @@ def road() -> list[list[Path]]:
     with tempfile.TemporaryDirectory(prefix="road-") as name:
         folder = Path(name)
         (folder / "corpus.yaml").write_text(SOURCE, encoding="utf-8")
-        plan = ["-m", "dancedata", "plan", str(folder / "corpus.yaml"), "--source", str(folder / "source"), "--quiet"]
+        plan = [
+            "-m",
+            "dancedata",
+            "build",
+            "--dry-run",
+            str(folder / "corpus.yaml"),
+            str(folder / "source"),
+            "--quiet",
+        ]
         subprocess.run([sys.executable, *plan], check=True, capture_output=True, env=environment)
         done = subprocess.run(
             [sys.executable, "-c", ROAD, str(folder)], check=True, stdout=subprocess.PIPE, text=True, env=environment

@@ -89,11 +89,11 @@ def cases(folder: Path) -> list[Case]:
         Case("import dancedata.torch", ["-c", "import dancedata.torch"]),
         Case("dancedata --version", [*command, "--version"]),
         Case("dancedata --help", [*command, "--help"]),
-        Case("dancedata plan --help", [*command, "plan", "--help"]),
-        Case("dancedata list", [*command, "list"]),
+        Case("dancedata build --help", [*command, "build", "--help"]),
+        Case("dancedata info plugins", [*command, "info", "plugins"]),
     ]
     for jobs in (1, 2):
-        build = [*command, "build", str(folder / "tiny.yaml"), "--source", str(folder / "source"), "--quiet"]
+        build = [*command, "build", str(folder / "tiny.yaml"), str(folder / "source"), "--quiet"]
         build += ["--out", str(folder / "out"), "--cache", str(folder / f"cache-{jobs}"), "--jobs", str(jobs)]
         name = f"build of 3 windows, {jobs} job{'s' * (jobs > 1)}"
         found.append(Case(f"{name}, cold", build, _removes(folder / "out", folder / f"cache-{jobs}")))
@@ -163,7 +163,15 @@ def main() -> None:
         folder = Path(name)
         (folder / "corpus.yaml").write_text(CORPUS, encoding="utf-8")
         (folder / "tiny.yaml").write_text(RECIPE, encoding="utf-8")
-        make = ["-m", "dancedata", "plan", str(folder / "corpus.yaml"), "--source", str(folder / "source"), "--quiet"]
+        make = [
+            "-m",
+            "dancedata",
+            "build",
+            "--dry-run",
+            str(folder / "corpus.yaml"),
+            str(folder / "source"),
+            "--quiet",
+        ]
         Case("corpus", make).run(environment)
         min((folder / "source" / "motions").iterdir()).unlink()  # four clips, of which three are enough
         every = cases(folder) + ([] if given.package else worker_cases(folder))

@@ -134,7 +134,7 @@ def find_jobs(feature: str | None, like: str | None) -> list[MusicField]:
     if of_files := [field.name for field in fields if field.from_files]:
         computed = [field.name for field in recipe.audio if not field.from_files]
         raise UsageError(f"{listed(of_files)} of {like} comes from files and is not computed",
-                         fix=f"choose others with --feature: {listed(computed) or 'there are none'}")  # fmt: skip
+                         fix=f"choose others with --field: {listed(computed) or 'there are none'}")  # fmt: skip
     return jobs
 
 

@@ -20,8 +20,10 @@ def run(*args: object, code: int = 0) -> Result:
 
 
 def as_json(*args: object, code: int = 0) -> Any:
-    """Run a command with --json and return its document."""
-    return json.loads(run(*args, "--json", code=code).stdout)
+    """Run a command with --json, check the head of its document, and return the result, or the error."""
+    document = json.loads(run(*args, "--json", code=code).stdout)
+    assert (document["ok"], document["command"]) == (code == 0, str(args[0]))
+    return document["error" if "error" in document else "result"]
 
 
 @contextmanager

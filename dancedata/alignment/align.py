@@ -1,4 +1,4 @@
-"""dancedata align: the offset between the music and the motion of a source."""
+"""dancedata check --offsets: the offset between the music and the motion of a source."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class Alignment:
         if rivals:
             notes.append(
                 f"other songs of the source, of the same tempo, fit too for {listed(rivals)}: the offset is of the "
-                "song that the source states; --test-songs makes these unknown"
+                "song that the source states; test_songs=True makes these unknown"
             )
         reasons = {row.offset.unknown for row in self.rows} - {""}
         return notes + [f"unknown, {reason}: {REASONS[reason]}" for reason in REASONS if reason in reasons]
@@ -220,7 +220,7 @@ def align(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Alignment:
-    """Estimate the offset between the music and the motion of a source, as ``dancedata align`` does.
+    """Estimate the offset between the music and the motion of a source, as ``dancedata check --offsets`` does.
 
     No file of the source is changed; docs/archive/measured.md has the method and what it finds of planted offsets.
 

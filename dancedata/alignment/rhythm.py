@@ -254,7 +254,7 @@ def about_offset(offset: Offset) -> str:
 @STARTS.register("align")
 @dataclass(frozen=True)
 class AlignedStarts(StartFinder):
-    """The offsets of `dancedata align`; clips of one recording have one."""
+    """The offsets of `dancedata check --offsets`; clips of one recording have one."""
 
     version: ClassVar[int] = VERSION
 

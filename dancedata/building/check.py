@@ -279,7 +279,7 @@ def scan_folder(path: Path, dataset: str | Dataset | None = None) -> tuple[Datas
     # it: it would take a copy of a supported dataset that the dataset's reader refuses.
     readers = [cls for cls in map(DATASETS.get, DATASETS.names()) if not cls.generates]
     for cls in sorted(readers, key=lambda cls: cls.explicit_only):
-        reason = SourceError(f"accepts any layout; select it with --dataset {cls.name}")
+        reason = SourceError(f"accepts any layout; select it with --recipe {cls.name}")
         if not cls.explicit_only or cls.has_listing(path):
             reader = cls()
             try:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["build", "build_part", "check", "plan"]
 
+#: Files that show that a folder is a dataset or a publication.
+_PUBLISHED = ("dataset.json", "publication.json")
 #: A recipe's name, its YAML file, its document, a parsed recipe; or the address or folder of a publication.
 RecipeLike = str | Path | Mapping[str, Any] | Recipe
 
@@ -64,8 +66,8 @@ def build(
     ----------
     recipe
         Name of a recipe that comes with the package ("demo", "aist++"), path of a YAML file, or the document as a
-        dict. Or the address of a publication, or its folder: then the dataset is built from your source by the
-        published recipe, and compared.
+        dict. A folder with recipe.yaml, as ``dancedata init`` writes it, is the source too. Or the address of a
+        publication, or its folder: then the dataset is built from your source by the published recipe, and compared.
     source
         Folder with the dataset's files. None: only for a dataset that is generated, such as "demo"; its files are
         written to ``OUT-source``.
@@ -176,7 +178,7 @@ def plan(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Plan:
-    """Plan a build, as ``dancedata plan`` does.
+    """Plan a build, as ``dancedata build --dry-run`` does.
 
     Only lengths are read. No feature is computed and nothing is written to `out`; a dataset that is generated writes
     its source if that is missing.
@@ -199,7 +201,7 @@ def plan(
     UsageError
         As for `build`.
     SourceError
-        If the source cannot be used. Only `Plan.require_clips` raises an error if no clip is left.
+        If the source cannot be used. `Plan.problem` is the error of a build that no clip is left for.
 
     Examples
     --------
@@ -294,6 +296,10 @@ class _Request:
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Request:
+        prepared = Path(recipe).expanduser() if isinstance(recipe, str | Path) and source is None else None
+        is_published = prepared is not None and any(map(Path.exists, map(prepared.joinpath, _PUBLISHED)))
+        if prepared is not None and (prepared / "recipe.yaml").is_file() and not is_published:
+            recipe, source = prepared / "recipe.yaml", prepared
         published = _published(recipe)
         parsed = load_recipe(recipe, overrides) if published is None else published.recipe(overrides)
         target = folder_of(out) or Path("data") / parsed.name
@@ -302,7 +308,7 @@ class _Request:
         if parsed.dataset.generates:
             return cls(parsed, target.parent / f"{target.name}-source", target, published)
         raise UsageError(f"the dataset {parsed.dataset.name} needs a source",
-                         fix=f"name the folder with its files: dancedata build {parsed.name} --source DIR, "
+                         fix=f"name the folder with its files: dancedata build {parsed.name} SOURCE, "
                          "or source=DIR in Python")  # fmt: skip
 
 

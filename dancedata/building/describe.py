@@ -57,7 +57,7 @@ def windows_text(length: int, stride: int) -> str:
 
 
 def rate_text(fps: str, windows: str) -> str:
-    """Return the line on frame rate and windows that `plan` and `info` print."""
+    """Return the line on frame rate and windows that a plan and `info` print."""
     return f"  {shown(fps)} frames per second, {windows}"
 
 
@@ -315,14 +315,19 @@ def _repaired(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
-def describe_clips(path: Path) -> str:
-    """Return a table of all clips."""
+def clip_rows(path: Path) -> list[dict[str, Any]]:
+    """Return a row for each clip."""
     with open_store(path) as store:
-        rows = [
+        return [
             {column.heading: column.show(getattr(clip, column.name)) for column in CLIP_COLUMNS if column.heading}
             | {"split": clip.split, "windows": len(store[clip.id].windows())}
             for clip in store.clips()
         ]
+
+
+def describe_clips(path: Path) -> str:
+    """Return a table of all clips."""
+    rows = clip_rows(path)
     head = list(dict.fromkeys([*_FIRST_COLUMNS, *(heading for row in rows[:1] for heading in row)]))
     return "\n".join(table(head, [[row[heading] for heading in head] for row in rows]))
 

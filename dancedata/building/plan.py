@@ -1,4 +1,4 @@
-"""dancedata plan: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
+"""dancedata build --dry-run: the outcome of a build, from lengths alone; computes no feature, writes no dataset."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from dancedata.building.signals import SignalId, known_signal
 from dancedata.building.spine import expand
 from dancedata.building.windows import cut_windows
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
@@ -74,10 +74,12 @@ class Plan:
         """What would be left out, paths below the source."""
         return [relative_to(reject, self.source) for reject in self.left_out]
 
-    def require_clips(self) -> None:
-        """Raise StoreError, as a build would, if nothing is left to store."""
-        if not self.results:
-            raise nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
+    @property
+    def problem(self) -> StoreError | None:
+        """The error that a build would raise if nothing is left to store."""
+        if self.results:
+            return None
+        return nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""

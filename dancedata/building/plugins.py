@@ -392,7 +392,7 @@ FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", Field)
 TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
 ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
 RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
-#: By their names in `dancedata list`.
+#: By their names in `dancedata info plugins`.
 REGISTRIES = {"fields": FIELDS, "transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
 
 

@@ -49,7 +49,7 @@ class SourceMusic:
         Raises SourceError: if the folder does not exist.
         """
         if source is None:
-            raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
+            raise UsageError("the music is needed", fix="name the folder with it: --music DIR, or source=DIR")
         if not source.is_dir():
             raise SourceError("the folder of the music does not exist", where=source)
         originals = [clip for clip in store if not clip.source]

@@ -1,80 +1,67 @@
-"""dancedata cache: info, prune, verify."""
+"""dancedata cache: what the cache holds, and how it shrinks."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dancedata.cli.options import AsJson, CacheFolder, errors_to_exit_codes, print_result
-from dancedata.cli.terminal import say
-from dancedata.core.text import age_text, counted, json_text, size_text
+from dancedata.cli.command import Output, command
+from dancedata.cli.options import CacheFolder, option
+from dancedata.core.errors import UsageError
+from dancedata.core.text import age_text, counted, size_text
 
 if TYPE_CHECKING:
     from dancedata.execution.cache_admin import Pruned
 
-app = typer.Typer(help="What the cache holds: info, prune, verify.", no_args_is_help=True)
+ACTION_HELP = "prune removes entries, verify compares them with their checksums; default: what it holds."
 
 
-@app.command("info")
-@errors_to_exit_codes
-def info(cache: CacheFolder = None, as_json: AsJson = False) -> None:
-    """Show how much the cache holds, by stage."""
-    from dancedata.execution.cache_admin import cache_json
-
-    about = cache_json(_cache_root(cache))
-    print_result(as_json, lambda: about, lambda: _describe_cache(about))
-
-
-@app.command("prune")
-@errors_to_exit_codes
-def prune(
-    older_than: Annotated[str | None, typer.Option(help="Remove entries not used for this long: 30d, 12h.")] = None,
-    max_size: Annotated[
-        str | None, typer.Option(help="Then remove the least recently used entries down to this size: 50GB.")
+@command
+def cache(
+    action: Annotated[str, typer.Argument(metavar="ACTION", help=ACTION_HELP)] = "",
+    older_than: Annotated[
+        str | None, option(metavar="AGE", help="Prune entries that were not used for so long: 30d, 12h.")
     ] = None,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Only print what would be removed.")] = False,
-    cache: CacheFolder = None,
-    as_json: AsJson = False,
-) -> None:
-    """Remove entries by age and size, those used longest ago first."""
-    from dancedata.execution.cache_admin import parse_age, parse_size
-    from dancedata.execution.cache_admin import prune as run_prune
+    max_size: Annotated[
+        str | None, option(metavar="SIZE", help="Prune those used longest ago, down to this size: 50GB.")
+    ] = None,
+    dry_run: Annotated[bool, option("--dry-run", help="Only print what prune would remove.")] = False,
+    remove: Annotated[bool, option("--remove", help="Let verify remove damaged entries.")] = False,
+    folder: CacheFolder = None,
+) -> Output:
+    """See, shrink or verify the cache.
 
-    age = None if older_than is None else parse_age(older_than)
-    size = None if max_size is None else parse_size(max_size)
-    result = run_prune(_cache_root(cache), older_than_s=age, max_bytes=size, dry=dry_run)
-    print_result(as_json, result.to_json, lambda: describe_pruned(result, dry=dry_run))
+      dancedata cache
+      dancedata cache prune --older-than 30d --max-size 50GB
 
-
-@app.command("verify")
-@errors_to_exit_codes
-def verify(
-    remove: Annotated[bool, typer.Option("--remove", help="Remove damaged entries.")] = False,
-    cache: CacheFolder = None,
-    as_json: AsJson = False,
-) -> None:
-    """Compare every entry with its checksum; exit code 1 if one is damaged."""
-    from dancedata.execution.cache_admin import verify_cache
-
-    root = _cache_root(cache)
-    count, damaged = verify_cache(root, remove=remove)
-    if as_json:
-        listed = [{"path": str(path), "problem": problem} for path, problem in damaged]
-        typer.echo(
-            json_text({"path": str(root), "entries": count, "ok": not damaged, "removed": remove, "damaged": listed})
-        )
-    else:
-        for path, problem in damaged:
-            say(f"{'removed' if remove else 'damaged'}: {path}: {problem}")
-        say(f"{root}: {_entries(count)}, {len(damaged)} damaged")
-    if damaged:
-        raise typer.Exit(1)
-
-
-def _cache_root(cache: Path | None) -> Path:
+    Entries in use stay. Exit code 1 if verify finds a damaged one.
+    """
+    from dancedata.execution import cache_admin
     from dancedata.execution.cache import default_cache
 
-    return (cache or default_cache()).absolute()
+    root = (folder or default_cache()).absolute()
+    options = {"--older-than": older_than, "--max-size": max_size, "--dry-run": dry_run, "--remove": remove}
+    own = {"": (), "prune": ("--older-than", "--max-size", "--dry-run"), "verify": ("--remove",)}
+    if action not in own:
+        raise UsageError("unknown action", found=action, allowed="prune, verify, or none")
+    if stray := [name for name, value in options.items() if value and name not in own[action]]:
+        fix = "dancedata cache verify --remove, dancedata cache prune --older-than AGE"
+        raise UsageError(f"{', '.join(stray)} does not go with {action or 'no action'}", fix=fix)
+    if action == "prune":
+        age = None if older_than is None else cache_admin.parse_age(older_than)
+        size = None if max_size is None else cache_admin.parse_size(max_size)
+        pruned = cache_admin.prune(root, older_than_s=age, max_bytes=size, dry=dry_run)
+        return Output(pruned.to_json, lambda: describe_pruned(pruned, dry=dry_run))
+    if action == "verify":
+        count, damaged = cache_admin.verify_cache(root, remove=remove)
+        listed = [{"path": str(path), "problem": problem} for path, problem in damaged]
+        lines = [f"{'removed' if remove else 'damaged'}: {path}: {problem}" for path, problem in damaged]
+        return Output(
+            lambda: {"path": str(root), "entries": count, "removed": remove, "damaged": listed},
+            lambda: "\n".join([*lines, f"{root}: {_entries(count)}, {len(damaged)} damaged"]),
+            ok=not damaged,
+        )
+    about = cache_admin.cache_json(root)
+    return Output(lambda: about, lambda: _describe_cache(about))
 
 
 def _entries(n: int) -> str:

@@ -1,57 +1,66 @@
-"""Shared parts of commands: options, each written once with its type and help; output; errors as exit codes."""
+"""Options that several commands have, each written once with its type and its help."""
 
-from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.interrupts import Interrupted, is_interrupted
-from dancedata.cli.terminal import say
-from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
-from dancedata.core.text import json_text
-from dancedata.execution.arithmetic import adopt
+from dancedata.cli.help import RARE, SAMPLES
+from dancedata.core.errors import UsageError
 
-RecipeName = Annotated[
-    str, typer.Argument(metavar="RECIPE", help="A recipe's name (see list), a YAML file, or an address.")
+
+def option(*names: str, help: str, metavar: str | None = None, panel: str | None = None, **more: Any) -> Any:
+    """Return an option of a command; its name follows from the parameter's if none is given."""
+    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=panel, **more)
+
+
+# What is read
+Like = Annotated[
+    Path | None, option(help="The dataset that the model was trained on.", metavar="DATASET", panel=SAMPLES)
 ]
-Source = Annotated[Path | None, typer.Option(help="Folder with the dataset's files; demo makes its own.")]
-Out = Annotated[Path | None, typer.Option(help="Folder to write; default data/RECIPE.")]
-JOBS_HELP = "Worker processes; the result does not depend on it."
-Jobs = Annotated[int, typer.Option(min=1, help=JOBS_HELP)]
-JobsOrCores = Annotated[int | None, typer.Option(min=1, help=f"{JOBS_HELP} Default: one per core.")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the recipe.")]
-PLUGIN_HELP = "Python file with plug-ins; it is executed. May be given several times."
-Plugins = Annotated[list[Path] | None, typer.Option("--plugin", metavar="FILE", help=PLUGIN_HELP)]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print no progress.")]
-CACHE_HELP = "Cache folder; default $DANCEDATA_CACHE, else the user's cache folder."
-CacheFolder = Annotated[Path | None, typer.Option("--cache", help=CACHE_HELP)]
-BACKEND_HELP = "loky (processes of this machine), dask or ray; default: that of --scheduler, else loky."
-Backend = Annotated[str | None, typer.Option(help=BACKEND_HELP)]
-SCHEDULER_HELP = "Cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT or ray://auto."
-Scheduler = Annotated[str | None, typer.Option(metavar="ADDRESS", help=SCHEDULER_HELP)]
-NORMALIZED_HELP = "Whether columns are normalised by the dataset's scaler; must be stated, here or in their files."
-SCALER_HELP = "File of scaler.save(...): the scaler that normalises the columns, instead of the dataset's."
-CLIP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
+FIELD_HELP = "What the columns are: a field of the dataset, or a representation such as edge151."
+Field = Annotated[str | None, option(help=FIELD_HELP, metavar="NAME", panel=SAMPLES)]
+NORMALIZED_HELP = "Whether the columns are normalised by the dataset's scaler."
 Normalized = Annotated[
-    bool | None, typer.Option("--normalized/--not-normalized", help=NORMALIZED_HELP, show_default=False)
+    bool | None, option("--normalized/--not-normalized", help=NORMALIZED_HELP, panel=SAMPLES, show_default=False)
 ]
-ScalerFile = Annotated[Path | None, typer.Option("--scaler", metavar="FILE", help=SCALER_HELP)]
-BODY_MODEL_HELP = "Your file of SMPL, SMPL-H or SMPL-X (.npz, .pkl): its mesh is drawn, or written."
-BodyModel = Annotated[Path | None, typer.Option("--body-model", metavar="FILE", help=BODY_MODEL_HELP)]
-BETAS_HELP = "Shape of the body model: numbers with commas, such as 0.5,-1.2; default: its mean."
-Betas = Annotated[str | None, typer.Option("--betas", metavar="B,...", help=BETAS_HELP)]
-Clip = Annotated[bool, typer.Option("--clip-values", help=CLIP_HELP)]
+SCALER_HELP = "The scaler that normalises the columns, as scaler.save writes it."
+Scaler = Annotated[Path | None, option(help=SCALER_HELP, metavar="FILE", panel=SAMPLES)]
+CLAMP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
+Clamp = Annotated[bool, option("--clamp", help=CLAMP_HELP, panel=SAMPLES)]
+MUSIC_HELP = "A song, a folder of songs, or a CSV sample,song,start_s; default: the music of the dataset."
+Music = Annotated[Path | None, option(help=MUSIC_HELP, metavar="PATH")]
+Fps = Annotated[str | None, option(help="Frames per second.", metavar="N", panel=SAMPLES)]
+Up = Annotated[str | None, option(help="The axis that points up: y or z.", metavar="AXIS", panel=SAMPLES)]
+Unit = Annotated[str | None, option(help="m, cm, mm or inch.", metavar="UNIT", panel=SAMPLES)]
+Body = Annotated[
+    str | None, option(help="The body of joint positions: smpl24, smplx24, ...", metavar="NAME", panel=SAMPLES)
+]
+Split = Annotated[str | None, option(help="Splits of the dataset: test, or val,test, or all.", metavar="NAMES")]
+BodyModel = Annotated[
+    Path | None,
+    option("--body-model", help="Your SMPL, SMPL-H or SMPL-X file: its mesh is used.", metavar="FILE", panel=RARE),
+]
+BETAS_HELP = "Shape of the body model: numbers with commas, such as 0.5,-1.2."
+Betas = Annotated[str | None, option(help=BETAS_HELP, metavar="B,...", panel=RARE)]
+Protocol = Annotated[str, option(help="See: dancedata info protocols.", metavar="NAME")]
 
+# What is written
+Overwrite = Annotated[bool, option("--overwrite", help="Replace what is there.")]
+RIGHTS_HELP = "Why you may pass it on against its terms; the text is published."
+Rights = Annotated[str | None, option(help=RIGHTS_HELP, metavar="TEXT")]
 
-def print_result(as_json: bool, document: Callable[[], Any], text: Callable[[], str]) -> None:
-    """Print a result as JSON or as text."""
-    if as_json:
-        typer.echo(json_text(document()))
-    else:
-        say(text())
+# How
+Set = Annotated[list[str] | None, option("--set", help="Change a key; repeatable.", metavar="KEY=VALUE")]
+JOBS_HELP = "Worker processes; default one per core. The result is the same for any number."
+Jobs = Annotated[int | None, option("-j", "--jobs", help=JOBS_HELP, metavar="N", min=1)]
+CLUSTER_HELP = "Compute on a cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT."
+Cluster = Annotated[str | None, option(help=CLUSTER_HELP, metavar="ADDRESS", panel=RARE)]
+CACHE_HELP = "Default: $DANCEDATA_CACHE, else your cache folder."
+CacheFolder = Annotated[Path | None, option("--cache", help=CACHE_HELP, metavar="DIR", panel=RARE)]
+PLUGIN_HELP = "A Python file with plug-ins. It is executed."
+Plugins = Annotated[list[Path] | None, option("--plugin", help=PLUGIN_HELP, metavar="FILE", panel=RARE)]
+Quiet = Annotated[bool, option("-q", "--quiet", help="No progress.", panel=RARE)]
 
 
 def betas_of(text: str | None) -> tuple[float, ...] | None:
@@ -60,24 +69,3 @@ def betas_of(text: str | None) -> tuple[float, ...] | None:
         return None if text is None else tuple(float(part) for part in text.split(","))
     except ValueError:
         raise UsageError("invalid value for --betas", found=text, allowed="numbers with commas: 0.5,-1.2") from None
-
-
-def errors_to_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
-    """Print dancedata's errors as text; exit with code 2 for wrong usage, 1 for a problem in the data.
-
-    Before a command begins, and loads numpy, the instructions are chosen that results are computed with.
-    """
-
-    @wraps(command)
-    def run(*args: Any, **kwargs: Any) -> None:
-        try:
-            adopt()
-            command(*args, **kwargs)
-        except (DanceDataError, UnicodeEncodeError) as error:
-            if is_interrupted():
-                raise Interrupted from None
-            failure = unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error
-            say(f"error: {failure}", err=True)
-            raise typer.Exit(2 if isinstance(failure, UsageError) else 1) from None
-
-    return run

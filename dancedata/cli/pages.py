@@ -1,213 +1,278 @@
-"""dancedata view and dancedata report: pages for the browser."""
+"""dancedata view, report, study: pages for the browser."""
 
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from dancedata.cli.command import AsJson, Output, command
+from dancedata.cli.help import RARE
 from dancedata.cli.options import (
+    MUSIC_HELP,
+    RIGHTS_HELP,
     Betas,
     BodyModel,
-    Clip,
+    Clamp,
+    Field,
+    Fps,
+    Like,
+    Music,
     Normalized,
+    Overwrite,
     Plugins,
+    Protocol,
     Quiet,
-    ScalerFile,
+    Rights,
+    Scaler,
+    Split,
+    Unit,
+    Up,
     betas_of,
-    errors_to_exit_codes,
-)
+    option,
+)  # fmt: skip
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
-from dancedata.core.plugin_files import load_plugins
-from dancedata.core.text import json_text
-from dancedata.execution.progress import Progress
+from dancedata.core.text import counted, listed
 
-VIEW_HELP = "A built dataset, a folder of motion files, or one: .bvh, .npz, .npy, .pkl."
-FIELD_HELP = "Motion field to draw, and what columns of motion files are; default: what they state, or their width."
-MUSIC_HELP = "A song, a folder of songs, or a CSV file sample,song,start_s; of a dataset the folder of its source."
-WALL_HELP = "All on one stage: a clip and what it is compared with, or the clips of a song; at most 12."
-SIZE_HELP = "With --video: WIDTHxHEIGHT in pixels, such as 1080x1920 or 1080x1080."
-COMPARE_HELP = "Another dataset, a folder of <clip>.npy, .npz, .pkl or .bvh, or one such file; repeat it for several."
-VIDEO_HELP = "Write the clip as a video, and serve nothing; needs the extra video."
-EXPORT_HELP = "Write the clip as one HTML page, and serve nothing."
-SHARE_HELP = "You state that you have the right to pass this music on."
+#: Sections of the options of view.
+_SHOWN, _WRITTEN = "What to show", "Instead of the browser"
+WHAT_HELP = "A dataset, or a folder or file of motion: .npy .npz .pkl .bvh."
+WALL_HELP = "All on one stage, at most 12."
+OUT_HELP = "Write a page (.html) or a video (.mp4), with music if its terms allow it."
 
 
-@errors_to_exit_codes
+@command
 def view(
-    store: Annotated[Path, typer.Argument(metavar="X", help=VIEW_HELP)],
-    clip: Annotated[
-        str, typer.Argument(metavar="CLIP", help="Clip or group to begin with, or a window CLIP@START+LENGTH.")
-    ] = "",
-    like: Annotated[Path | None, typer.Option(metavar="STORE", help="Dataset with their scaler and rate.")] = None,
-    music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
-    compare: Annotated[list[Path] | None, typer.Option(help=COMPARE_HELP)] = None,
-    normalized: Normalized = None,
-    scaler: ScalerFile = None,
-    clip_to_range: Clip = False,
-    fps: Annotated[str | None, typer.Option(help="Frame rate of motion files; default: the dataset's.")] = None,
-    up: Annotated[str, typer.Option(help="Up axis of motion files: y or z.")] = "y",
-    unit: Annotated[
-        str | None, typer.Option(help="Unit of motion files: m, cm, ...; default: m of positions, guessed of BVH.")
+    path: Annotated[Path, typer.Argument(metavar="WHAT", help=WHAT_HELP)],
+    clip: Annotated[str, typer.Argument(metavar="CLIP", help="Where to begin: the id of a clip or group.")] = "",
+    compare: Annotated[
+        list[Path] | None,
+        option(metavar="PATH", help="A dataset, folder or file to show beside; repeatable.", panel=_SHOWN),
     ] = None,
-    wall: Annotated[bool, typer.Option("--wall", help=WALL_HELP)] = False,
-    overlay: Annotated[bool, typer.Option("--overlay", help="Draw --compare over the dancer.")] = False,
-    field: Annotated[str | None, typer.Option(metavar="NAME", help=FIELD_HELP)] = None,
+    wall: Annotated[bool, option("--wall", help=WALL_HELP, panel=_SHOWN)] = False,
+    overlay: Annotated[
+        bool, option("--overlay", help="Draw the other motion over the dancer.", panel=_SHOWN)
+    ] = False,
+    music: Annotated[Path | None, option(metavar="PATH", help=MUSIC_HELP, panel=_SHOWN)] = None,
+    at: Annotated[float, option(metavar="SECONDS", help="Where to begin in the clip.", panel=_SHOWN, min=0.0)] = 0.0,
+    out: Annotated[Path | None, option("-o", "--out", metavar="FILE", help=OUT_HELP, panel=_WRITTEN)] = None,
+    silent: Annotated[bool, option("--silent", help="Leave the music out.", panel=_WRITTEN)] = False,
+    rights: Annotated[str | None, option(metavar="TEXT", help=RIGHTS_HELP, panel=_WRITTEN)] = None,
+    overwrite: Annotated[bool, option("--overwrite", help="Replace the file.", panel=_WRITTEN)] = False,
+    like: Like = None,
+    field: Field = None,
+    normalized: Normalized = None,
+    scaler: Scaler = None,
+    clamp: Clamp = False,
+    fps: Fps = None,
+    up: Up = None,
+    unit: Unit = None,
     body_model: BodyModel = None,
     betas: Betas = None,
-    at: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="Time to begin at.")] = 0.0,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port on 127.0.0.1; 0: a free one.")] = 0,
-    no_browser: Annotated[bool, typer.Option("--no-browser", help="Only print the address.")] = False,
-    export: Annotated[Path | None, typer.Option(metavar="FILE.html", help=EXPORT_HELP)] = None,
-    video: Annotated[Path | None, typer.Option(metavar="FILE.mp4", help=VIDEO_HELP)] = None,
-    size: Annotated[str, typer.Option(metavar="WxH", help=SIZE_HELP)] = "1280x720",
-    audio: Annotated[str, typer.Option(help="With --export or --video: none, or embed the clip's music.")] = "none",
-    share: Annotated[bool, typer.Option("--i-may-share-this-music", help=SHARE_HELP)] = False,
-    overwrite: Annotated[bool, typer.Option(help="With --export or --video: replace the file.")] = False,
+    size: Annotated[str, option(metavar="WxH", help="Pixels of a video.", panel=RARE)] = "1280x720",
+    port: Annotated[
+        int, option(metavar="N", help="Port on 127.0.0.1; default a free one.", panel=RARE, min=0, max=65535)
+    ] = 0,
+    no_browser: Annotated[bool, option("--no-browser", help="Only print the address.", panel=RARE)] = False,
     plugins: Plugins = None,
     quiet: Quiet = False,
-) -> None:
-    """Look at a dataset, or any motion, in the browser.
+    as_json: AsJson = False,
+) -> Output | None:
+    """Watch a dataset, or a model's samples, with their music.
 
-    dancedata view X [CLIP]; Ctrl-C ends it.
+    dancedata view data/aistpp
+    dancedata view gen                      (samples; the truth stands beside)
+    dancedata view data/aistpp gBR_sBM_cAll_d04_mBR0_ch02
+    dancedata view data/aistpp --compare gen --wall -o wall.html
     """
     from dancedata.execution.addresses import local_folder
+    from dancedata.execution.progress import Progress
     from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
-    load_plugins(*(plugins or ()))
-
-    if audio not in ("none", "embed"):
-        raise UsageError("invalid value for --audio", found=audio, allowed="none, embed")
-    if export is not None and video is not None:
-        raise UsageError("--export and --video are two outputs", fix="call it for each")
     request = ViewRequest(
-        path=local_folder(store), clip=clip, field=field, like=like, music=music,
-        compare=tuple(map(local_folder, compare or ())), normalized=normalized, fps=fps, up=up, unit=unit, at=at,
-        scaler=scaler, clamp=clip_to_range, overlay=overlay, wall=wall,
-        body_model=body_model, betas=betas_of(betas),
+        local_folder(path), clip, compare=tuple(map(local_folder, compare or ())), like=like, field=field,
+        music=music, normalized=normalized, scaler=scaler, clamp=clamp, fps=fps, up=up or "y", unit=unit, at=at,
+        overlay=overlay, wall=wall, body_model=body_model, betas=betas_of(betas),
     )  # fmt: skip
-    notes: list[str] = []
-    share_options: dict[str, Any] = {"audio": audio == "embed", "shared": share, "overwrite": overwrite}
-    if export is not None:
-        with Progress(quiet).stage("writing the page", None):
-            written = export_page(request, export, say=notes.append, **share_options)
-        for line in (str(written), *notes):
-            say(line)
-    elif video is not None:
-        from dancedata.plot.video import export_video
-
-        with Progress(quiet).stage("writing the video", None):
-            written = export_video(request, video, size=size, say=notes.append, **share_options)
-        for line in (str(written), *notes):
-            say(line)
-        if audio == "none":
-            say("  without sound; with the clip's music: --music PATH and --audio embed")
-    elif audio != "none":
-        raise UsageError(
-            "--audio goes with --export or --video", fix="the page that is served plays the music of --music"
-        )
-    else:
+    if out is None:
+        if silent or rights is not None or overwrite:
+            raise UsageError("--silent, --rights and --overwrite go with a file", fix="name it: --out FILE.html")
+        if as_json:
+            raise UsageError("a page that is served has no document", fix="write it: --out FILE.html")
         serve(request, port=port, browser=not no_browser, say=say)
+        return None
+    notes: list[str] = []
+    how: dict[str, Any] = {"silent": silent, "rights": rights, "overwrite": overwrite, "say": notes.append}
+    with Progress(quiet).stage("writing the page" if out.suffix != ".mp4" else "writing the video", None):
+        if out.suffix.lower() == ".mp4":
+            from dancedata.plot.video import export_video
+
+            written = export_video(request, out, size=size, **how)
+        else:
+            written = export_page(request, out, **how)
+    return Output(lambda: {"path": str(written), "notes": notes}, lambda: "\n".join([str(written), *notes]))
 
 
-TO_HELP = "HTML file to write; default NAME-report.html in the current folder, none with --json alone."
-CLIPS_HELP = "Clips that the page plays: the most suspicious and others; above 12 in a folder next to the page."
-CARD_HELP = "Write a README.md for a hub instead, with three pictures: to --to, default README.md."
-REPORT_HELP = "A built dataset; with --against also a folder of a model's samples, or one file."
-OF_SAMPLES = "Of samples:"
-SPLIT_HELP = f"{OF_SAMPLES} splits of OTHER as ground truth; default test, or all."
-REPORT_SHARE_HELP = "State that you may share the music although the dataset's licence forbids it."
-
-
-@errors_to_exit_codes
+@command
 def report(
-    store: Annotated[Path, typer.Argument(metavar="OUT", help=REPORT_HELP)],
-    to: Annotated[Path | None, typer.Option(metavar="FILE.html", help=TO_HELP)] = None,
-    clips: Annotated[str, typer.Option(metavar="N|all|none", help=CLIPS_HELP)] = "12",
-    audio: Annotated[str, typer.Option(help="none, or embed: the music of the clips inside the page.")] = "none",
-    music: Annotated[Path | None, typer.Option(metavar="PATH", help=MUSIC_HELP)] = None,
-    may_share: Annotated[bool, typer.Option("--i-may-share-this-music", help=REPORT_SHARE_HELP)] = False,
-    against: Annotated[
-        Path | None, typer.Option(metavar="OTHER", help="A built dataset to compare with, or that samples are of.")
+    path: Annotated[Path, typer.Argument(metavar="WHAT", help="A dataset, or samples: a folder or a file.")],
+    compare: Annotated[Path | None, option(metavar="DATASET", help="Another dataset to compare with.")] = None,
+    out: Annotated[
+        Path | None, option("-o", "--out", metavar="FILE.html", help="The page; default NAME-report.html.")
     ] = None,
-    card: Annotated[bool, typer.Option("--card", help=CARD_HELP)] = False,
-    protocol: Annotated[str, typer.Option(help=f"{OF_SAMPLES} protocol of the scores.")] = "dancedata",
-    split: Annotated[str | None, typer.Option(help=SPLIT_HELP)] = None,
-    field: Annotated[str | None, typer.Option(help=f"{OF_SAMPLES} motion field of OTHER that columns are.")] = None,
+    clips: Annotated[
+        str, option(metavar="N", help="Clips that play: the most suspicious and others; or all, none.")
+    ] = "12",
+    music: Music = None,
+    rights: Rights = None,
+    overwrite: Overwrite = False,
+    protocol: Protocol = "dancedata",
+    split: Split = None,
+    like: Like = None,
+    field: Field = None,
     normalized: Normalized = None,
-    scaler: ScalerFile = None,
-    clip_to_range: Clip = False,
-    fps: Annotated[str | None, typer.Option(help=f"{OF_SAMPLES} frame rate; default: OTHER's.")] = None,
-    max_mb: Annotated[float, typer.Option(min=0, help="Largest page, megabytes.")] = 20,
-    overwrite: Annotated[bool, typer.Option(help="Overwrite an existing file.")] = False,
+    scaler: Scaler = None,
+    clamp: Clamp = False,
+    fps: Fps = None,
     plugins: Plugins = None,
     quiet: Quiet = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print every number of the page as JSON.")] = False,
-) -> None:
-    """Write a page about a dataset, or a model's samples.
+    as_json: AsJson = False,
+) -> Output:
+    """Write one page about a dataset, or about samples.
 
-    dancedata report OUT --to FILE.html
+      dancedata report data/aistpp
+      dancedata report gen                    (folder of train.save_samples)
+      dancedata report gen --like data/aistpp --field edge151 --normalized
+
+    The document of --json has every number; with it a page is written for --out alone.
     """
-    load_plugins(*(plugins or ()))
-    from dancedata.comparison import diff
-    from dancedata.pages.findings import findings
-    from dancedata.pages.write import default_path, write_report
     from dancedata.samples.saved import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
-    if card:
-        from dancedata.plot.card import card_pictures
-        from dancedata.remote.card import write_card
-
-        if as_json or against is not None or audio != "none":
-            raise UsageError("--card goes with --to, --overwrite and --quiet alone", fix="call it for each")
-        path = write_card(store, to or "README.md", pictures=card_pictures, overwrite=overwrite, progress=not quiet)
-        say(f"{path}, and its pictures in {path.stem}_files")
-        return
-    of_samples = {
-        "--split": split, "--field": field, "--normalized or --not-normalized": normalized, "--scaler": scaler,
-        "--clip-values": clip_to_range or None, "--fps": fps,
-    }  # fmt: skip
-    if against is None and (saved := saved_samples(store)) is not None:
-        against = saved.dataset
-    if against is not None and store.exists() and not (store / DATASET_FILE).exists():
-        if audio != "none" or not clips.isdecimal():
-            raise UsageError("the page of samples has no music, and --clips is a number", fix="leave --audio out")
-        from dancedata.evaluation.run import evaluate
-        from dancedata.pages.samples import require_free_page, write_samples_report
-        from dancedata.pages.samples_page import describe
-
-        page = to if to is not None or as_json else Path(f"{store.stem}-report.html")
-        show = not (quiet or as_json)
-        require_free_page(page, against, overwrite=overwrite)
-        scores = evaluate(
-            store, protocol=protocol, like=against, role="generated", split=split, field=field, normalized=normalized,
-            scaler=scaler, clamp=clip_to_range, fps=fps, music=music, progress=show,
+    if like is None and (saved := saved_samples(path)) is not None:
+        like = saved.dataset
+    if like is not None and path.exists() and not (path / DATASET_FILE).exists():
+        page = out or (None if as_json else Path(f"{path.stem}-report.html"))
+        return _samples_report(
+            path, like, page, compare=compare, clips=clips, music=music, protocol=protocol, split=split, field=field,
+            normalized=normalized, scaler=scaler, clamp=clamp, fps=fps, overwrite=overwrite,
+            progress=not quiet,
         )  # fmt: skip
-        samples = write_samples_report(
-            scores, against, page, clips=int(clips), max_mb=max_mb, overwrite=overwrite, progress=show
-        )
-        if as_json:
-            typer.echo(json_text(samples.to_json()))
-            return
-        for line in describe(samples):
-            say(line)
-        return
+    of_samples = {
+        "--like": like, "--split": split, "--field": field, "--normalized or --not-normalized": normalized,
+        "--scaler": scaler, "--clamp": clamp or None, "--fps": fps,
+    }  # fmt: skip
     if stray := [name for name, value in of_samples.items() if value is not None]:
-        raise UsageError(f"{' and '.join(stray)} goes with samples of a model, and this is a dataset", where=store,
+        raise UsageError(f"{' and '.join(stray)} goes with samples of a model, and this is a dataset", where=path,
                          fix="leave it out")  # fmt: skip
-    target = to if to is not None or as_json else default_path(store)
-    chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks both
-    how: Any = audio
+    from dancedata.pages.findings import findings
+    from dancedata.pages.write import default_path, write_report
+
+    chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks it
     written = write_report(
-        store, target, clips=chosen, audio=how, source=music, may_share=may_share, against=against, differences=diff,
-        max_mb=max_mb, overwrite=overwrite, progress=not (quiet or as_json),
+        path, out or (None if as_json else default_path(path)), clips=chosen, source=music,
+        audio="none" if music is None else "embed", rights=rights, against=compare, overwrite=overwrite,
+        progress=not quiet,
     )  # fmt: skip
-    if as_json:
-        typer.echo(json_text(written.to_json()))
-        return
-    if written.path is not None:
-        say(f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB")
-    for finding in findings(written.numbers):
-        say(f"  {finding.kind}: {finding.text}")
+    return Output(
+        written.to_json,
+        lambda: "\n".join([_page(written.path), *(_finding(f.kind, f.text) for f in findings(written.numbers))]),
+    )
+
+
+def _samples_report(
+    path: Path, like: Path, out: Path | None, *, clips: str, compare: Path | None, music: Path | None,
+    overwrite: bool, progress: bool, **how: Any,
+) -> Output:  # fmt: skip
+    if compare is not None or not clips.isdecimal():
+        raise UsageError("--compare goes with a dataset, and --clips of samples is a number", where=path)
+    from dancedata.evaluation.run import evaluate
+    from dancedata.pages.samples import require_free_page, write_samples_report
+    from dancedata.pages.samples_page import describe
+
+    require_free_page(out, like, overwrite=overwrite)
+    scores = evaluate(path, like=like, role="generated", music=music, progress=progress, **how)
+    samples = write_samples_report(scores, like, out, clips=int(clips), overwrite=overwrite, progress=progress)
+    return Output(samples.to_json, lambda: "\n".join(describe(samples)), warnings=samples.scores.warnings)
+
+
+def _page(path: Path | None) -> str:
+    return "" if path is None else f"{path}: {path.stat().st_size / 1e6:.1f} MB"
+
+
+def _finding(kind: str, text: str) -> str:
+    return f"  {'note' if kind == 'note' else 'warning'}: {text}"
+
+
+@command
+def study(
+    paths: Annotated[list[Path], typer.Argument(metavar="A B...", help="Datasets or samples; or files of answers.")],
+    out: Annotated[Path | None, option("-o", "--out", metavar="FILE.html", help="The page to write.")] = None,
+    names: Annotated[
+        str | None, option(metavar="NAMES", help="Of the systems: truth,mine; default those of the folders.")
+    ] = None,
+    songs: Annotated[int, option(metavar="N", help="Clips that each pair is shown on.", min=1)] = 12,
+    seconds: Annotated[float, option(metavar="S", help="Longest clip.")] = 15.0,
+    seed: Annotated[int, option(metavar="N", help="Of clips, sides and orders.")] = 0,
+    music: Music = None,
+    rights: Rights = None,
+    overwrite: Overwrite = False,
+    like: Like = None,
+    field: Field = None,
+    normalized: Normalized = None,
+    scaler: Scaler = None,
+    clamp: Clamp = False,
+    fps: Fps = None,
+    up: Up = None,
+    unit: Unit = None,
+) -> Output:
+    """Ask people which of two dances is better.
+
+      dancedata study data/aistpp gen -o study.html
+      dancedata study answers/*.csv
+
+    Raters open the page offline, and send back a CSV file of answers. The first system has the music.
+    """
+    if all(path.suffix.lower() == ".csv" for path in paths):
+        return _answers(paths)
+    from dancedata.scene.selection import ViewRequest
+    from dancedata.store.schema import DATASET_FILE
+    from dancedata.study.page import StudyRequest, write_study
+
+    if out is None:
+        raise UsageError("a study is a page", fix="name it: --out study.html")
+    called = [path.name for path in paths] if names is None else [name.strip() for name in names.split(",")]
+    if len(called) != len(paths) or len(set(called)) < len(called) or "" in called:
+        raise UsageError("every system needs a name of its own", found=listed(called),
+                         allowed=counted(len(paths), "name"), fix="give them: --names truth,mine")  # fmt: skip
+    of_files: dict[str, Any] = {
+        "like": like, "normalized": normalized, "scaler": scaler, "clamp": clamp, "fps": fps,
+        "up": up or "y", "unit": unit,
+    }  # fmt: skip
+    systems = {
+        name: ViewRequest(
+            path,
+            field=field,
+            music=music if path == paths[0] else None,
+            **({} if (path / DATASET_FILE).exists() else of_files),
+        )
+        for name, path in zip(called, paths, strict=True)
+    }
+    lines: list[str] = []
+    request = StudyRequest(systems, songs=songs, seconds=seconds, seed=seed)
+    trials = write_study(request, out, rights=rights, overwrite=overwrite, say=lines.append)
+    pairs = sum(not trial.is_check for trial in trials)
+    lines.append(
+        f"{out}: {counted(pairs, 'pair')} and {counted(len(trials) - pairs, 'check')} of {', '.join(called)}"
+    )
+    lines.append("next: send the page to raters, then dancedata study THEIR-FILES.csv")
+    return Output(lambda: {"path": str(out), "pairs": pairs, "systems": called}, lambda: "\n".join(lines))
+
+
+def _answers(files: list[Path]) -> Output:
+    """Count the answers of raters."""
+    from dancedata.study.results import read_results, results_of
+
+    results = results_of(*read_results(files))
+    return Output(results.to_json, lambda: str(results), warnings=results.notes)

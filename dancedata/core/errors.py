@@ -4,7 +4,7 @@ import difflib
 import re
 import shlex
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from dancedata.core.text import counted, listed, printable, shown
 
@@ -74,6 +74,14 @@ class DanceDataError(Exception):
             # After a list with one entry per line it has its own line.
             text += fix if text.endswith("\n") else f". {fix}"
         return text
+
+    def to_json(self) -> dict[str, Any]:
+        """Return plain JSON data: `kind` "usage" or "data", `code`, and the parts of the message."""
+        code = getattr(self, "reason", None) or type(self).__name__.removesuffix("Error").lower()
+        parts = {"where": self.where, "found": self.found, "allowed": self.allowed, "fix": self.fix}
+        texts = {name: None if value is None else str(value) for name, value in parts.items()}
+        kind = "usage" if isinstance(self, UsageError) else "data"
+        return {"kind": kind, "code": code, "problem": self.problem, **texts}
 
     @staticmethod
     def _part(value: object, limit: int, lines: bool) -> str:

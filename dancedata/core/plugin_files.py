@@ -86,7 +86,7 @@ def _load(path: Path) -> PluginFile:
         found = f"{type(error).__name__}: {error}"
         raise UsageError("the plug-in file cannot be loaded", where=path, found=found) from error
     if len(_registered) == n_before:
-        fix = "dancedata new KIND NAME writes an example"
+        fix = "dancedata init NAME --plugin-kind KIND writes an example"
         raise UsageError("the file registers no plug-in", where=path, fix=fix)
     return file
 

@@ -222,7 +222,7 @@ def beat_rows_late(field: str) -> int:
     return FEATURES.get(plugin).beat_rows_late if plugin in FEATURES else 0
 
 
-#: All of them, by their names in `dancedata list`; that of exports is next to their base class.
+#: All of them, by their names in `dancedata info plugins`; that of exports is next to their base class.
 REGISTRIES: dict[str, Registry[Any]] = {
     "datasets": DATASETS,
     "representations": REPRESENTATIONS,

@@ -11,7 +11,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.text import counted, listed, quoted, shown
 
 #: The option by which a user states the right to share music.
-OVERRIDE = "--i-may-share-this-music"
+OVERRIDE = "--rights TEXT"
 #: Most characters of a licence in a message or notice.
 _LICENCE = 600
 
@@ -60,10 +60,10 @@ def may_share_audio(store: Dataset) -> bool:
     return all(of_dataset if licence is None or not licence.text else licence.may_share for licence in terms)
 
 
-def require_shareable(store: Dataset, *, allowed_by_caller: bool = False) -> str:
+def require_shareable(store: Dataset, *, rights: str | None = None) -> str:
     """Return the notice that goes with a copy of the music: one sentence with the licence as the dataset states it.
 
-    UsageError if the licence does not allow to pass the music on, and the caller does not state the right to do so.
+    UsageError if the licence does not allow to pass the music on, and no `rights` state that the caller may.
     """
     licence = shown(store.info.get("licence", "unknown"), _LICENCE)
     terms = clips_by_terms(store)
@@ -72,12 +72,13 @@ def require_shareable(store: Dataset, *, allowed_by_caller: bool = False) -> str
         licence = shown(f"{licence.rstrip('.')}; {listed(terms_text(strict), 4)}", 2 * _LICENCE)
     if may_share_audio(store):
         return f"Music: {licence}"
-    if not allowed_by_caller:
+    if rights is None:
         raise UsageError(
             "the licence of this dataset does not allow its music to be passed on",
             where=str(store.path),
             found=f"dataset {quoted(store.info.get('dataset', ''))}, licence: {licence.rstrip('.')}",
             allowed="music that may be copied to others, such as that of the demo",
-            fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
+            fix=f"leave the music out, or state your right: {OVERRIDE}",
         )
-    return f"Music: included on the statement of the maker of this file that it may be shared. Licence: {licence}"
+    stated = f"included on the statement of the maker of this file that it may be shared: {rights}"
+    return f"Music: {stated}. Licence: {licence}"

@@ -1,4 +1,4 @@
-"""dancedata quality: the scores of faults in motions, in a folder to build from or in a built dataset."""
+"""dancedata check --faults: the scores of faults in motions, in a folder to build from or in a built dataset."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def quality(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Quality:
-    """Score the faults of motions, as ``dancedata quality`` does.
+    """Score the faults of motions, as ``dancedata check --faults`` does.
 
     No file is changed. docs/archive/measured.md has the scores, their limits, and what they find of planted faults.
 

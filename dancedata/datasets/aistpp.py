@@ -132,7 +132,7 @@ class AistPP(Published):
         "aist++", "AIST++", "motions", ".pkl", "gBR_sBM_cAll_d04_mBR2_ch08.pkl", sequence_problem,
         folder_names=("edge_aistpp", "aist_plusplus_final"),  # the copies of EDGE and of the project page
         mistakes={
-            "motion": "motion/ (without s) is the layout of FineDance: build that dataset, or set --source to "
+            "motion": "motion/ (without s) is the layout of FineDance: build that dataset, or set SOURCE to "
             "another folder"
         },
     )  # fmt: skip

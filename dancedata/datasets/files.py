@@ -63,7 +63,7 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
         parent = source.absolute().parent
         found = f"in {parent}: {describe(parent)}" if parent.is_dir() else f"no folder {parent} either"
     raise SourceError(
-        problem, where=str(source), found=found, allowed=looked_for, fix="set --source to the dataset's folder"
+        problem, where=str(source), found=found, allowed=looked_for, fix="set SOURCE to the dataset's folder"
     )
 
 

@@ -174,7 +174,7 @@ class FineDance(Published):
         "finedance", "FineDance", "motion", ".npy", "001.npy", _id_problem, folder_names=("finedance",),
         mistakes={
             "mofea319": _FEATURES, "motion_fea319": _FEATURES,
-            "motions": "motions/ (with s) is the layout of AIST++: build that dataset, or set --source to another "
+            "motions": "motions/ (with s) is the layout of AIST++: build that dataset, or set SOURCE to another "
             "folder",
         },
     )  # fmt: skip

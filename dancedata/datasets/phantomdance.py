@@ -168,7 +168,7 @@ class PhantomDance(Published):
                               fix="set dataset.phantomdance.motions to the folder of the motions")  # fmt: skip
         raise SourceError("phantomdance: no motion found", where=str(source / (self.motions or "")),
                           found=describe(source), allowed=_LOOKED_FOR,
-                          fix="set --source to the folder of the unpacked archive")  # fmt: skip
+                          fix="set SOURCE to the folder of the unpacked archive")  # fmt: skip
 
 
 def _has_motions(folder: Path) -> bool:

@@ -109,7 +109,7 @@ class Layout:
         if below:
             raise SourceError(f"{self.dataset}: several folders could be the dataset", where=str(source),
                               found=listed(f"{entry.name}/{self.motions}/" for entry in below),
-                              fix="set --source to one of them")  # fmt: skip
+                              fix="set SOURCE to one of them")  # fmt: skip
         raise SourceError(f"{self.dataset}: no {self.title} motion found", where=str(source), found=describe(source),
                           allowed=self.expected, fix=self._advice(list_folder(source)))  # fmt: skip
 
@@ -126,14 +126,14 @@ class Layout:
     def _advice(self, entries: list[Path]) -> str:
         """Return the fix for the most likely mistake, for a source without the motion folder."""
         if any(entry.suffix.lower() == self.suffix for entry in entries):
-            return f"this looks like the {self.motions} folder itself: set --source to its parent folder"
+            return f"this looks like the {self.motions} folder itself: set SOURCE to its parent folder"
         names = {entry.name for entry in entries}
         for name, fix in self.mistakes.items():
             if name in names:
                 return fix
         if any(entry.suffix.lower() in _ARCHIVES for entry in entries):
             return "unpack the archive first"
-        return f"set --source to the folder that contains {self.motions}/"
+        return f"set SOURCE to the folder that contains {self.motions}/"
 
     def list_motions(self, source: Path) -> tuple[Folders, Files]:
         """Find the motion folder and list its files with valid names; every other entry is an ``extra_file``.

@@ -208,7 +208,7 @@ def _key(arrays: ArrayFile, plugin: Representation, key: str | None) -> str:
             f"{'several arrays have' if fitting else 'no array has'} {width} columns",
             where=arrays.path,
             found=arrays.listed,
-            fix="name the array with --key"
+            fix="name the array: key=NAME in Python"
             if fitting
             else "name the representation that the file holds with --field",
         )

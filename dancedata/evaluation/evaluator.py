@@ -70,7 +70,7 @@ class Evaluator:
     protocol
         Name of a protocol, or an object of one.
     pool
-        Another dataset, or a file of ``--save-pool``, to compare samples with. Default: `like`.
+        Another dataset, or a file of `save_pool`, to compare samples with. Default: `like`.
     split
         Splits of the pool. Default: the protocol's, such as train.
     music

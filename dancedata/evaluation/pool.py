@@ -27,7 +27,7 @@ from dancedata.metrics.set_statistics import checked_rows
 
 #: Layout of pool files. 2: with the hash of what numbers depend on.
 POOL_FORMAT = 2
-_AGAIN = "make a pool of this protocol: --pool STORE --save-pool FILE.npz"
+_AGAIN = "make a pool of this protocol: --pool DATASET --out FILE.npz"
 _HEADER, _IDS, _ROWS, _CLIPS = "about", "clips", "rows_", "clip_of_rows_"
 
 
@@ -232,7 +232,7 @@ def load_pool(path: Path, protocol: Protocol) -> Pool:
         )  # fmt: skip
     except (DataError, LookupError, TypeError, ValueError, AttributeError) as error:
         raise UsageError(
-            "not a pool", where=path, found=str(error), allowed="a file of --save-pool, or a built dataset"
+            "not a pool", where=path, found=str(error), allowed="an .npz file of --out, or a built dataset"
         ) from error
     if layout != POOL_FORMAT:
         raise UsageError("the pool has another layout", where=path, found=layout, allowed=POOL_FORMAT, fix=_AGAIN)

@@ -326,7 +326,7 @@ def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
         if metric.of_groups and not protocol.of_groups:
             raise UsageError(f"the metric {metric.name} measures groups, and the protocol single dancers",
                              where=f"protocol {protocol.name}",
-                             fix="choose a protocol of groups, see --list-protocols")  # fmt: skip
+                             fix="choose a protocol of groups, see dancedata info protocols")  # fmt: skip
     if not metrics:
         return protocol
     extended = copy(protocol)

@@ -36,10 +36,12 @@ def _protocol_json(protocol: Protocol) -> dict[str, Any]:
     }
 
 
-def describe_protocols() -> str:
-    """Return the output of ``dancedata evaluate --list-protocols``."""
+def describe_protocols(only: str | None = None) -> str:
+    """Return the output of ``dancedata info protocols``, or of ``dancedata info PROTOCOL``."""
     lines = []
     for name, protocol in protocols_json().items():
+        if only not in (None, name):
+            continue
         motion = protocol["motion"]
         rate = f"{motion['fps']} frames per second" if motion["fps"] else "any frame rate"
         lines += [
@@ -52,6 +54,7 @@ def describe_protocols() -> str:
         for row in protocol["published"]:
             values = ", ".join(f"{LABELS.get(k, k)} {v:g}" for k, v in row["values"].items())
             lines.append(f"  published, {row['what']}: {values} ({row['source']})")
+        lines += [f"  note: {note}" for note in (protocol["notes"] if only else ())]
         lines.append(f"  from: {protocol['source']}")
     return "\n".join(lines)
 

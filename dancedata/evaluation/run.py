@@ -177,7 +177,7 @@ def self_test(
     cache: str | Path | None = None,
     progress: bool = False,
 ) -> SelfTest:
-    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata evaluate --self-test`` does.
+    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata check --published`` does.
 
     Parameters
     ----------

@@ -1,6 +1,5 @@
 """Tables of scores for papers: Markdown and LaTeX, in which a score that means nothing is a dash."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from dancedata.core.text import shown
@@ -43,9 +42,6 @@ def latex(report: Report) -> str:
             r"\end{table}",
         ]
     )
-
-
-TABLES: dict[str, Callable[[Report], str]] = {"latex": latex, "markdown": markdown}
 
 
 def _in_table(score: Score, form: str, mark: str) -> str:

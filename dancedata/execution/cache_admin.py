@@ -124,7 +124,7 @@ def _fetched(datasets: Path) -> Iterator[Entry]:
 
 
 def cache_json(root: Path) -> dict[str, Any]:
-    """Return the output of `cache info --json`: entries, bytes, and the least and most days without use, by stage."""
+    """Return the output of `cache --json`: entries, bytes, and the least and most days without use, by stage."""
     require_cache(root)
     now = time.time()
     stages: dict[str, StageSum] = {}

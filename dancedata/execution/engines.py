@@ -52,7 +52,7 @@ def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
     if scheduler is None:
         if backend in engines:
             raise UsageError(f"the backend {backend} needs a scheduler",
-                             fix=f"give its address: --scheduler {engines[backend].example}")  # fmt: skip
+                             fix=f"give its address: --cluster {engines[backend].example}")  # fmt: skip
         return None
     engine = next((e for e in engines.values() if e.address.fullmatch(scheduler)), None)
     if engine is None:
@@ -61,6 +61,6 @@ def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
                          allowed="; ".join(named or [e.example for e in engines.values()]))  # fmt: skip
     if backend not in (None, engine.name):
         raise UsageError(
-            f"the scheduler has an address of {engine.name}", found=f"--backend {backend}", fix="leave --backend out"
+            f"the scheduler has an address of {engine.name}", found=f"backend={backend!r}", fix="leave backend out"
         )
     return engine

@@ -33,4 +33,6 @@ def note_ignored(folder: AtomicFolder, clips: list[Clip]) -> None:
     """Note the clips of the ignore list that are left out."""
     ignored = [clip.id for clip in clips if is_ignored(clip)]
     if ignored:
-        folder.note(f"left out, as they are on the ignore list: {listed(ignored)}; --keep-ignored keeps them")
+        folder.note(
+            f"left out, as they are on the ignore list: {listed(ignored)}; --set keep_ignored=true keeps them"
+        )

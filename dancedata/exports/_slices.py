@@ -40,7 +40,7 @@ class SliceExport(Export):
     feature
         Audio feature to write, of 35 or 4800 columns.
     sound
-        ``cut``: wavs cut from the music of --source. ``silence``: silent wavs, without a source; training does not
+        ``cut``: wavs cut from the music of --music. ``silence``: silent wavs, without a source; training does not
         use them, only rendering does.
     """
 
@@ -160,7 +160,7 @@ def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: 
     missing = needs_fps(job, FPS) + needs_field(job, MOTION, kind="motion", width=151, rate=FPS)
     missing += needs_field(job, feature, kind="audio", rate=FPS)
     if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
-        width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --feature librosa35"
+        width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --set feature=librosa35"
         missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
     slices = [clip for clip in job.clips() if clip.slice_of] if not missing else []
     odd = next((c for c in slices if c.n_frames != LENGTH or c.slice_start % STRIDE), None)

@@ -188,7 +188,7 @@ class Bailando(Export):
         ignored = (
             "Clips of the ignore list are kept, as in the paper's training set."
             if self.keep_ignored
-            else "Clips of the ignore list are left out. The paper's training set has them (`--keep-ignored`)."
+            else "Clips of the ignore list are left out. The paper's training set has them: `--set keep_ignored=true`"
         )
         rotations = "" if _ROTATIONS in job.store.fields else " They are not here."
         places = {"train": _TRAIN, "test": _TEST, "music": _MUSIC, "music_60": _MUSIC_60}

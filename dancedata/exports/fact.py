@@ -237,7 +237,7 @@ class Fact(Export):
 
 
 def _songs(job: ExportJob) -> dict[str, str]:
-    from dancedata.store.songs import songs_of  # `dancedata list` imports exports, and loads no HDF5
+    from dancedata.store.songs import songs_of  # `dancedata info targets` imports exports, and loads no HDF5
 
     return songs_of(job.store.clips())
 

@@ -75,8 +75,8 @@ class PageFiles:
                 "the page is too large",
                 where=self.path,
                 found=f"{n_bytes / _MB:.1f} MB",
-                allowed=f"{self.max_mb:g} MB (--max-mb)",
-                fix="show fewer clips: --clips 4, or --clips none; music takes most of it: --audio none",
+                allowed=f"{self.max_mb:g} MB",
+                fix="show fewer clips: --clips 4, or --clips none; music takes most of it: leave --music away",
             )
 
     def _listing(self) -> dict[str, Any] | None:

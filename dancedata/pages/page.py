@@ -314,7 +314,7 @@ def _differences(other: Document, differences: Sequence[tuple[str, str]] | None)
     entries = [f"<li><b>{escaped(kind)}</b>: {escaped(text, 600)}</li>" for kind, text in differences[:_DIFFERENCES]]
     more = len(differences) - len(entries)
     if more > 0:
-        entries.append(f"<li>{number(more)} more (dancedata diff)</li>")
+        entries.append(f"<li>{number(more)} more (dancedata check --same-as)</li>")
     what = f'<ul class="terms">{"".join(entries)}</ul>' if entries else "<p>None: the same data.</p>"
     return head + what
 

@@ -120,16 +120,16 @@ def _payload(scenes: SceneList, item: Item, number: int) -> dict[str, Any]:
     return {**scene_payload(scenes.scene(item)), "number": number}
 
 
-def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, may_share: bool) -> PageSound:
+def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, rights: str | None) -> PageSound:
     """Return the music of clips as Opus, mono, each exactly as long as its clip.
 
     Raises UsageError: if the licence does not allow it and the caller does not state the right, without a source, or
         if the source has the music of none of the clips.
     Raises DataError, SourceError: if the music cannot be read.
     """
-    notice = require_shareable(store, allowed_by_caller=may_share)
+    notice = require_shareable(store, rights=rights)
     if source is None:
-        raise UsageError("the music is needed", fix="name the folder with it: --source DIR, or source=DIR")
+        raise UsageError("the music is needed", fix="name the folder with it: --music DIR, or source=DIR")
     scenes, music = Scenes(store), ClipSource(store, source.expanduser())
     sounds = {k: music.sound(item) for k, item in enumerate(_entries(scenes, clips[:INLINE]))}
     files_of = {k: opus(sound.signal) for k, sound in sounds.items() if sound is not None}

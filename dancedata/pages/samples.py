@@ -58,7 +58,7 @@ def write_samples_report(
     overwrite: bool = False,
     progress: bool = False,
 ) -> SamplesReport:
-    """Compare samples of a model with the dataset that it was trained on, as ``dancedata report S --against D`` does.
+    """Compare samples of a model with the dataset that it was trained on, as ``dancedata report SAMPLES`` does.
 
     `scores`: What `dancedata.evaluate` says of the samples, with the dataset as `like`.
     `against`: The built dataset.

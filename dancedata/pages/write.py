@@ -87,7 +87,7 @@ class _PageOptions:
     clips: Clips
     embed_audio: bool
     source: Path | None
-    may_share: bool
+    rights: str | None
 
 
 def write_report(
@@ -97,7 +97,7 @@ def write_report(
     clips: Clips = 12,
     audio: Literal["none", "embed"] = "none",
     source: str | Path | None = None,
-    may_share: bool = False,
+    rights: str | None = None,
     against: str | Path | None = None,
     differences: Callable[[Path, Path], Any] | None = None,
     max_mb: float = 20,
@@ -119,8 +119,8 @@ def write_report(
         "embed": with the music of the clips inside the page.
     source
         Folder with the music.
-    may_share
-        The caller states the right to redistribute the music where the dataset's licence does not allow it.
+    rights
+        Why the caller may pass the music on where the dataset's licence does not allow it; it is published.
     against
         Another dataset to compare with.
     differences
@@ -150,7 +150,7 @@ def write_report(
         stores = [local_folder(path) for path in (store, against) if path is not None]
         target = PageFiles.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
         folder = None if source is None else Path(source)
-        options = _PageOptions(target, _checked(clips), _embeds(audio), folder, may_share)
+        options = _PageOptions(target, _checked(clips), _embeds(audio), folder, rights)
     reporter = Progress(quiet=not progress)
     with open_store(store) as opened_store:
         require_intact(opened_store)
@@ -205,7 +205,7 @@ def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
     clips = _spread(numbers, int(n))
     sound = None
     if options.embed_audio:
-        sound = embedded_sound(store, clips, options.source, may_share=options.may_share)
+        sound = embedded_sound(store, clips, options.source, rights=options.rights)
     return clip_player(store, clips, options.target.folder.name, sound)
 
 

@@ -151,7 +151,7 @@ def write_video(
     theme: Theme = "dark",
     body_model: str | Path | None = None,
     betas: npt.ArrayLike | None = None,
-    may_share: bool = False,
+    rights: str | None = None,
     overwrite: bool = False,
 ) -> Path:
     """Write a clip or a group as a video: the dancers, and below music, speed and contacts in time.
@@ -178,8 +178,8 @@ def write_video(
         "dark" or "light".
     body_model, betas
         File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape (n,); default: its mean.
-    may_share
-        The caller states the right to redistribute the music where the dataset's licence does not allow it.
+    rights
+        Why the caller may pass the music on where the dataset's licence does not allow it; it is published.
     overwrite
         Replace an existing file.
 
@@ -218,7 +218,7 @@ def write_video(
         return write_scene(target, drawn(motions.scene(item)), motions.sound(item), size=size, theme=theme, **part)
     ds = store if isinstance(store, Store) else open_store(store)
     target = require_free(target, [ds.path], "video", overwrite=overwrite)
-    credit = "" if source is None else require_shareable(ds, allowed_by_caller=may_share)
+    credit = "" if source is None else require_shareable(ds, rights=rights)
     scenes = Scenes(ds, field)
     item = scenes.find(clip)
     sound = None
@@ -234,15 +234,15 @@ def export_video(
     to: Path,
     *,
     size: str = "1280x720",
-    audio: bool = False,
-    shared: bool = False,
+    silent: bool = False,
+    rights: str | None = None,
     overwrite: bool = False,
     say: Callable[[str], None] = print,
 ) -> Path:
     """Write one clip as a video; what it is compared with stands beside it, or over it.
 
     `size`: Width and height in pixels, as in "1080x1920".
-    `audio`, `shared`, `overwrite`: As in `viewer.view.export_page`.
+    `silent`, `rights`, `overwrite`: As in `viewer.view.export_page`.
     `say`: Takes the notes on what is missing, which a page shows.
     Raises UsageError: As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
     Raises StoreError: if it cannot be written.
@@ -258,11 +258,10 @@ def export_video(
     opened = ViewSelection.of(replace(request, wall=request.wall or bool(request.compare)))
     if not request.clip and len(opened.scenes.items) > 1:
         raise UsageError("a video shows one clip, group or wall",
-                         fix="give its name after the dataset: dancedata view OUT CLIP --video FILE.mp4")  # fmt: skip
-    sound, credit = None, opened.credit
-    if audio:
-        signal, notice = opened.shared_music(allowed_by_caller=shared)
-        sound, credit = ClipSound(signal), f"{credit} {notice}".strip()
+                         fix="name it: dancedata view DATASET CLIP --out FILE.mp4")  # fmt: skip
+    signal, notice, line = opened.music_to_pass_on(rights, silent=silent)
+    say(line)
+    sound, credit = None if signal is None else ClipSound(signal), f"{opened.credit} {notice}".strip()
     scene = opened.scenes.scene(opened.item, request.field)
     scene = scene if mesh is None else scene.with_mesh(mesh)
     for note in scene.notes:
@@ -276,8 +275,7 @@ def export_video(
 def require_video_name(path: Path) -> None:
     """Raise UsageError unless a file is named as a video."""
     if path.suffix.lower() != ".mp4":
-        page = "; a page is written with --export" if path.suffix.lower() in (".html", ".htm") else ""
-        raise UsageError("a video is an mp4 file", found=shown(path.name), allowed="a name that ends in .mp4" + page)
+        raise UsageError("a video is an mp4 file", found=shown(path.name), allowed="a name that ends in .mp4")
 
 
 def _require_drawable(size: tuple[int, int], theme: str) -> None:

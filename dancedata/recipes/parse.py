@@ -93,7 +93,7 @@ def _recipe_file(name: str) -> Path:
     problem = f"unknown recipe {name!r}"
     fix = f"{did_you_mean(name, recipe_names())}; or give the path of a .yaml file"
     if path.is_dir():
-        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder with --source; {fix}"
+        problem, fix = f"{problem}: it is a folder", f"name a recipe, and the folder after it; {fix}"
     elif name in DATASETS:
         problem, fix = f"{problem}: it is a dataset", f"write a recipe with dataset: {name}; {fix}"
     raise UsageError(problem, fix=fix)

@@ -31,7 +31,7 @@ def write_card(
     overwrite: bool = False,
     progress: bool = False,
 ) -> Path:
-    """Write the card of a dataset, as ``dancedata report STORE --card`` does.
+    """Write the card of a dataset, as ``dancedata export DATASET --to card`` does.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from dancedata.store import Store
 from dancedata.store.queries import network_weights, required_fields
 
 #: Found in files that this module wrote, and only there.
-MARK = "<!-- written by dancedata report --card; changes are lost when it is written again -->"
+MARK = "<!-- written by dancedata export --to card; changes are lost when it is written again -->"
 #: Paths of a machine: absolute ones, and those of a home.
 _PATH = re.compile(r"(?<![\w:/.~<])(?:~|[A-Za-z]:)?[/\\](?:[^\s/\\:;,'\"()]+[/\\])+[^\s/\\:;,'\"()]*")
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>|#])")
@@ -143,7 +143,7 @@ def _reading(splits: Sequence[str], store: Store, place: Publication | None) -> 
 
 
 def _command(recipe: str) -> str:
-    return f"```sh\ndancedata build {recipe} --source FOLDER_OF_THE_SOURCE --out FOLDER\n```\n"
+    return f"```sh\ndancedata build {recipe} FOLDER_OF_THE_SOURCE --out FOLDER\n```\n"
 
 
 def _again(store: Store, place: Publication | None) -> str:

@@ -37,7 +37,7 @@ class Pushed:
     address
         Where it is read, with the tag.
     commit
-        The commit that has all files.
+        The commit that has all files; "" of a dry run.
     files, bytes
         What the publication has.
     uploaded_bytes
@@ -59,10 +59,11 @@ class Pushed:
 
     def __str__(self) -> str:
         what = "recipe" if self.recipe_only else "dataset"
-        use = f"dancedata build {self.address} --source DIR" if self.recipe_only else f"dancedata pull {self.address}"
+        use = f"dancedata build {self.address} SOURCE" if self.recipe_only else f"dancedata pull {self.address}"
+        done = f"{size_text(self.uploaded_bytes)} uploaded, commit {self.commit}\n{use}"
         return (
             f"{self.address}: {what}, {counted(self.files, 'file')}, {size_text(self.bytes)}, "
-            f"{size_text(self.uploaded_bytes)} uploaded, commit {self.commit}\n{use}"
+            f"{done if self.commit else 'nothing is published'}"
         )
 
 
@@ -77,6 +78,7 @@ def push(
     tag: str | None = None,
     beside: Sequence[str | Path] = (),
     pictures: Pictures | None = None,
+    dry_run: bool = False,
     overwrite: bool = False,
     progress: bool = True,
 ) -> Pushed:
@@ -106,6 +108,8 @@ def push(
         plug-in.
     pictures
         Draws the pictures of the card: `dancedata.plot.card_pictures`. Default: there are none.
+    dry_run
+        Check the terms and the dataset, and publish nothing.
     overwrite
         Replace files of the same names that were not published by this function.
     progress
@@ -149,10 +153,12 @@ def push(
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
         files = contents(opened, place, [Path(path).expanduser() for path in beside], pictures, reporter)
+        total = sum(file.size for file in files)
+        if dry_run:
+            return Pushed(str(read_at), "", len(files), total, 0, recipe_only)
         reporter.announce(f"publishing {opened.path} at {address}")
         message = f"Publish {opened.info.get('name', 'dataset')} {digits} with dancedata"
         at, uploaded = HubUpload(address, name, private, gated, overwrite).run(files, message, reporter)
-    total = sum(file.size for file in files)
     return Pushed(str(read_at), at.revision, len(files), total, uploaded, recipe_only)
 
 

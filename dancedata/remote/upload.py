@@ -107,7 +107,7 @@ class HubUpload:
         tagged = next((ref.target_commit for ref in refs.tags if ref.name == self.tag), head)
         if tagged != head:
             raise UsageError(f"the repository has the tag {self.tag} for another upload", where=str(self.address),
-                             fix="name another one with --tag")  # fmt: skip
+                             fix="name another: tag=NAME")  # fmt: skip
         return head
 
     def _files(self, api: HfApi, commit: str, paths: Sequence[str]) -> dict[str, Any]:
@@ -198,7 +198,7 @@ class HubUpload:
             api.create_tag(repo, tag=self.tag, revision=commit, repo_type="dataset")
         elif tags[self.tag] != commit:
             raise refused(f"the files are published, but the tag {self.tag} was given to another commit meanwhile",
-                          str(self.address.at(commit)), tags[self.tag], "name another one with --tag")  # fmt: skip
+                          str(self.address.at(commit)), tags[self.tag], "name another: tag=NAME")  # fmt: skip
 
     @contextmanager
     def _client(self) -> Iterator[None]:

@@ -60,7 +60,7 @@ def scaling_of(
         if normalized:
             raise UsageError(
                 "normalised columns need the scaler of a dataset",
-                fix="name it: like=, in a command --like STORE; or scaler=, in a command --scaler FILE",
+                fix="name it: like=, in a command --like DATASET; or scaler=, in a command --scaler FILE",
             )
         return Scaling(None, False)
     if field not in store.fields:

@@ -85,7 +85,7 @@ class Scaling:
             if file:
                 raise UsageError(
                     "the file states that its columns are normalised, and no scaler is named", where=where,
-                    fix="name it: like= or scaler=, in a command --like STORE or --scaler FILE",
+                    fix="name it: like= or scaler=, in a command --like DATASET or --scaler FILE",
                 )  # fmt: skip
             off, limit = _distance(_rows(columns), representation)
             if limit != _UNIT or not off > _DOUBT:  # bones may be those of another body

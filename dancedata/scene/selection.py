@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.sample_id import SampleId
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.terms import OVERRIDE, require_shareable
-from dancedata.core.text import counted, listed
+from dancedata.core.text import counted, listed, shown
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.samples.saved import saved_samples
 from dancedata.scene.comparisons import Comparison, OriginalComparison, comparison_of, file_format
@@ -256,28 +256,33 @@ class ViewSelection:
         about = self.scenes.about()
         return " ".join(filter(None, (about["licence"], about["citation"])))
 
-    def notice(self, *, allowed_by_caller: bool) -> str:
+    def notice(self, rights: str | None) -> str:
         """Return the notice that goes with a copy of the music; UsageError if nothing allows to pass it on."""
         base = self.scenes.scenes if isinstance(self.scenes, Wall) else self.scenes
         if isinstance(base, Scenes):
-            return require_shareable(base.store, allowed_by_caller=allowed_by_caller)
-        if not allowed_by_caller:
-            raise UsageError(
-                "nothing states that this music may be passed on", where=self.request.music,
-                fix=f"leave the music out, or state that you hold the right to share it: {OVERRIDE}",
-            )  # fmt: skip
-        return "Music: included on the statement of the maker of this file that it may be shared."
+            return require_shareable(base.store, rights=rights)
+        if rights is None:
+            raise UsageError("nothing states that this music may be passed on", where=self.request.music,
+                             fix=f"leave the music out, or state your right: {OVERRIDE}")  # fmt: skip
+        return f"Music: included on the statement of the maker of this file that it may be shared: {rights}"
 
-    def shared_music(self, *, allowed_by_caller: bool) -> tuple[AudioSignal, str]:
-        """Return the music of the item, and the notice that goes with a copy of it.
+    def music_to_pass_on(self, rights: str | None, *, silent: bool = False) -> tuple[AudioSignal | None, str, str]:
+        """Return the music of the item, the notice that goes with a copy of it, and a line for the user.
 
-        Raises UsageError: if there is none, or nothing allows to pass it on.
+        Without music, the line says why. Raises UsageError: for `rights` without music.
         """
-        notice = self.notice(allowed_by_caller=allowed_by_caller)
-        if self.sounds is None:
-            raise UsageError("--audio embed needs the music",
-                             fix="name it: --music PATH")  # fmt: skip
-        sound = self.sounds.sound(self.item)
-        if sound is None:
-            raise UsageError("there is no music of this clip", where=self.request.music, found=self.item.name)
-        return sound.signal, notice
+        line = "without music"
+        if not silent and self.sounds is None:
+            line = "no music in it: none is known; --music PATH names it"
+        elif not silent and self.sounds is not None:
+            try:
+                notice = self.notice(rights)
+            except UsageError as error:
+                line = f"no music in it: {error.problem}; {OVERRIDE} states your right"
+            else:
+                if (sound := self.sounds.sound(self.item)) is not None:
+                    return sound.signal, notice, "  with its music"
+                line = f"no music in it: there is none of {shown(self.item.name)}"
+        if rights is not None:
+            raise UsageError("--rights is about music, and there is none", found=line, fix="name it: --music PATH")
+        return None, "", f"  {line}"

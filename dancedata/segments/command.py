@@ -1,4 +1,4 @@
-"""dancedata segments: segments of a dataset, listed, written as files and replaced."""
+"""dancedata info --segments: segments of a dataset, listed, written as files and replaced."""
 
 import os
 import shutil

@@ -122,7 +122,7 @@ def load_description(folder: Path) -> Description:
                 "this publication has a recipe and no data",
                 where=str(folder) if place is None else place.address,
                 fix="build it from your own copy of the source: dancedata build "
-                f"{folder if place is None else place.address} --source DIR --out DIR",
+                f"{folder if place is None else place.address} SOURCE --out DIR",
             ) from error
         raise StoreError("there is no finished dataset", where=str(folder), found=describe_folder(folder),
                          allowed="a folder with dataset.json in it",

@@ -91,13 +91,13 @@ def write_study(
     request: StudyRequest,
     to: Path,
     *,
-    shared: bool = False,
+    rights: str | None = None,
     overwrite: bool = False,
     say: Callable[[str], object] = lambda line: None,
 ) -> tuple[Trial, ...]:
     """Write the page of a study.
 
-    `shared`: The caller states to have the right to pass the music on.
+    `rights`: Why the caller may pass the music on against its licence; it is published in the page.
     `say`: Takes the number of clips that the systems have in common.
     Raises UsageError: if the systems have too few clips in common, there is no music or it may not be passed on, or
         the file exists.
@@ -115,7 +115,7 @@ def write_study(
     first = next(iter(systems))
     songs = {name: items[first].clip.music or name for name, items in clips.items()}
     trials = make_trials(songs, list(systems), songs=request.songs, checks=request.checks, seed=request.seed)
-    notice = views[first].notice(allowed_by_caller=shared)
+    notice = views[first].notice(rights)
     sounds = views[first].sounds
     if sounds is None:
         raise UsageError("a study needs the music", fix="name it: --music PATH")

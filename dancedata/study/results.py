@@ -107,6 +107,21 @@ class Results:
             "strengths": dict(self.strengths), "notes": list(self.notes),
         }  # fmt: skip
 
+    def __str__(self) -> str:
+        lines = [f"study {self.study}: {counted(len(self.participants), 'participant')}"]
+        for p in self.preferences:
+            interval = "" if p.interval is None else f"  ({p.interval.low:.1%} to {p.interval.high:.1%})"
+            of = f"{p.wins} of {counted(p.answers, 'answer')}"
+            lines.append(f"  {p.first} over {p.second}: {p.share:.1%}{interval}, {of}")
+            for name, reasons in p.reasons.items():
+                if reasons:
+                    lines.append(f"    for {name}: " + ", ".join(f"{reason} {n}" for reason, n in reasons.items()))
+        if self.strengths:
+            ranked = sorted(self.strengths.items(), key=lambda item: -item[1])
+            strengths = ", ".join(f"{name} {value:+.2f}" for name, value in ranked)
+            lines.append(f"  Bradley-Terry, log strength: {strengths}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
 
 def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
     """Read files of results, as the page saves them; returns the study's id and the answers.
@@ -174,7 +189,9 @@ def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = Fal
     counting = tuple(rater for rater in raters if rater not in failed)
     if not counting:
         raise UsageError(
-            "every participant failed a check", found=listed(failed), fix="count them all the same: --keep-failed"
+            "every participant failed a check",
+            found=listed(failed),
+            fix="count them all the same: keep_failed=True in Python",
         )
     pairs = [a for a in answers if a.participant in counting and not a.expected]
     notes = []

@@ -167,7 +167,7 @@ def _write(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
     except OSError as error:
         raise SourceError("synthetic: the corpus is generated on first use, but cannot be written here",
                           where=str(folder), found=str(error),
-                          fix="set --source to a writable folder on a disk with enough space") from error  # fmt: skip
+                          fix="set SOURCE to a writable folder on a disk with enough space") from error  # fmt: skip
 
 
 def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
@@ -197,7 +197,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
     """Return whether the complete corpus exists (True) or may be written (False); else SourceError."""
     if folder.exists() and not folder.is_dir():
         raise SourceError(
-            "synthetic: the source is not a folder", where=str(folder), fix="set --source to a new folder"
+            "synthetic: the source is not a folder", where=str(folder), fix="set SOURCE to a new folder"
         )
     names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
     names = [name for name in names if not atomic.is_temporary(name)]
@@ -211,14 +211,14 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
             where=str(folder),
             found=listed(names, 8),
             allowed=f"a new folder, an empty folder, or one with a {MARKER}",
-            fix="set --source to a separate folder",
+            fix="set SOURCE to a separate folder",
         )
     raise SourceError(
         "synthetic: the source folder contains a synthetic corpus with other parameters; nothing was changed",
         where=str(folder / existing),
         found=_marker_text(folder / existing),
         allowed=json.dumps(made_by),
-        fix="use those parameters, delete the folder, or set --source to another one",
+        fix="use those parameters, delete the folder, or set SOURCE to another one",
     )
 
 

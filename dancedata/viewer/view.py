@@ -68,39 +68,39 @@ def export_page(
     request: ViewRequest,
     to: Path,
     *,
-    audio: bool = False,
-    shared: bool = False,
+    silent: bool = False,
+    rights: str | None = None,
     overwrite: bool = False,
     say: Callable[[str], None] = print,
 ) -> Path:
     """Write one clip as a separate page, which works from a file, without a network.
 
-    `audio`: Whether its music goes into the page; the licence of the dataset has to allow that.
-    `shared`: The caller states to have the right to pass the music on.
-    `say`: Takes the name of the clip, where the request names none of several.
-    Raises UsageError: if the file exists or is inside the dataset, or the licence does not allow the music; for a
-        body model.
+    Its music goes into the page if the licence of the dataset allows that.
+
+    `silent`: Leave the music out.
+    `rights`: Why the caller may pass the music on against its licence; it is published in the page.
+    `say`: Takes what the page holds.
+    Raises UsageError: if the file exists or is inside the dataset; for `rights` without music, and a body model.
     Raises StoreError: if it cannot be written.
     """
     if to.suffix.lower() in (".mp4", ".mov", ".webm", ".gif"):
-        raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --video FILE.mp4")
+        raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --out FILE.mp4")
     if request.body_model is not None:
         raise UsageError(
             "a page that is passed on does not hold a body model: the licences of SMPL, SMPL-H and SMPL-X forbid it",
-            where=request.body_model, found="--body-model with --export",
-            fix="leave it out: the page draws a body of its own; or write a video of the model: --video FILE.mp4",
+            where=request.body_model, found="--body-model with a page",
+            fix="leave it out: the page draws a body of its own; or write a video of the model: --out FILE.mp4",
         )  # fmt: skip
     to = require_free(to, [request.path], "page", overwrite=overwrite)
     opened = ViewSelection.of(request)
     for line in opened.matched:
         say(f"  {line}")
-    sound = None
-    if audio:
-        signal, notice = opened.shared_music(allowed_by_caller=shared)
-        sound = PageSound({0: opus(signal)}, notice)
+    signal, notice, line = opened.music_to_pass_on(rights, silent=silent)
+    sound = None if signal is None else PageSound({0: opus(signal)}, notice)
     address = opened.address if "&" in opened.address else ""  # the only item is shown without one
     page = clip_page(opened.scenes, [opened.item], sound=sound, comparisons=opened.comparisons, address=address)
     save_page(to, page)
+    say(line)
     n = len(opened.scenes.items)
     if n > 1 and not request.clip:
         say(f"  of {n} it shows {shown(opened.item.name)}; for another, give its name after the dataset")

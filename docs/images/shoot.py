@@ -210,7 +210,7 @@ def study(camera: Camera, data: Data, theme: str) -> Image.Image:
     smoothed(data, FLAGGED)
     folder = smoothed(data, LONG)
     systems = {"truth": ViewRequest(data.real, music=data.real_source), "smoothed": ViewRequest(folder, fps="30")}
-    write_study(StudyRequest(systems, songs=2, checks=0), page, shared=True, overwrite=True)
+    write_study(StudyRequest(systems, songs=2, checks=0), page, rights="the demo's own", overwrite=True)
     camera.size(1280, 800)
     camera.theme(theme)
     camera.open(page.as_uri(), "return document.readyState === 'complete'")

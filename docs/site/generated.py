@@ -162,9 +162,24 @@ def exports() -> str:
     return table(("target", "key: default", ""), _keys(EXPORTS))
 
 
+def commands() -> str:
+    """Return what `--help` prints of every command."""
+    from typer.main import get_command
+
+    from dancedata.cli.app import app
+    from dancedata.cli.help import help_text
+
+    group: Any = get_command(app)
+    texts = []
+    for name, command in group.commands.items():
+        context = command.make_context(name, [], resilient_parsing=True)
+        texts.append(f"## {name}\n\n```text\n{help_text(context, command, full=True)}\n```\n")
+    return "\n".join(texts)
+
+
 #: What a place in a page gets, by its name.
 TABLES: dict[str, Callable[[], str]] = {
-    "representations": representations, "features": features, "protocols": protocols,
+    "representations": representations, "features": features, "protocols": protocols, "commands": commands,
     "exports": exports, "plugins": plugins, "recipes": recipes,
 }  # fmt: skip
 

@@ -52,4 +52,4 @@ def write_clip(site: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         demo, source = Path(folder) / "demo", Path(folder) / "demo-source"
         dancedata.build("demo", out=demo, jobs=1, progress=False)
-        export_page(ViewRequest(demo, clip=CLIP, music=source), site / "clip.html", audio=True, overwrite=True)
+        export_page(ViewRequest(demo, clip=CLIP, music=source), site / "clip.html", overwrite=True)

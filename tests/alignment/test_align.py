@@ -105,7 +105,7 @@ def test_a_manifest_with_the_seconds_of_the_table_has_no_offset_left(
     planted: Path, cache: Path, tmp_path: Path
 ) -> None:
     table = tmp_path / "offsets.csv"
-    run("align", planted, "--dataset", "folder", "--cache", cache, "--out", table, "-q")
+    run("check", "--offsets", planted, "--recipe", "folder", "--cache", cache, "--out", table, "-q")
     rows = {row["id"]: row for row in csv.DictReader(table.read_text().splitlines())}
     assert rows[WRONG]["audio_start_s"] == ""
     source = tmp_path / "source"
@@ -127,7 +127,7 @@ def test_negative_offsets_are_numbers_in_the_table() -> None:
 
 
 def test_json_has_all_numbers(planted: Path, cache: Path) -> None:
-    document = as_json("align", planted, "--dataset", "folder", "--cache", cache)
+    document = as_json("check", "--offsets", planted, "--recipe", "folder", "--cache", cache)
     assert document["known"] == 4
     unit = next(unit for unit in document["units"] if unit["name"] == "gLO_sBM_cAll_d13_mLO2_ch01")
     assert unit["curves"].keys() == {"body", "hands", "root", "steps"}
@@ -136,7 +136,7 @@ def test_json_has_all_numbers(planted: Path, cache: Path) -> None:
     ]
     assert float(Fraction(unit["clips"][0]["audio_start_s"])) == pytest.approx(0.08, abs=FRAME_S)
     assert document["shared_s"] is None  # of four
-    other = as_json("align", planted, "--dataset", "folder", "--cache", cache, "--seed", 1)
+    other = align(planted, dataset="folder", cache=cache, seed=1, progress=False).to_json()
     assert [u["offset_s"] for u in other["units"]] == [u["offset_s"] for u in document["units"]]
     assert [u["width_s"] for u in other["units"]] != [u["width_s"] for u in document["units"]]
 
@@ -145,13 +145,16 @@ def test_json_has_all_numbers(planted: Path, cache: Path) -> None:
 @pytest.mark.parametrize("kernel", ["Haswell", "Sandybridge"])
 def test_other_kernels_and_workers_find_the_same(planted: Path, tmp_path: Path, cache: Path, kernel: str) -> None:
     command = [
-        sys.executable, "-m", "dancedata", "align", str(planted), "--dataset", "folder", "--json", "--jobs", "2",
+        sys.executable, "-m", "dancedata", "check", "--offsets", str(planted), "--recipe", "folder", "--json",
+        "--jobs", "2",
     ]  # fmt: skip
     environment = {**os.environ, "OPENBLAS_CORETYPE": kernel}
     other = subprocess.run(
         [*command, "--cache", str(tmp_path)], env=environment, capture_output=True, check=True, text=True
     )
-    assert json.loads(other.stdout) == as_json("align", planted, "--dataset", "folder", "--cache", cache)
+    assert json.loads(other.stdout)["result"] == as_json(
+        "check", "--offsets", planted, "--recipe", "folder", "--cache", cache
+    )
 
 
 def test_parts_of_a_file_are_one_recording(planted: Path, tmp_path: Path, cache: Path) -> None:

@@ -150,20 +150,18 @@ def test_a_model_is_fetched_without_code_and_pickles(hub: Hub, tmp_path: Path) -
     assert (made.source, made.revision) == (NAME, COMMIT)
 
 
-def test_pickles_are_fetched_on_request_if_nothing_else_exists(hub: Hub, tmp_path: Path) -> None:
-    found = fetch_model(NAME, COMMIT, tmp_path / "one", pickles=True, endpoint=hub.url)
+def test_pickles_are_fetched_if_nothing_else_exists(hub: Hub, tmp_path: Path) -> None:
+    found = fetch_model(NAME, COMMIT, tmp_path / "one", endpoint=hub.url)
     assert "pytorch_model.bin" not in found.files
     del hub.announced["model.safetensors"]
-    with raises_message(UsageError, "safetensors", where="someone/tiny-model"):
-        fetch_model(NAME, COMMIT, tmp_path / "two", endpoint=hub.url)
-    found = fetch_model(NAME, COMMIT, tmp_path / "two", pickles=True, endpoint=hub.url)
+    found = fetch_model(NAME, COMMIT, tmp_path / "two", endpoint=hub.url)
     assert "pytorch_model.bin" in found.files
     assert not {"training_args.bin", "modeling_tiny.py"} & set(found.files)
 
 
 @pytest.mark.parametrize("revision", [None, "main", COMMIT[:12]])
 def test_a_revision_is_a_commit(hub: Hub, tmp_path: Path, revision: str | None) -> None:
-    with raises_message(UsageError, "--revision", where="someone/tiny-model"):
+    with raises_message(UsageError, f"{NAME}@{COMMIT}", where="someone/tiny-model"):
         fetch_model(NAME, revision, tmp_path / "tiny", endpoint=hub.url)
     assert not (tmp_path / "tiny").exists()
 
@@ -258,14 +256,14 @@ def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     address = hub.url + "/{repo_id}/resolve/{revision}/{filename}"
     monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", address)
     out = tmp_path / "tiny"
-    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--out", str(out)])
+    result = CliRunner().invoke(app, ["pull", f"hf://{NAME}", "--out", str(out)])
     assert result.exit_code == 2
-    assert f"--revision {COMMIT}" in result.output
-    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(out)])
+    assert f"{NAME}@{COMMIT}" in result.output
+    result = CliRunner().invoke(app, ["pull", f"hf://{NAME}@{COMMIT}", "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert "licence of the weights: cc-by-nc-4.0" in result.output
     assert "modeling_tiny.py, pytorch_model.bin" in result.output
     assert r"a\x1b[2Jb\ud800" in result.output
     other = tmp_path / "other"
-    result = CliRunner().invoke(app, ["hf", "fetch", NAME, "--revision", COMMIT, "--out", str(other), "--json"])
-    assert json.loads(result.stdout)["path"] == str(other)
+    result = CliRunner().invoke(app, ["pull", f"hf://{NAME}@{COMMIT}", "--out", str(other), "--json"])
+    assert json.loads(result.stdout)["result"]["path"] == str(other)

@@ -252,13 +252,13 @@ def test_quality_of_a_source_a_dataset_and_a_motion(source: Path, plain: Store, 
         source, recipe={**DOCUMENT, "transforms": [{"repair": {"spikes": True, "floor": True}}]}, progress=False
     )
     assert [c.clip for c in repaired.clips if any(map(c.above, MEASURES))] == ["held"]
-    text = run("quality", plain.path, "--out", tmp_path / "q.csv").output
+    text = run("check", "--faults", plain.path, "--out", tmp_path / "q.csv").output
     assert "spikes 0.2" in text
     assert "4 clips" in text
     lines = (tmp_path / "q.csv").read_text().splitlines()
     assert lines[0].startswith("clip,score,value")
     assert any(line.startswith("spike,spikes,") and line.endswith("pelvis") for line in lines)
-    document = as_json("quality", plain.path)
+    document = as_json("check", "--faults", plain.path)
     assert document["scores"]["spikes"]["losses"]["0.15"] == 1
     assert document["clips"][3]["scores"]["spikes"]["spans"][0]["joint"] == "pelvis"
     opened = quality.quality(plain, progress=False)

@@ -50,8 +50,8 @@ def test_flags_summary_plan_and_check(source: Path, tmp_path: Path) -> None:
     mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
     body = BODY.replace("0.0165", "0.162")
     common = ("--cache", tmp_path / "cache", "-q")
-    planned = run("plan", mine, "--source", source, *common).output
-    built = run("build", mine, "--source", source, "--out", out, "--jobs", 1, *common).output
+    planned = run("build", "--dry-run", mine, source, *common).output
+    built = run("build", mine, source, "--out", out, "--jobs", 1, *common).output
     for text in (planned, built):
         assert "implausible: 2 clips; correct the unit that was declared" in text
         assert f"own: implausible_body: {body}" in text
@@ -100,7 +100,7 @@ def test_a_plausible_unit_says_nothing(source: Path, tmp_path: Path) -> None:
     lines = ["motion,unit", "own.bvh,cm", "smpl.npz,m"]
     (source / "manifest.csv").write_text("\n".join(lines))
     mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
-    built = as_json("build", mine, "--source", source, "--out", out, "--cache", tmp_path / "cache", "--strict")
+    built = as_json("build", mine, source, "--out", out, "--cache", tmp_path / "cache", "--strict")
     assert built["quality_flags"] == 0
     for args in (("info", out), ("check", out), ("check", source, "--recipe", mine, "-q")):
         assert "implausible" not in run(*args).output
@@ -114,7 +114,7 @@ def test_many_clips_are_counted(tmp_path: Path) -> None:
         for k in range(6):
             np.savez(source / f"take{k}.npz", poses=arrays["poses"], trans=arrays["trans"] + k)
     mine = recipe(tmp_path, "cm")
-    text = run("plan", mine, "--source", source, "--cache", tmp_path / "cache", "-q").output
+    text = run("build", "--dry-run", mine, source, "--cache", tmp_path / "cache", "-q").output
     assert "implausible: 6 clips" in text
     assert text.count("implausible_root") == 3
     assert "... 3 more" in text

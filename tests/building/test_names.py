@@ -90,7 +90,7 @@ def test_names_that_are_not_text_are_rejected(
         shutil.copy(source / "music" / "fast.wav", beside(source / "music" / "x", name + b".wav"))
     beside(good, b"\xffolder").mkdir()
     beside(source / "x", b"note\xff.txt").touch()
-    text = run("build", recipe, "--source", source, "--out", out, "--jobs", 1)
+    text = run("build", recipe, source, "--out", out, "--jobs", 1)
     with dancedata.open(out) as ds:
         assert [clip.id for clip in ds] == ["smpl"]
     found = {(r["reason"], r.get("clip"), r.get("file")) for r in rejects(out)}
@@ -101,11 +101,11 @@ def test_names_that_are_not_text_are_rejected(
     }
     assert r"bad_name: 5 (" in text
     # A second run knows it all, and the other commands show it.
-    assert "nothing to do" in run("build", recipe, "--source", source, "--out", out, "--jobs", 1)
+    assert "nothing to do" in run("build", recipe, source, "--out", out, "--jobs", 1)
     for path in (out, source):
         run("check", path, *(() if path == out else ("--recipe", recipe)), fails=path == source)
-    assert json.loads(run("info", out, "--json"))["rejects"]["bad_name"] == 5
-    strict = run("build", recipe, "--source", source, "--out", out.parent / "strict", "--strict", fails=True)
+    assert json.loads(run("info", out, "--json"))["result"]["rejects"]["bad_name"] == 5
+    strict = run("build", recipe, source, "--out", out.parent / "strict", "--strict", fails=True)
     assert "5 broken clips" in strict
 
 
@@ -117,21 +117,21 @@ def test_folders_whose_names_are_not_text(
     source = make_source(b"so\xffurce")
     out, cache = beside(tmp_path / "x", b"o\xffut"), beside(tmp_path / "x", b"c\xffache")
     common = ("--cache", cache, "--jobs", jobs)
-    text = run("build", recipe, "--source", source, "--out", out, *common)
+    text = run("build", recipe, source, "--out", out, *common)
     assert r"so\udcffurce" in text
     assert r"o\udcffut" in run("info", out, "--clips")
-    run("plan", recipe, "--source", source, "--cache", cache)
-    run("cache", "info", "--cache", cache)
+    run("build", "--dry-run", recipe, source, "--cache", cache)
+    run("cache", "--cache", cache)
     plain = shutil.copytree(source, tmp_path / "plain")
-    run("build", recipe, "--source", plain, "--out", tmp_path / "out", *common)
-    assert "the same data" in run("diff", out, tmp_path / "out")
+    run("build", recipe, plain, "--out", tmp_path / "out", *common)
+    assert "the same data" in run("check", out, "--same-as", tmp_path / "out")
 
 
 def test_a_cache_in_a_folder_with_an_umlaut(run: Run, make_source: Source, recipe: Path, tmp_path: Path) -> None:
     """joblib takes names of ASCII letters only."""
     source = make_source(b"source")
     shutil.copy(source / "motions" / "smpl.npz", source / "motions" / "two.npz")
-    run("build", recipe, "--source", source, "--out", tmp_path / "out", "--cache", tmp_path / "für", "--jobs", 2)
+    run("build", recipe, source, "--out", tmp_path / "out", "--cache", tmp_path / "für", "--jobs", 2)
 
 
 def test_half_a_character_in_a_pickle(
@@ -139,7 +139,7 @@ def test_half_a_character_in_a_pickle(
 ) -> None:
     source = make_source(b"source")
     (source / "motions" / "half.pkl").write_bytes(HALF_A_CHARACTER)
-    run("build", recipe, "--source", source, "--out", out, "--jobs", 1)
+    run("build", recipe, source, "--out", out, "--jobs", 1)
     (reject,) = (r for r in rejects(out) if r["reason"] == "unsafe_pickle")
     assert reject["clip"] == "half"
     assert r"\ud800.\ud800" in reject["detail"]
@@ -152,12 +152,12 @@ def test_control_characters_in_lists_of_names(run: Run, corpus: Path, tmp_path: 
     names = sorted(path.stem for path in (source / "motions").iterdir())
     train = "\n".join([*names, "\x1b[2J\x07", "gone\x9b1m"])
     (source / "splits" / "crossmodal_train.txt").write_text(train, encoding="utf-8")
-    text = run("build", "aist++", "--source", source, "--out", out, "--set", "audio={}", "--jobs", 1)
+    text = run("build", "aist++", source, "--out", out, "--set", "audio={}", "--jobs", 1)
     assert r"\x1b[2J\x07" in text
     run("info", out)
-    run("check", source, "--dataset", "aist++")
+    run("check", source, "--recipe", "aist++")
     (source / "splits" / "crossmodal_val.txt").write_text("gone\x9b1m", encoding="utf-8")
-    text = run("build", "aist++", "--source", source, "--out", out.parent / "two", fails=True)
+    text = run("build", "aist++", source, "--out", out.parent / "two", fails=True)
     assert r"sequence gone\x9b1m is in two splits" in text
 
 

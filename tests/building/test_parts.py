@@ -78,6 +78,6 @@ def test_broken_clips_are_counted_and_stop_a_strict_part(source: Path, tmp_path:
 
 
 def test_the_command_prints_json(corpus: Path, cache: Path, out: Path):
-    about = as_json("build", "aist++", "--source", corpus, "--out", out, "--jobs", 1, "--part", "1/2")
+    about = as_json("build", "aist++", corpus, "--out", out, "--jobs", 1, "--part", "1/2")
     assert about == {"part": "1/2", "clips": 2, "clips_in_all": 4, "songs": 1, "left_out": {}}
     assert not out.exists()

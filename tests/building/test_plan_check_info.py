@@ -36,9 +36,9 @@ def worn(source: Path) -> Path:
 
 @pytest.mark.parametrize("scope", RECIPES)
 def test_a_plan_counts_the_units_of_a_build(worn: Path, out: Path, scope: str):
-    plan = as_json("plan", RECIPES[scope], "--source", worn, "--out", out)
+    plan = as_json("build", "--dry-run", RECIPES[scope], worn, "--out", out)
     assert not out.exists()
-    built = as_json("build", RECIPES[scope], "--source", worn, "--out", out, "--jobs", 1)
+    built = as_json("build", RECIPES[scope], worn, "--out", out, "--jobs", 1)
     assert plan["left_out"] == built["rejects"]
     assert plan["left_out"].keys() >= {"broken_file", "no_audio"}
     assert plan["splits"].keys() == built["splits"].keys()
@@ -64,8 +64,8 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
     (source / "wavs" / "mPO0.wav").write_bytes(b"")
     with (source / "splits" / "crossmodal_train.txt").open("a") as names:
         names.write("gPO_sBM_cAll_d10_mPO0_ch01\n")
-    plan = as_json("plan", RECIPES[scope], "--source", source, "--out", out)
-    built = as_json("build", RECIPES[scope], "--source", source, "--out", out, "--jobs", 1)
+    plan = as_json("build", "--dry-run", RECIPES[scope], source, "--out", out)
+    built = as_json("build", RECIPES[scope], source, "--out", out, "--jobs", 1)
     assert (plan["left_out"] == built["rejects"] == {
         "broken_audio": 1, "broken_file": 1, "short_audio": 2, "too_short": 1,
     })  # fmt: skip
@@ -73,10 +73,12 @@ def test_a_plan_gives_the_reasons_that_a_build_gives(source: Path, out: Path, sc
 
 @pytest.mark.parametrize("scope", ["track"])
 def test_a_plan_shows_cached_units(corpus: Path, out: Path, tmp_path: Path, scope: str):
-    where = ("--source", corpus, "--out", out, "--cache", tmp_path / "cache")
+    where = (corpus, "--out", out, "--cache", tmp_path / "cache")
 
     def cached(*overrides: str) -> dict[str, list[int]]:
-        held = as_json("plan", RECIPES[scope], *where, *(word for o in overrides for word in ("--set", o)))["cached"]
+        held = as_json(
+            "build", "--dry-run", RECIPES[scope], *where, *(word for o in overrides for word in ("--set", o))
+        )["cached"]
         assert held["librosa35"]["unit"] == {"track": "songs", "window": "windows"}[scope]
         return {name: [units["cached"], units["of"]] for name, units in held.items()}
 
@@ -91,35 +93,16 @@ def test_a_plan_shows_cached_units(corpus: Path, out: Path, tmp_path: Path, scop
     assert cached("motion.edge151.contacts.velocity.max_speed_m_s=1")["edge151"] == [0, 4]
     next((tmp_path / "cache" / "features").rglob("*.npy")).unlink()
     assert cached()["librosa35"] == [computed - 1, computed]
-    output = run("plan", RECIPES[scope], *where).stdout
+    output = run("build", "--dry-run", RECIPES[scope], *where).stdout
     assert "edge151: 151 columns, float32; in the cache: 4 of 4 clips" in output
 
 
 def test_a_plan_changes_no_existing_dataset(corpus: Path, built_copy: Path, hashes: Callable[[Path], Any]):
     before = hashes(built_copy)
-    text = run("plan", "aist++", "--source", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout
+    text = run("build", "--dry-run", "aist++", corpus, "--out", built_copy, "--set", "windows.stride_s=1").stdout
     assert "train" in text
     assert "every 30" in text
     assert hashes(built_copy) == before
-
-
-# build: exit codes
-
-
-@pytest.mark.parametrize(("code", "args", "named"), [
-    (2, "build aist++", "--source"), (2, "build aist++ --source . --set windows.strid_s=1", "stride_s"),
-    (2, "features song.wav --out x", "song.wav"),
-    (2, "plan demo --set rules={movement:{}}", "rules.movement.field"),
-    (2, "build aist++ --source . --jobs 0", "--jobs"), (2, "dance", "dance"),
-    (1, "build aist++ --source nowhere --out x", "nowhere"), (1, "plan aist++ --source nowhere", "nowhere"),
-    (1, "check nowhere", "nowhere"), (1, "info nowhere", "nowhere"), (1, "quality nowhere", "nowhere"),
-])  # fmt: skip
-def test_wrong_usage_ends_with_2_and_a_problem_in_the_data_with_1(
-    code: int, args: str, named: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.chdir(tmp_path)
-    assert named in run(*args.split(), code=code).stderr
-    assert list(tmp_path.iterdir()) == []
 
 
 # check
@@ -129,7 +112,6 @@ def test_a_damaged_dataset_does_not_check(built_copy: Path):
     assert "0 errors" in run("check", built_copy).stdout
     (built_copy / "stats.json").write_text("{}")
     found = as_json("check", built_copy, code=1)
-    assert not found["ok"]
     (where,) = (p["where"] for p in found["problems"] if p["severity"] == "error")
     assert Path(where).name == "stats.json"
 
@@ -147,10 +129,10 @@ def test_a_source_with_broken_files_does_not_check(worn: Path):
 def test_a_check_makes_no_corpus(corpus: Path, tmp_path: Path):
     (tmp_path / "empty").mkdir()
     for name in DATASETS.names():
-        run("check", tmp_path / "empty", "--dataset", name, code=1)
-        run("check", tmp_path / "missing", "--dataset", name, code=1)
+        run("check", tmp_path / "empty", "--recipe", name, code=1)
+        run("check", tmp_path / "missing", "--recipe", name, code=1)
     assert [p.name for p in tmp_path.rglob("*")] == ["empty"]
-    assert as_json("check", corpus, "--dataset", "aist++")["ok"] is True
+    run("check", corpus, "--recipe", "aist++")
 
 
 def test_a_source_is_checked_as_a_recipe_reads_it(tmp_path: Path):
@@ -163,7 +145,7 @@ def test_a_source_is_checked_as_a_recipe_reads_it(tmp_path: Path):
     recipe.write_text(
         "{recipe: 1, name: own, dataset: {folder: {unit: cm}}, windows: {length_s: 2, stride_s: 1}, motion: edge151}"
     )
-    assert "undeclared" in run("check", source, "--dataset", "folder", code=1).stdout
+    assert "undeclared" in run("check", source, "--recipe", "folder", code=1).stdout
     assert "cm (declared in the recipe)" in run("check", source, "--recipe", recipe).stdout
     again = run("check", source, "--recipe", recipe, "--set", "dataset.folder.unit=inch").stdout
     assert "inch (declared in the recipe)" in again
@@ -177,7 +159,7 @@ def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: P
     shutil.copy(example / "motions" / "amass_poses.npz", source / "motions" / "one.npz")
     for name in ("one", *(f"spare{number}" for number in range(5))):
         shutil.copy(example / "music" / "slow.wav", source / "music" / f"{name}.wav")
-    text = run("check", source, "--dataset", "folder").stdout
+    text = run("check", source, "--recipe", "folder").stdout
     notes = DATASETS.get("folder")().scan(source).notes
     assert all(note in text for note in notes)
     assert text.count("spare") == 3
@@ -207,8 +189,8 @@ def test_info_shows_the_content(built: Path):
 
 
 def test_list_names_every_recipe_and_plugin():
-    found = as_json("list")
-    assert found["recipes"].keys() == set(recipe_names())
+    assert as_json("info", "recipes")["recipes"].keys() == set(recipe_names())
+    found = as_json("info", "plugins")
     for kind, registry in {
         "datasets": DATASETS,
         "representations": REPRESENTATIONS,
@@ -217,7 +199,7 @@ def test_list_names_every_recipe_and_plugin():
     }.items():
         assert tuple(found[kind]) == registry.names()
         assert all(entry["about"] for entry in found[kind].values())
-    text = run("list").stdout
+    text = run("info", "plugins").stdout
     assert all(name in text for kind in found.values() for name in kind)
 
 
@@ -228,7 +210,7 @@ def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
     song = tmp_path / "my söng 2.flac"
     samples, rate = soundfile.read(corpus / "wavs" / "mHO3.wav")
     soundfile.write(song, samples, rate)
-    (about,) = as_json("features", song, "--out", tmp_path / "features")
+    (about,) = as_json("features", song, "--out", tmp_path / "features")["songs"]
     rows = np.load(tmp_path / "features" / "my söng 2.librosa35.npy")
     assert np.array_equal(rows, dancedata.features(song, "librosa35"))
     assert (about["window_starts"], about["fps"], about["shape"]) == (None, "30", list(rows.shape))
@@ -245,7 +227,7 @@ def test_features_like_a_dataset_are_the_rows_that_it_holds(
         clips = [clip for clip in ds if TRAIN in (clip.id, clip.slice_of)]
         bpm = clips[0].tempo_bpm
         args = ("features", corpus / "wavs" / "mHO3.wav", "--out", tmp_path, "--like", built_in[scope], "--bpm", bpm)
-        (about,) = as_json(*args)
+        (about,) = as_json(*args)["songs"]
         rows = np.load(tmp_path / about["file"])
         assert (about["window_starts"] is None) == (scope == "track")
         windows = [(clip.slice_start, window) for clip in clips for window in ds[clip.id].windows()]
@@ -255,7 +237,7 @@ def test_features_like_a_dataset_are_the_rows_that_it_holds(
             assert np.array_equal(ds.read(window, "librosa35"), rows[first // 15] if scope == "window" else of_song)
     if scope == "window":
         assert about["window_starts"][:3] == [0, 15, 30]
-    (slow,) = as_json(*args[:-1], 30)
+    (slow,) = as_json(*args[:-1], 30)["songs"]
     assert not np.array_equal(np.load(tmp_path / slow["file"]), rows), "the tempo counts"
 
 

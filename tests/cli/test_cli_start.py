@@ -9,7 +9,7 @@ import pytest
 
 from dancedata.building.compute import in_cache
 from dancedata.building.signals import SignalId, identify_audio
-from dancedata.cli import options
+from dancedata.cli import command
 from dancedata.cli.app import app
 from dancedata.execution.cache import Cache
 from dancedata.recipes.parse import load_recipe
@@ -39,7 +39,7 @@ def test_importing_the_package_is_light():
     assert imported("-c", "import dancedata") & (LATER | {"pydantic", "typer"}) == set()
 
 
-@pytest.mark.parametrize("args", [["--help"], ["build", "--help"], ["cache", "info", "--help"], ["--version"]])
+@pytest.mark.parametrize("args", [["--help"], ["build", "--help"], ["cache", "-h"], ["--version"]])
 def test_help_is_light(args: list[str]):
     # pydantic would be loaded by typer, for a flag that is None where it is not given.
     assert imported("-m", "dancedata", *args) & (LATER | {"pydantic"}) <= {"rich"}
@@ -52,14 +52,14 @@ def test_reading_is_light():
 
 def test_listing_is_light():
     """It shows the fields of plug-ins' classes: these need numpy, and nothing that reads, computes or writes."""
-    code = "from dancedata.cli.plugins import *; assert 'edge151' in describe_catalogue(catalogue())"
+    code = "from dancedata.cli.plugins import *; assert 'edge151' in str(describe_catalogue(catalogue('plugins')))"
     names = modules("-c", code)
     assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "pydantic", "typer", "rich"}) == set()
     rooms = {name.split(".")[1] for name in names if name.startswith("dancedata.")}
     assert rooms & {"store", "readers", "testing"} == set()
     assert "dancedata.building.build" not in names
-    names = modules("-m", "dancedata", "list")
-    assert {name.split(".")[0] for name in names} & (HEAVY | {"h5py", "joblib", "rich", "pydantic"}) == set()
+    names = modules("-m", "dancedata", "info", "plugins")
+    assert {name.split(".")[0] for name in names} & (HEAVY | {"joblib", "rich"}) == set()
     rest = {name for name in names if name.startswith("dancedata.audio.hf.families")}
     assert names & rest == set()
 
@@ -75,10 +75,9 @@ def test_a_recipe_loads_its_own_plug_ins():
 
 
 def test_every_command_chooses_how_results_are_computed():
-    """Before it begins: see `errors_to_exit_codes`."""
-    groups = [app, *(group.typer_instance for group in app.registered_groups)]
-    for command in (command for group in groups for command in group.registered_commands):  # type: ignore[union-attr]
-        assert command.callback.__code__.co_filename == options.__file__, command.name  # type: ignore[union-attr]
+    """Before it begins: see `command.command`."""
+    for one in app.registered_commands:
+        assert one.callback.__code__.co_filename == command.__file__, one.name  # type: ignore[union-attr]
 
 
 RUN = """
@@ -135,7 +134,7 @@ def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path
         commands = [Path(f"/proc/{child}/cmdline").read_bytes() for child in children]
         assert not [command for command in commands if b"popen_loky" in command], commands
     """
-    command = ["build", "aist++", "--set", "audio={}", "--jobs", "2", "--source", str(corpus), "--quiet"]
+    command = ["build", "aist++", "--set", "audio={}", "--jobs", "2", str(corpus), "--quiet"]
     # A separate cache: from a full one no worker is started.
     command += ["--out", str(tmp_path / "out"), "--cache", str(tmp_path / "cache")]
     subprocess.run([sys.executable, "-c", code, *command], check=True)
@@ -145,7 +144,7 @@ def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path
 def test_a_command_runs_without_standard_streams(corpus: Path, cache: Path, tmp_path: Path, closed: tuple[int, ...]):
     """As under some schedulers. A file of the dataset must not get a stream's number."""
     command = [sys.executable, "-m", "dancedata", "build", "aist++", "--set", "audio={}", "--jobs", "1"]
-    command += ["--source", str(corpus), "--out", str(tmp_path / "out"), "--cache", str(cache)]
+    command += [str(corpus), "--out", str(tmp_path / "out"), "--cache", str(cache)]
     redirections = " ".join(f"{number}>&-" for number in closed)
     done = subprocess.run(["sh", "-c", f'exec "$@" {redirections}', "sh", *command], check=False, capture_output=True)
     assert done.returncode == 0

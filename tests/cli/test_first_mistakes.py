@@ -22,7 +22,7 @@ from dancedata.core.hashing import self_hash
 from dancedata.core.registry import DATASETS
 from dancedata.music.signal import load_audio
 from dancedata.store import Store
-from tests.commands import run
+from tests.commands import as_json, run
 from tests.conftest import Once
 
 
@@ -40,7 +40,7 @@ ALL = ("--set", "dataset.aist++.split=all")
 
 def test_a_build_without_music_names_the_folders_and_the_fix(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
-    output = run("build", "aist++", "--source", larger, "--out", out, *ALL, code=1).stderr
+    output = run("build", "aist++", larger, "--out", out, *ALL, code=1).stderr
     lines = output.splitlines()
     (counts,) = [number for number, line in enumerate(lines) if line == "  - missing_music: 8 clips"]
     assert lines[counts + 1 : counts + 3] == [
@@ -62,7 +62,7 @@ def test_important_problems_come_first_and_missing_motion_last(larger: Path, out
     (larger / "ignore_list.txt").write_text("gHO_sBM_cAll_d19_mHO3_ch03\n")
     (larger / "wavs" / "notes.txt").write_text("mine")
     (larger / "motions" / "gBR_sBM_cAll_d04_mBR0_ch01.pkl").write_bytes(b"")
-    lines = run("build", "aist++", "--source", larger, "--out", out).stdout.splitlines()
+    lines = run("build", "aist++", larger, "--out", out).stdout.splitlines()
     reasons = [line.split(":")[0].strip() for line in lines if line.startswith("    ") and line[4] != " "]
     assert reasons == ["missing_music", "broken_file", "ignored", "extra_file", "missing_motion"]
     assert "      song mHO3 is missing: 3 clips" in lines
@@ -85,9 +85,8 @@ def test_many_songs_are_summed_up():
 
 def test_broken_files_are_reported_in_plan_and_summary(larger: Path, out: Path):
     (larger / "wavs" / "mHO3.wav").write_text("no music")
-    for args in (["plan"], ["build", "--out", out]):
-        output = run(args[0], "aist++", "--source", larger, *args[1:], *ALL).stdout
-        start = {"plan": "  would leave out: ", "build": "    "}[args[0]]
+    for args, start in ((["--dry-run"], "  would leave out: "), (["--out", out], "    ")):
+        output = run("build", "aist++", larger, *args, *ALL).stdout
         (line,) = [line for line in output.splitlines() if line.startswith(f"{start}broken_audio: 4 (")]
         assert "and 1 more): wavs/mHO3.wav: the audio file cannot be decoded" in line
 
@@ -95,43 +94,43 @@ def test_broken_files_are_reported_in_plan_and_summary(larger: Path, out: Path):
 def test_audio_features_of_clips_without_music(larger: Path, out: Path):
     shutil.rmtree(larger / "wavs")
     without = [*ALL, "--set", "dataset.aist++.music=optional"]
-    for args in (["plan"], ["build", "--out", out]):
-        output = run(args[0], "aist++", "--source", larger, *args[1:], *without, "--quiet", code=1).stderr
+    for args in (["--dry-run"], ["--out", out]):
+        output = run("build", "aist++", larger, *args, *without, "--quiet", code=1).stderr
         assert "--set 'audio={}'; or leave these clips out: --set dataset.aist++.music=required" in output
-    run("build", "aist++", "--source", larger, "--out", out, *without, "--set", "audio={}")
+    run("build", "aist++", larger, "--out", out, *without, "--set", "audio={}")
 
 
 def test_the_command_that_lists_every_file_can_be_copied(larger: Path, tmp_path: Path):
     source = tmp_path / "my dances"
     shutil.move(larger, source)
     shutil.rmtree(source / "wavs")
-    last = run("plan", "aist++", "--source", source, *ALL, code=1).stderr.splitlines()[-1]
-    assert last == f"See every file: dancedata check '{source}' --dataset aist++"
+    last = run("build", "--dry-run", "aist++", source, *ALL, code=1).stderr.splitlines()[-1]
+    assert last == f"See every file: dancedata check '{source}' --recipe aist++"
     assert run(*shlex.split(last)[4:], code=1).stdout.count("missing_music") >= 8
 
 
 def test_plan_names_weights_that_a_build_will_miss(larger: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("torch")
     monkeypatch.delenv("DANCEDATA_JUKEBOX", raising=False)
-    output = run("plan", "aist++", "--source", larger, *ALL, "--set", "audio=jukebox").stdout
+    output = run("build", "--dry-run", "aist++", larger, *ALL, "--set", "audio=jukebox").stdout
     assert "note: a build here ends with: jukebox: the folder of the weights is unknown" in output
     network = "audio={beats: {source: beat_this, weights: none.ckpt}}"
-    output = run("plan", "aist++", "--source", larger, *ALL, "--set", network).stdout
+    output = run("build", "--dry-run", "aist++", larger, *ALL, "--set", network).stdout
     assert "beats: the file of the weights does not exist" in output
-    assert "a build here ends" not in run("plan", "aist++", "--source", larger, *ALL).stdout
+    assert "a build here ends" not in run("build", "--dry-run", "aist++", larger, *ALL).stdout
 
 
 def test_values_that_are_not_recipes(tmp_path: Path, out: Path):
     (tmp_path / "captures").mkdir()
-    for name, word in (("folder", "it is a dataset"), (tmp_path / "captures", "--source")):
-        assert word in run("build", name, "--source", tmp_path, "--out", out, code=2).stderr
+    for name, word in (("folder", "it is a dataset"), (tmp_path / "captures", "the folder after it")):
+        assert word in run("build", name, tmp_path, "--out", out, code=2).stderr
     song = tmp_path / "song.wav"
     soundfile.write(song, np.zeros(22_050), 22_050)
     assert "dmeo" in run("features", song, "--like", tmp_path / "dmeo", "--out", out, code=2).stderr
 
 
 def test_list_has_the_contact_rule_of_representations():
-    found = json.loads(run("list", "--json").stdout)["representations"]
+    found = as_json("info", "representations")["representations"]
     assert found["edge151"]["keys"] == {"contacts": "velocity"}
     assert found["fact219"]["keys"] == {}
 
@@ -145,14 +144,16 @@ def test_an_invalid_tempo_names_the_option(tmp_path: Path, bpm: str):
 
 def test_values_that_are_not_what_they_look_like(tmp_path: Path):
     (tmp_path / "empty.yaml").write_text("")
-    assert "found an empty file" in run("plan", tmp_path / "empty.yaml", code=2).stderr
-    wrong = run("plan", "demo", "--set", "name=my/dances", "--set", "motion=[edge151, lodge139]", code=2).stderr
+    assert "found an empty file" in run("build", "--dry-run", tmp_path / "empty.yaml", code=2).stderr
+    wrong = run(
+        "build", "--dry-run", "demo", "--set", "name=my/dances", "--set", "motion=[edge151, lodge139]", code=2
+    ).stderr
     assert "'my/dances'" in wrong
     assert "{edge151: {}, lodge139: {}}" in wrong
 
 
 def test_a_damaged_dataset_is_replaced_as_the_error_says(larger: Path, out: Path):
-    build = ("build", "aist++", "--source", larger, "--out", out, *ALL)
+    build = ("build", "aist++", larger, "--out", out, *ALL)
     run(*build)
     with next(out.glob("*.h5")).open("ab") as file:
         file.write(b"x")
@@ -163,7 +164,7 @@ def test_a_damaged_dataset_is_replaced_as_the_error_says(larger: Path, out: Path
 
 def test_strict_names_the_song_too(larger: Path, out: Path):
     (larger / "wavs" / "mHO3.wav").unlink()
-    output = run("build", "aist++", "--source", larger, "--out", out, *ALL, "--strict", code=1).stderr
+    output = run("build", "aist++", larger, "--out", out, *ALL, "--strict", code=1).stderr
     assert (
         "4 broken clips in a strict build\n  - missing_music: 4 clips\n    song mHO3 is missing: 4 clips\n" in output
     )
@@ -178,7 +179,7 @@ def test_other_datasets_name_songs(tmp_path: Path, out: Path, dataset: str, fold
     DATASETS.get(dataset)().make_example(source)
     (source / "manifest.csv").unlink(missing_ok=True)
     shutil.rmtree(source / folder)
-    output = run("build", _recipe(tmp_path, dataset), "--source", source, "--out", out, code=1).stderr
+    output = run("build", _recipe(tmp_path, dataset), source, "--out", out, code=1).stderr
     assert f"song {song} is missing: 1 clip" in output
     assert all(note in output for note in DATASETS.get(dataset)().scan(source).notes)
 
@@ -204,8 +205,8 @@ def test_a_plan_of_nothing_ends_with_1_and_a_builds_words(larger: Path, out: Pat
         for path in (larger / "wavs").iterdir():
             samples, rate = soundfile.read(path)
             soundfile.write(path, samples[: 2 * rate], rate)
-    args = ("aist++", "--source", larger, *ALL, *longer)
-    planned = run("plan", *args, "--quiet", code=1)
+    args = ("aist++", larger, *ALL, *longer)
+    planned = run("build", "--dry-run", *args, "--quiet", code=1)
     built = run("build", *args, "--out", out, "--jobs", 1, "--quiet", code=1)
     assert planned.stderr == built.stderr
     assert "no clip is left to build from" in planned.stderr
@@ -214,20 +215,20 @@ def test_a_plan_of_nothing_ends_with_1_and_a_builds_words(larger: Path, out: Pat
 
 def test_a_plan_of_nothing_prints_its_json_all_the_same(larger: Path):
     shutil.rmtree(larger / "wavs")
-    planned = run("plan", "aist++", "--source", larger, *ALL, "--json", code=1)
-    assert json.loads(planned.stdout)["left_out"] == {"missing_music": 8}
-    assert "song mBR0 is missing" in planned.stderr
+    planned = json.loads(run("build", "--dry-run", "aist++", larger, *ALL, "--json", code=1).stdout)
+    assert planned["result"]["left_out"] == {"missing_music": 8}
+    assert "song mBR0 is missing" in planned["error"]["problem"]
 
 
-@pytest.mark.parametrize("command", ["plan", "build"])
-def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path, command: str):
+@pytest.mark.parametrize("how", [(), ("--dry-run",)])
+def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path, how: tuple[str, ...]):
     source = tmp_path / "source"
     DATASETS.get("finedance")().make_example(source)
     shutil.rmtree(source / "label_json")
-    output = run(command, "finedance", "--source", source, "--out", tmp_path / "out", code=1).stderr
+    output = run("build", "finedance", source, "--out", tmp_path / "out", *how, code=1).stderr
     assert "--set dataset.finedance.labels=optional" in output
     optional = ("--set", "dataset.finedance.labels=optional")
-    assert "would leave out: missing_label" not in run("plan", "finedance", "--source", source, *optional).stdout
+    assert "would leave out: missing_label" not in run("build", "--dry-run", "finedance", source, *optional).stdout
 
 
 @pytest.mark.parametrize(
@@ -235,15 +236,15 @@ def test_finedance_without_labels_mentions_that_they_are_optional(tmp_path: Path
     [
         ("build edge", "aist++-edge-exact"),
         ("build AIST++", "aist++"),
-        ("plan lodge", "aist++-lodge"),
+        ("build lodge --dry-run", "aist++-lodge"),
         ("build aist++ --set stride_s=1", "windows.stride_s"),
         ("build aist++ --set mirror=true", "augment.mirror"),
         ("build aist++ --set contacts=height", "motion.edge151.contacts"),
         ("build aist++ --set dataset.split=all", "dataset.aist++.split"),
         ("build aist++ --set motion.contacts=height", "motion.edge151.contacts"),
         ("build aist++ --set audio.tightness=5", "audio.librosa35.tightness"),
-        ("check . --dataset AISTPP", "aist++"),
-        ("features x.wav --out x --feature Librosa", "librosa35"),
+        ("check . --recipe AISTPP", "aist++"),
+        ("features x.wav --out x --field Librosa", "librosa35"),
     ],
 )
 def test_suggested_names(args: str, suggested: str, tmp_path: Path, monkeypatch: Any):
@@ -252,7 +253,7 @@ def test_suggested_names(args: str, suggested: str, tmp_path: Path, monkeypatch:
 
 
 def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out: Path):
-    args = ("build", "aist++", "--source", larger, "--out", out, "--jobs", 1)
+    args = ("build", "aist++", larger, "--out", out, "--jobs", 1)
     (larger / "ignore_list.txt").write_text("gBR_sBM_cAll_d04_mBR0_ch01\n")
     lines = run(*args).stdout.splitlines()
     assert lines[0].startswith(f"aist++: 7 clips, 21 windows in {out} (")
@@ -275,7 +276,7 @@ def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out
 
 def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path, rejects: Any):
     (larger / "wavs" / "mHO3.wav").rename(larger / "wavs" / "mho3.wav")
-    summary = run("build", "aist++", "--source", larger, "--out", out, "--jobs", 1).stdout
+    summary = run("build", "aist++", larger, "--out", out, "--jobs", 1).stdout
     shown = run("info", out).stdout
     notes = DATASETS.get("aist++")().scan(larger).notes
     assert all(note in shown for note in notes)
@@ -427,7 +428,7 @@ def test_a_dataset_json_that_lacks_something_is_a_clear_error(
 
 def test_a_name_that_looks_like_an_option_has_a_hint(tmp_path: Path):
     output = run("view", tmp_path, "-Ab_cdEf123_01", code=2).stderr
-    assert 'No such option: -A. A name that begins with "-" goes last, after --' in output
+    assert "no such option: -A. A name that begins with - goes last, after --" in output
     assert "after --" not in run("view", tmp_path, "--fsp", "30", code=2).stderr
     assert "there is nothing to look at" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=2).stderr
 

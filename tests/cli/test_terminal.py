@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.cli.app import app
 from dancedata.cli.terminal import say
 from dancedata.comparison import Difference, Differences
 from dancedata.core.text import age_text
@@ -85,23 +84,6 @@ def test_a_file_gets_the_text_as_it_is(capsys: pytest.CaptureFixture[str]):
     say(text)
     say(text, err=True)
     assert capsys.readouterr() == (f"{text}\n", f"{text}\n")
-
-
-def test_no_word_of_help_is_taken_for_an_emoji():
-    assert "🔚" not in run("decode", "--help").stdout
-
-
-def test_help_has_groups_in_the_order_of_use():
-    text = run("--help").stdout
-    titles = re.findall(r"^╭─ (.*?) ─+╮$", text, re.M)
-    assert titles == ["Options", "Make a dataset", "Look at it", "Use it", "The rest"]
-    commands = re.findall(r"^│ ([a-z-]+)  +(\S.*?) +│$", text.split("Make a dataset")[1], re.M)
-    names = [name for name, _ in commands]
-    assert names[:6] == ["manifest", "build", "plan", "check", "quality", "align"]
-    assert names[6:11] == ["view", "report", "info", "study", "study-results"]
-    assert names[11:14] == ["export", "evaluate", "decode"]
-    assert set(names) == {c.name for c in [*app.registered_commands, *app.registered_groups]}
-    assert [text for _, text in commands if "..." in text or len(text) > 60 or not text.endswith(".")] == []
 
 
 @pytest.mark.parametrize(

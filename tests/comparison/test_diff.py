@@ -11,7 +11,7 @@ from dancedata.comparison import Difference, diff, unmatched
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import self_hash
 from dancedata.files.regular_file import sha256_file
-from tests.commands import run
+from tests.commands import as_json, run
 from tests.messages import raises_message
 
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
@@ -27,8 +27,8 @@ def of(found: list[Difference], kind: str) -> list[Difference]:
 
 def test_equal_datasets_have_no_difference(built_in: dict[str, Path], built_copy: Path):
     assert diff(built_in["track"], built_copy) == []
-    assert run("diff", built_in["track"], built_copy, code=0).stdout == "the same data\n"
-    about = json.loads(run("diff", built_in["window"], built_in["window"], "--json", code=0).stdout)
+    assert run("check", built_in["track"], "--same-as", built_copy, code=0).stdout == "the same data\n"
+    about = as_json("check", built_in["window"], "--same-as", built_in["window"])
     assert (about["same"], about["differences"]) == (True, [])
 
 
@@ -36,7 +36,7 @@ def test_a_name_is_a_note(run_build: Any, built: Path, corpus: Path, out: Path):
     run_build(corpus, out, set=["name=another"])
     found = diff(built, out)
     assert [str(d) for d in found] == ['note: name: "aist++", "another"']
-    assert run("diff", built, out, code=0).stdout.endswith("the same data\n")
+    assert run("check", built, "--same-as", out, code=0).stdout.endswith("the same data\n")
 
 
 def test_shards_cut_otherwise_hold_the_same_values(run_build: Any, built: Path, corpus: Path, out: Path):
@@ -99,9 +99,9 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
     assert clips.message == "split of 1 clip, as 'train', 'val'"
     assert clips.names == (TRAIN,)
 
-    output = run("diff", built, out, code=1).stdout
+    output = run("check", built, "--same-as", out, code=1).stdout
     assert output.splitlines()[-1].endswith(" differences")
-    about = json.loads(run("diff", built, out, "--json", code=1).stdout)
+    about = as_json("check", built, "--same-as", out, code=1)
     assert about["same"] is False
     assert {"kind", "message", "names", "numbers"} == set(about["differences"][0])
 
@@ -115,7 +115,7 @@ def test_long_lists_of_names_are_cut():
 def test_a_folder_that_is_not_a_dataset_is_an_error(built: Path, tmp_path: Path):
     with raises_message(StoreError, "finished"):
         diff(built, tmp_path)
-    run("diff", built, tmp_path, code=1)
+    run("check", built, "--same-as", tmp_path, code=1)
 
 
 # A tolerance
@@ -134,25 +134,25 @@ def bend(out: Path, name: str, by: float, *, split: str = "train") -> None:
 
 def test_values_within_a_tolerance_are_the_same(built: Path, built_copy: Path):
     bend(built_copy, "audio/librosa35", 2.0**-10)
-    output = run("diff", built, built_copy, "--atol", "0.001", code=0).stdout.splitlines()
+    output = run("check", built, "--same-as", built_copy, "--atol", "0.001", code=0).stdout.splitlines()
     assert output[0] == "note: edge151: the same values"
     assert output[1].startswith("note: librosa35: other values in 2 of 4 clips, by at most 0.000977 (row 0 of ")
     assert ", column onset_envelope), within 0.001: " in output[1]
     assert output[2:] == ["the same data within 0.001"]
-    about = json.loads(run("diff", built, built_copy, "--atol", "0.001", "--json", code=0).stdout)
+    about = as_json("check", built, "--same-as", built_copy, "--atol", "0.001")
     assert (about["same"], about["atol"]) == (True, 0.001)
     assert [d["numbers"]["max_abs"] for d in about["differences"]] == [0, pytest.approx(2.0**-10, rel=1e-3)]
-    assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0.0009", code=1).stdout
-    assert "values: librosa35: " in run("diff", built, built_copy, "--atol", "0", code=1).stdout
-    assert run("diff", built, built_copy, code=1).stdout.endswith("1 difference\n")
+    assert "values: librosa35: " in run("check", built, "--same-as", built_copy, "--atol", "0.0009", code=1).stdout
+    assert "values: librosa35: " in run("check", built, "--same-as", built_copy, "--atol", "0", code=1).stdout
+    assert run("check", built, "--same-as", built_copy, code=1).stdout.endswith("1 difference\n")
 
 
 def test_numbers_about_clips_are_within_the_tolerance_and_counts_are_exact(built: Path, built_copy: Path):
     bend(built_copy, "clips/height_m", 1e-4)
-    assert "height_m of 1 clip" in run("diff", built, built_copy, code=1).stdout
-    run("diff", built, built_copy, "--atol", "0.001", code=0)
+    assert "height_m of 1 clip" in run("check", built, "--same-as", built_copy, code=1).stdout
+    run("check", built, "--same-as", built_copy, "--atol", "0.001", code=0)
     bend(built_copy, "clips/n_frames", -1)
-    assert "n_frames of 1 clip" in run("diff", built, built_copy, "--atol", "100", code=1).stdout
+    assert "n_frames of 1 clip" in run("check", built, "--same-as", built_copy, "--atol", "100", code=1).stdout
 
 
 def test_lines_match_if_their_numbers_are_within_the_tolerance():
@@ -167,4 +167,4 @@ def test_lines_match_if_their_numbers_are_within_the_tolerance():
 
 @pytest.mark.parametrize("atol", ["-1", "nan", "inf"])
 def test_an_invalid_tolerance_is_refused(built: Path, atol: str):
-    run("diff", built, built, "--atol", atol, code=2)
+    run("check", built, "--same-as", built, "--atol", atol, code=2)

@@ -30,23 +30,23 @@ ROOT = Path(__file__).resolve().parents[2]
 SIGNAL = AudioSignal(np.zeros(22050, np.float32), 22050)
 FPS = FrameGrid.of(30)
 SMALL = [f"--set=dataset.synthetic.{key}" for key in ("songs=4", "clips_per_song=2", "clip_s=6")]
-TINY = ["demo", "--source", "SOURCE", *SMALL, "--quiet"]
+TINY = ["demo", "SOURCE", *SMALL, "--quiet"]
 #: Commands by the extra that they need.
 COMMANDS = {
     "hf": [
-        ["features", "SONG", "--feature", "hf", "--out", "out"],
+        ["features", "SONG", "--field", "hf", "--out", "out"],
         ["build", *TINY, "--out", "out", "--set", 'audio={"hf": {"model": "MODEL"}}'],
     ],
     "jukebox": [
-        ["features", "SONG", "--feature", "jukebox", "--out", "out"],
+        ["features", "SONG", "--field", "jukebox", "--out", "out"],
         ["build", *TINY, "--out", "out", "--set", 'audio={"jukebox": {"weights": "x"}}'],
-        ["jukebox", "convert", "x", "--out", "out"],
+        ["pull", ".", "--out", "out"],
     ],
     "beats": [
         ["build", *TINY, "--out", "out", "--set", 'audio={"beats": {"source": "beat_this", "weights": "x"}}'],
     ],
-    "video": [["view", "DEMO", "clip", "--video", "a.mp4"]],
-    "ray": [["build", *TINY, "--out", "out", "--scheduler", "ray://auto"]],
+    "video": [["view", "DEMO", "clip", "--out", "a.mp4"]],
+    "ray": [["build", *TINY, "--out", "out", "--cluster", "ray://auto"]],
 }  # fmt: skip
 CALLS: dict[str, list[Callable[[], object]]] = {
     "hf": [

@@ -285,7 +285,7 @@ def test_a_dataset_of_positions(tmp_path: Path, dance: Motion) -> None:
         "windows: {length_s: 2, stride_s: 1}\nmotion: {edge151: {}, joints: {}, lodge139: {}}\naudio: {}\n"
     )
     out = tmp_path / "out"
-    run("build", recipe, "--source", tmp_path / "source", "--out", out)
+    run("build", recipe, tmp_path / "source", "--out", out)
     rejects = [json.loads(line) for line in (out / "rejects.jsonl").read_text().splitlines()]
     assert [(row["clip"], row["reason"]) for row in rejects] == [("coco", "unknown_joints")]
     import dancedata as package

@@ -259,13 +259,13 @@ def test_terms_on_the_card_and_in_a_page(built: Path, files: Path, tmp_path: Pat
     card = (built / "README.md").read_text(encoding="utf-8")
     assert "- 1 clip: CC BY 4.0; cite: Anna, 2026; may be passed on\n" in card
     assert "- 1 clip: all rights reserved; may not be passed on\n" in card
-    found = as_json("report", built, "--to", tmp_path / "report.html", "--clips", "none")["report"]
+    found = as_json("report", built, "--out", tmp_path / "report.html", "--clips", "none")["report"]
     assert [column["name"] for column in found["columns"]] == ["x/level", "x/tags"]
     assert "1 clip: all rights reserved; may not be passed on" in found["about"]["licences"]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "x/level: int, 2 of 2 clips, 3 to 4, median 3.5" in page
     assert "all rights reserved; may not be passed on" in page
-    options = ["--to", tmp_path / "music.html", "--audio", "embed", "--music", files]
+    options = ["--out", tmp_path / "music.html", "--music", files]
     refused = run("report", built, *options, code=2).stderr
     assert "1 clip: all rights reserved; may not be passed on" in refused
     assert not (tmp_path / "music.html").exists()

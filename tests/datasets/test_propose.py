@@ -1,5 +1,6 @@
 """A proposed manifest: pairs and facts with their evidence; unconfirmed guesses are named when it is read."""
 
+import csv
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,9 @@ from dancedata.core.errors import SourceError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.propose import Proposal, ProposedRow, propose
+from dancedata.recipes.parse import load_recipe
 from dancedata.synthetic import synthesise_motion
-from tests.commands import as_json, run
+from tests.commands import as_json
 from tests.formats.test_bvh_retarget import MIXAMO, write_as
 from tests.messages import raises_message
 
@@ -91,9 +93,35 @@ def test_it_is_read_as_a_manifest_and_names_its_guesses(
     assert Folder().load(next(clip for clip in scan.clips if clip.id == "dora")).n_frames == 120
 
 
-def test_the_command(source: Path) -> None:
-    assert run("manifest", source).stdout == propose(source).to_csv()
-    assert as_json("manifest", source)["rows"][0]["audio"] == "songs/anna.wav"
+def test_a_folder_is_prepared_and_what_is_filled_in_stays(source: Path, tmp_path: Path) -> None:
+    """A second run fills empty cells only; what was confirmed stays, and so does the recipe."""
+    made = shutil.copytree(source, tmp_path / "made")
+    manifest, recipe = made / "manifest.csv", made / "recipe.yaml"
+    for name in ("manifest.csv", "manifest.jsonl"):
+        (made / name).unlink(missing_ok=True)
+    proposal = propose(made)
+    as_json("init", made)
+    assert manifest.read_text() == proposal.to_csv()
+    assert load_recipe(recipe).name == "made"
+    lines = manifest.read_text().splitlines()
+    rows = list(csv.DictReader(line for line in lines if not line.lstrip('"').startswith("#")))
+    rows[0] |= {"audio": "songs/mine.wav", "guessed": ""}
+    rows[1]["audio"] = ""
+    with manifest.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0], "dancer"], delimiter=";")
+        writer.writeheader()
+        writer.writerows(rows[:-1])
+    recipe.write_text("mine")
+    about = as_json("init", made)
+    again = list(csv.DictReader(manifest.read_text().splitlines(), delimiter=";"))
+    assert recipe.read_text() == "mine"
+    assert (about["added"], about["filled"]) == (1, int(bool(proposal.rows[1].audio)))
+    assert (again[0]["audio"], again[0]["guessed"]) == ("songs/mine.wav", "")
+    assert again[1]["audio"] == proposal.rows[1].audio
+    assert again[-1]["motion"] == rows[-1]["motion"]
+    before = manifest.read_bytes()
+    assert as_json("init", made)["added"] == 0
+    assert manifest.read_bytes() == before
 
 
 def test_a_folder_without_motion(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ def test_files_of_groups_are_named_by_their_dancers(tmp_path: Path) -> None:
         np.testing.assert_allclose(written["positions"], joints, rtol=0, atol=1e-6)
 
     np.savez(tmp_path / "batch.npz", columns=np.stack([rows, rows]), person_mask=[MASK, ~MASK], fps=30)
-    arguments = ["decode", str(tmp_path / "batch.npz"), "--as", "edge151", "--to", "bvh", "--out", str(tmp_path)]
+    arguments = ["decode", str(tmp_path / "batch.npz"), "--field", "edge151", "--to", "bvh", "--out", str(tmp_path)]
     names = [Path(f).name for f in as_json(*arguments)["files"]]
     assert names == ["batch_000_p0.bvh", "batch_000_p1.bvh", "batch_000_p3.bvh", "batch_001_p2.bvh"]
 

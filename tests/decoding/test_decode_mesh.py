@@ -106,7 +106,7 @@ def test_the_command(tmp_path: Path) -> None:
     np.save(tmp_path / "x.npy", columns("edge151"))
     model = body_model(tmp_path / "m.npz", SMPL24)
     command = [
-        "decode", tmp_path / "x.npy", "--as", "edge151", "--fps", "30", "--body-model", model, "--betas", "1,-2",
+        "decode", tmp_path / "x.npy", "--field", "edge151", "--fps", "30", "--body-model", model, "--betas", "1,-2",
     ]  # fmt: skip
     found = as_json(*command, "--to", "obj", "--frames", "2:4", "--out", tmp_path / "out")
     assert [Path(file).name for file in found["files"]] == ["x_000002.obj", "x_000003.obj"]

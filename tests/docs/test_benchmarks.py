@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 #: Arguments of each script. {corpus} is a source of AIST++; its dataset is {built}, a file of it {bvh}.
 SMALLEST = {
     "align": "--clips 2",
+    "face": "",
     "build": "40 --jobs 1",
     "drawing": "{built} --rounds 1 --seconds 0.5",
     "encoders": "--minutes 0.1",

@@ -23,7 +23,7 @@ MODULES = {"tcp": "distributed", "ray": "ray"}
 def commands(scheduler: str = "") -> list[str]:
     """Return the builds of the section that have this kind of scheduler; "": none."""
     lines = re.findall(r"^dancedata build .*", SECTION, flags=re.MULTILINE)
-    return [line for line in lines if re.findall(r"--scheduler (\w+)", line) == ([scheduler] if scheduler else [])]
+    return [line for line in lines if re.findall(r"--cluster (\w+)", line) == ([scheduler] if scheduler else [])]
 
 
 def run(line: str, corpus: Path, out: Path, environment: Mapping[str, str], **names: str) -> Path:

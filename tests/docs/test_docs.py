@@ -150,7 +150,9 @@ def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
 def _build_and_check(environment: dict[str, str], folder: Path) -> None:
     """Build `_RECIPE` and look at what each plug-in made."""
     (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
-    planned = json.loads(_dancedata(environment, folder, "plan", "recipe.yaml", "--out", "out", "--json"))
+    planned = json.loads(
+        _dancedata(environment, folder, "build", "recipe.yaml", "--dry-run", "--out", "out", "--json")
+    )["result"]
     _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2", cold=True)
     assert [problem for problem in verify_store(folder / "out") if problem.severity == "error"] == []
     with open_store(folder / "out") as store:
@@ -238,6 +240,6 @@ def test_the_protocol_of_the_page_evaluates(distribution, demo: Path, cache: Pat
     assert "pieces, 30 frames per second, 10.00 s" in printed
     (line,) = (line for line in printed.splitlines() if line.startswith("  PFC "))
     assert "1.2500" in line
-    listed = _dancedata(environment, demo, "evaluate", "--list-protocols")
+    listed = _dancedata(environment, demo, "info", "protocols")
     assert "ten-seconds, version 1: Pieces of ten seconds at 30 frames per second" in listed
     assert "generated: pieces of 300 frames every 150, the first 900 frames" in listed

@@ -59,9 +59,9 @@ def test_its_commands_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None
     for command in commands:
         words = shlex.split(command.replace(CLIP, known))
         assert words[0] == "dancedata"
-        done = CliRunner().invoke(app, [*words[1:], *([] if "--export" in words else ["--no-browser"])])
+        done = CliRunner().invoke(app, [*words[1:], *([] if "--out" in words else ["--no-browser"])])
         assert done.exit_code == 0, done.output
-        if "--export" not in words:
+        if "--out" not in words:
             assert re.match(r"http://127\.0\.0\.1:\d+/\?token=\S+#(clip|group)=", done.stdout), done.stdout
     assert (folder / "clip.html").stat().st_size > 50_000
 

@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +21,12 @@ def run(*arguments: str | Path, code: int = 0) -> str:
     found = CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=False)
     assert found.exit_code == code, found.output
     return found.output
+
+
+def scores_of(*arguments: object) -> Any:
+    """Return the only report of the command's document."""
+    (report,) = json.loads(run(*arguments, "--json"))["result"]["reports"]
+    return report
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +51,7 @@ def walk(store: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Path) -> None:
     rows = tmp_path / "rows.csv"
     text = run(
-        walk, "--like", store.path, "--music", walk.parent / "songs.csv", "--per-clip", rows, "--jobs", 1,
+        walk, "--like", store.path, "--music", walk.parent / "songs.csv", "--out", rows, "--jobs", 1,
         "--quiet", "--not-normalized",
     )  # fmt: skip
     assert text.startswith("generated: 6 samples: 6 by song, from its second 0\n")
@@ -63,19 +70,20 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
     assert {"bas", "bas_chance", "pfc", "skating_left"} <= table[0].keys()
 
 
-def test_json_and_tables(walk: Path, store: Store) -> None:
+def test_json_and_tables(walk: Path, store: Store, tmp_path: Path) -> None:
     options = [walk, "--like", store.path, "--jobs", "1", "--protocol", "edge-aistpp"]
     options += ["--not-normalized"]
-    found = json.loads(run(*options, "--json"))
+    found = scores_of(*options)
     assert found["protocol"] == "edge-aistpp"
     assert found["scores"]["pfc"]["published"] == 1.332
     assert found["pool"] is None
     assert set(found["not_computable"]) == {"bas", "div_k", "div_g"}
     value = f"{found['scores']['pfc']['value']:.4f}"
-    markdown = run(*options, "--table", "markdown", "--quiet")
+    run(*options, "-o", tmp_path / "a.md", "-o", tmp_path / "a.tex", "--quiet")
+    markdown = (tmp_path / "a.md").read_text()
     assert markdown.splitlines()[0] == "| edge-aistpp | PFC |"
     assert value in markdown.splitlines()[2]
-    latex = run(*options, "--table", "latex", "--quiet")
+    latex = (tmp_path / "a.tex").read_text()
     assert r"PFC $\downarrow$" in latex
     assert f"{value} {{\\scriptsize [" in latex
     assert "edge-aistpp, version 1" in latex
@@ -88,12 +96,12 @@ def test_a_store_against_itself(store: Store) -> None:
 
 
 def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
-    stored = json.loads(run(store.path, "--jobs", 1, "--json"))
+    stored = scores_of(store.path, "--jobs", 1)
     wavs = folder / "small-source" / "wavs"
     assert wavs.is_dir(), sorted(p.name for p in (folder / "small-source").iterdir())
-    computed = json.loads(run(store.path, "--jobs", 1, "--music", wavs, "--json"))
+    computed = scores_of(store.path, "--jobs", 1, "--music", wavs)
     assert computed["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
-    root = json.loads(run(store.path, "--jobs", 1, "--music", wavs.parent, "--json"))
+    root = scores_of(store.path, "--jobs", 1, "--music", wavs.parent)
     assert root["scores"]["bas"]["value"] == stored["scores"]["bas"]["value"]
     refused = run(store.path, "--jobs", 1, "--music", store.path, code=2)
     assert "no music in the folder; allowed: files .wav" in refused
@@ -101,14 +109,11 @@ def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
 
 
 def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path) -> None:
-    without = json.loads(run(store.path, "--protocol", "dgsdp", "--split", "test", "--jobs", 1, "--json"))
+    without = scores_of(store.path, "--protocol", "dgsdp", "--split", "test", "--jobs", 1)
     assert any("no beats of music" in warning for warning in without["warnings"])
     assert without["scores"]["pfc"]["n"]["vectors"] > 0
     wavs = folder / "small-source" / "wavs"
-    found = json.loads(run(
-        store.path, "--protocol", "dgsdp", "--split", "test", "--music", wavs, "--jobs", 1,
-        "--json",
-    ))  # fmt: skip
+    found = scores_of(store.path, "--protocol", "dgsdp", "--split", "test", "--music", wavs, "--jobs", 1)
     assert found["scores"]["bas"]["n"]["vectors"] == found["pieces"]
 
 
@@ -122,17 +127,3 @@ def test_a_missing_feature(store: Store, folder: Path, monkeypatch: pytest.Monke
         tmp_path, "--protocol", "bailando-aistpp", "--fps", 60, "--up", "y", "--music", wavs, "--quiet", code=2
     )
     assert "from the audio feature bailando438, which is not installed" in text
-
-
-def test_the_list_of_protocols() -> None:
-    text = run("--list-protocols")
-    assert "bailando-aistpp, version 1: Bailando on AIST++" in text
-    assert "published, ground truth: FID_k 17.1, FID_g 10.6" in text
-    found = json.loads(run("--list-protocols", "--json"))
-    assert found["edge-aistpp"]["truth"] == "pieces of 150 frames every 75"
-
-
-def test_usage() -> None:
-    assert "there is nothing to evaluate" in run(code=2)
-    assert "unknown table" in run("x", "--table", "html", code=2)
-    assert "--self-test reads the files of a dataset" in run("--self-test", code=2)

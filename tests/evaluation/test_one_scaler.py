@@ -272,7 +272,7 @@ def test_the_commands(store: Store, tmp_path: Path) -> None:
         return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
     decode = (
-        "decode", tmp_path / "made" / "x.npy", "--as", FIELD, "--to", "npz", "--like", store.path, "--overwrite",
+        "decode", tmp_path / "made" / "x.npy", "--field", FIELD, "--to", "npz", "--like", store.path, "--overwrite",
     )  # fmt: skip
     evaluate = (
         "evaluate", tmp_path / "made", "--like", store.path, "--field", FIELD, "--metric", "pfc",

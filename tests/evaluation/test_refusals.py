@@ -129,7 +129,7 @@ def test_foreign_pools_are_not_read_and_not_replaced(tmp_path: Path) -> None:
     np.savez(path, about=np.array([object()], dtype=object))
     before = path.read_bytes()
     for options in ({"pool": path}, {"pool": dances(), "save_pool": path}):
-        with raises_message(UsageError, "save-pool", where="pool.npz"):
+        with raises_message(UsageError, "--out", where="pool.npz"):
             dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=60, **options)
     assert path.read_bytes() == before
     with raises_message(UsageError, r"NAME\.npz"):

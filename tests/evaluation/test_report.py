@@ -76,7 +76,7 @@ def test_tables_of_clips_are_not_run_by_spreadsheets(tmp_path: Path) -> None:
         np.save(folder / f"{name}.npy", dance())
     run(
         folder, "--fps", 30, "--up", "y", "--protocol", "popdg", "--metric", "pbc", "--jobs", 1,
-        "--per-clip", tmp_path / "rows.csv", "--quiet",
+        "--out", tmp_path / "rows.csv", "--quiet",
     )  # fmt: skip
     with open(tmp_path / "rows.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -130,22 +130,16 @@ def _beats(store: Store) -> dancedata.metrics.MusicBeats:
     return dancedata.metrics.MusicBeats.of([10, 40, 70, 100], store.grid)
 
 
-def test_foreign_files_are_not_replaced_by_a_table(store: Store, tmp_path: Path) -> None:
-    options = [
-        store.path, "--split", "test", "--metric", "pfc", "--quiet", "--jobs", 1, "--per-clip",
-    ]  # fmt: skip
+def test_tables_are_the_same_each_time(store: Store, tmp_path: Path) -> None:
     path = tmp_path / "rows.csv"
+    options = [store.path, "--split", "test", "--metric", "pfc", "--quiet", "--jobs", 1, "--out", path]
     path.write_text("mine", encoding="utf-8")
-    assert "refusing to overwrite a file that is not a table of clips" in run(*options, path, code=2)
+    assert "--overwrite" in run(*options, code=2)
     assert path.read_text(encoding="utf-8") == "mine"
-    assert "not a table of clips" in run(*options, tmp_path, code=2)
-    assert "the folder of the table does not exist" in run(*options, tmp_path / "none" / "rows.csv", code=2)
-    path.unlink()
-    run(*options, path)
+    run(*options, "--overwrite")
     first = path.read_bytes()
-    run(*options, path)
+    run(*options, "--overwrite")
     assert path.read_bytes() == first
-    assert "two outputs" in run(store.path, "--json", "--table", "latex", code=2)
 
 
 def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,7 +160,7 @@ def test_pools_of_other_metrics_and_with_nan_are_refused(tmp_path: Path, monkeyp
         arrays = dict(file)
     arrays["rows_0"][1, 2] = np.nan
     np.savez(path, allow_pickle=False, **arrays)
-    with raises_message(UsageError, "save-pool", where="pool.npz"):
+    with raises_message(UsageError, "--out", where="pool.npz"):
         load_pool(path, protocol)
 
 

@@ -208,7 +208,7 @@ def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -
         ["decode", "gen", "--to", "bvh", "--out", "x"],
     ):
         words = [str(tmp_path / word) if word in ("gen", "x") else word for word in command]
-        words += ["--to", str(tmp_path / "page.html")] if command[0] == "report" else []
+        words += ["--out", str(tmp_path / "page.html")] if command[0] == "report" else []
         found = CliRunner().invoke(app, words, catch_exceptions=False)
         assert found.exit_code == 0, found.output
     assert {path.stem for path in (tmp_path / "x").iterdir()} == {path.stem for path in written}

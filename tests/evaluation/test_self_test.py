@@ -1,14 +1,11 @@
-"""evaluate --self-test: a copy of a dataset against its published rows."""
+"""check --published: a copy of a dataset against its published rows."""
 
-import json
 from pathlib import Path
 
-from typer.testing import CliRunner
-
-from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.datasets.finedance import FineDance
 from dancedata.evaluation.run import self_test
+from tests.commands import as_json
 from tests.messages import raises_message
 
 
@@ -31,12 +28,11 @@ def test_every_published_row_of_aistpp(folder: Path) -> None:
 
 
 def test_one_protocol_and_json(folder: Path) -> None:
-    arguments = ["evaluate", "--self-test", "--source", str(folder / "small-source"), "--protocol", "edge-aistpp"]
-    done = CliRunner().invoke(app, [*arguments, "--jobs", "1", "--json"], catch_exceptions=False)
-    found = json.loads(done.output)
+    found = self_test(folder / "small-source", protocol="edge-aistpp").to_json()
     assert {row["protocol"] for row in found["rows"]} == {"edge-aistpp"}
     assert found["reports"][0]["fps"] == "30"
     assert any("every 2. frame" in note for note in found["reports"][0]["notes"])
+    assert as_json("check", folder / "small-source", "--published", "-j", 1)["dataset"] == "aist++"
 
 
 def test_finedance(tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def expected(recipe: Path) -> dict[str, str]:
 
 def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, str]:
     """Make a new source, dataset and cache."""
-    command = ["-m", "dancedata", "build", recipe, "--source", folder / "source", "--out", folder / "out"]
+    command = ["-m", "dancedata", "build", recipe, folder / "source", "--out", folder / "out"]
     run(*command, "--cache", folder / "cache", "--jobs", 1, "--quiet", **settings)
     return hashes(folder / "out")
 

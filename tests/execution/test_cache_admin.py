@@ -33,7 +33,7 @@ def run(*args: object, code: int = 0) -> str:
 
 def as_json(*args: object, code: int = 0) -> Any:
     """Run a command with --json and parse what it prints."""
-    return json.loads(run(*args, "--json", code=code))
+    return json.loads(run(*args, "--json", code=code))["result"]
 
 
 def key(number: int) -> str:
@@ -57,21 +57,21 @@ def left(cache: Cache) -> list[int]:
 
 
 def test_info_sums_by_stage(own: Cache):
-    about = as_json("cache", "info", "--cache", own.root)
+    about = as_json("cache", "--cache", own.root)
     assert (about["path"], about["entries"]) == (str(own.root), 6)
     features = about["stages"]["features"]
     assert features["entries"] == 5
     assert 5 * BIG <= features["bytes"] <= 6 * BIG
     assert features["days_unused"] == pytest.approx([1, 5], abs=0.01)
-    output = run("cache", "info", "--cache", own.root)
+    output = run("cache", "--cache", own.root)
     assert "6 entries" in output
     assert "features" in output
 
 
 def test_an_empty_or_missing_cache_is_not_an_error(tmp_path: Path):
-    assert as_json("cache", "info", "--cache", tmp_path / "none")["entries"] == 0
+    assert as_json("cache", "--cache", tmp_path / "none")["entries"] == 0
     assert as_json("cache", "prune", "--max-size", "0B", "--cache", tmp_path / "none")["removed"] == 0
-    assert as_json("cache", "verify", "--cache", tmp_path / "none")["ok"]
+    assert as_json("cache", "verify", "--cache", tmp_path / "none")["damaged"] == []
     assert not (tmp_path / "none").exists()
 
 
@@ -141,7 +141,7 @@ def test_prune_and_verify_touch_nothing_but_entries(own: Cache):
     assert left(own) == []
     assert all(path.exists() for path in others)
     assert len(list(outside.iterdir())) == 6
-    assert as_json("cache", "verify", "--cache", own.root)["ok"]
+    assert as_json("cache", "verify", "--cache", own.root)["damaged"] == []
 
 
 @pytest.mark.parametrize("suffix", ["npy", "json"])
@@ -156,7 +156,7 @@ def test_verify_finds_damaged_entries(own: Cache, suffix: str):
     assert path.exists()
     assert f"removed: {path}" in run("cache", "verify", "--remove", "--cache", own.root, code=1)
     assert not path.exists()
-    assert as_json("cache", "verify", "--cache", own.root)["ok"]
+    assert as_json("cache", "verify", "--cache", own.root)["damaged"] == []
 
 
 def test_ages_and_sizes():

@@ -271,7 +271,7 @@ def test_a_build_killed_while_it_moves_files_is_finished(run_build, corpus, buil
 
 def test_a_folder_that_is_not_a_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):
     check = plant(tmp_path / "scratch", ["tmp/a.tmp", "notes.txt", f"objects/01/{HEX}.npy"])
-    for arguments in (["prune", "--max-size", "0B"], ["verify", "--remove"], ["info"]):
+    for arguments in (["prune", "--max-size", "0B"], ["verify", "--remove"], []):
         output = cli("cache", *arguments, "--cache", tmp_path / "scratch", code=2)
         assert "not a cache of dancedata" in output
         assert "notes.txt" in output

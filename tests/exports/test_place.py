@@ -263,15 +263,15 @@ def test_the_command(built, tmp_path: Path) -> None:
     made = built("edge")
     run = CliRunner().invoke
     arguments = ["export", str(made.path), "--to", "edge"]
-    arguments += ["--out", str(tmp_path / "out"), "--source", str(made.source)]
-    done = run(app, [*arguments, "--set", "val_as_test=true", "--feature", "librosa35", "--link", "--quiet"])
+    arguments += ["--out", str(tmp_path / "out"), "--music", str(made.source)]
+    done = run(app, [*arguments, "--set", "val_as_test=true", "--set", "feature=librosa35", "--link", "--quiet"])
     assert done.exit_code == 0, done.output
     assert f"exported edge as edge to {tmp_path}/out: " in done.stdout
     assert "fewer than the trainer's batch of 64" in done.stdout
     again = run(app, arguments)
     assert again.exit_code == 1
     assert "error: " in again.stderr
-    told = json.loads(run(app, [*arguments, "--overwrite", "--json"]).stdout)
+    told = json.loads(run(app, [*arguments, "--overwrite", "--json"]).stdout)["result"]
     assert (told["target"], told["parameters"]["val_as_test"]) == ("edge", False)
     assert told["files"] > 20
     wrong = run(app, ["export", str(made.path), "--to", "edge", "--out", str(tmp_path / "x"), "--set", "speed=2"])

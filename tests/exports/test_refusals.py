@@ -27,12 +27,12 @@ def refusal(store: Path, to: str, out: Path, **options) -> str:
     ("to", "wanted"),
     [
         ("edge", ["60 frames per second, not 30", "fix: fps: 30", "no field edge151", "fix: motion: {edge151: {}}",
-                  "librosa35 has 60 rows per second, not 30", "fix: audio: {librosa35: {fps: 30}}", "--source DIR"]),
-        ("popdg", ["no field edge151", "--source DIR"]),
+                  "librosa35 has 60 rows per second, not 30", "fix: audio: {librosa35: {fps: 30}}", "--music DIR"]),
+        ("popdg", ["no field edge151", "--music DIR"]),
         ("lodge", ["60 frames per second", "no field lodge139", "as in the recipe aist++-lodge or finedance",
                    "without one of the 16 genres", "name clips 001 to 211"]),
         ("finedance", ["no field finedance319", "name clips 001 to 211"]),
-        ("bailando", ["no field bailando438", "--source DIR"]),
+        ("bailando", ["no field bailando438", "--music DIR"]),
     ],
 )  # fmt: skip
 def test_all_problems_are_reported_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:

@@ -125,13 +125,13 @@ class Slow:
 
     def start(self, source: Path, out: Path, *arguments: object, **options: Any) -> Process:
         """Begin a build, in a process that has imported everything."""
-        process = Process(self.command("--source", source, "--out", out, *arguments), self.environment, **options)
+        process = Process(self.command(source, "--out", out, *arguments), self.environment, **options)
         self.pids.append(process.pid)
         return process
 
     def start_cold(self, source: Path, out: Path, *arguments: object, **options: Any) -> subprocess.Popen[Any]:
         """Begin a build as a shell does."""
-        command = self.command("--source", source, "--out", out, *arguments)
+        command = self.command(source, "--out", out, *arguments)
         process = subprocess.Popen(command, env=self.environment, **options)
         self.pids.append(process.pid)
         return process

@@ -33,7 +33,7 @@ def ray_two(slow: Any) -> Iterator[None]:
 def test_ray_gives_the_same_bytes_and_survives_a_killed_worker(slow, corpus, out, songs, undisturbed, hashes):
     slow.sleep(0.3)
     (slow.folder / f"kill-once-{songs[0]}").touch()
-    printed = slow.build(corpus, out, "--scheduler", "ray://auto")
+    printed = slow.build(corpus, out, "--cluster", "ray://auto")
     assert hashes(out) == undisturbed
     assert sorted(slow.calls()) == sorted([*songs, songs[0]]), "only the unit of the dead worker ran again"
     assert slow.strays() == []
@@ -100,10 +100,10 @@ def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
     """Two workers of each engine; gives the options of `build` that use it."""
     if request.param == "ray":
         with ray_cluster(slow.environment):
-            yield ["--scheduler", "ray://auto"]
+            yield ["--cluster", "ray://auto"]
     else:
         with dask_cluster(slow.environment) as address:
-            yield ["--scheduler", address]
+            yield ["--cluster", address]
 
 
 @pytest.mark.nightly
@@ -149,7 +149,7 @@ def test_ctrl_c_cancels(slow, corpus, out, cluster, undisturbed, hashes):
 def test_a_build_resumes_after_a_lost_ray_cluster(slow, corpus, out, undisturbed, hashes):
     slow.sleep(30)
     with ray_cluster(slow.environment) as cluster:
-        building = slow.start(corpus, out, "--scheduler", "ray://auto")
+        building = slow.start(corpus, out, "--cluster", "ray://auto")
         while not slow.calls():
             time.sleep(0.1)
         os.killpg(cluster.pid, signal.SIGKILL)
@@ -167,14 +167,14 @@ def test_a_build_resumes_after_a_lost_ray_cluster(slow, corpus, out, undisturbed
 @pytest.mark.nightly
 def test_ray_client_gives_the_same_bytes(slow, corpus, out, undisturbed, hashes):
     with ray_cluster(slow.environment), ray_client_server(slow.environment) as port:
-        slow.build(corpus, out, "--scheduler", f"ray://127.0.0.1:{port}")
+        slow.build(corpus, out, "--cluster", f"ray://127.0.0.1:{port}")
     assert hashes(out) == undisturbed
 
 
 @HAS_RAY
 @pytest.mark.nightly
 def test_ray_client_that_does_not_answer(slow: Any, corpus: Path, out: Path):
-    output = slow.build(corpus, out, "--scheduler", "ray://127.0.0.1:9", code=1)
+    output = slow.build(corpus, out, "--cluster", "ray://127.0.0.1:9", code=1)
     assert "no Ray cluster answers at this address" in output
     assert not out.exists()
 
@@ -189,7 +189,7 @@ def test_a_ray_worker_with_another_version_is_refused(slow: Any, corpus: Path, o
     slow.environment["PYTHONPATH"] = os.pathsep.join([str(info.parent), right])
     with ray_cluster(slow.environment):
         slow.environment["PYTHONPATH"] = right
-        output = slow.build(corpus, out, "--scheduler", "ray://auto", code=1)
+        output = slow.build(corpus, out, "--cluster", "ray://auto", code=1)
     assert "package versions differ on a worker" in output
     assert re.search(r"numpy 0\.1, not [0-9.]+", output)
     assert not out.exists()
@@ -200,6 +200,6 @@ def test_a_ray_worker_with_another_version_is_refused(slow: Any, corpus: Path, o
 def test_ray_kills_workers_for_their_memory(slow: Any, corpus: Path, out: Path):
     slow.environment |= {"RAY_memory_usage_threshold": "0.01", "RAY_memory_monitor_refresh_ms": "100"}
     with ray_cluster(slow.environment):
-        output = slow.build(corpus, out, "--scheduler", "ray://auto", code=1)
+        output = slow.build(corpus, out, "--cluster", "ray://auto", code=1)
     assert "running low on memory" in output
     assert not out.exists()

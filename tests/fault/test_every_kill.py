@@ -224,7 +224,7 @@ def command(slow: Any, corpus: Path, out: Path) -> Callable[..., list[Any]]:
 
     def line(recipe: Path, *options: str) -> list[Any]:
         slow.recipe = recipe
-        return list(slow.command("--source", corpus, "--out", out, "--jobs", 2, *options))
+        return list(slow.command(corpus, "--out", out, "--jobs", 2, *options))
 
     return line
 

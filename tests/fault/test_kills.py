@@ -96,7 +96,7 @@ BOTH = [(when, n) for n in range(1, 10) for when in ("before", "after")]
     ids=["some", "all"],
 )
 def test_a_build_killed_while_publishing_resumes(slow, corpus, out, undisturbed, hashes, moments):
-    arguments = slow.command("--source", corpus, "--out", out, "--jobs", 1)[3:]
+    arguments = slow.command(corpus, "--out", out, "--jobs", 1)[3:]
     kills = 0
     for when, n in moments:
         dying = [sys.executable, "-c", DYING, when, str(n), *arguments]

@@ -27,7 +27,7 @@ def cluster(slow: Any) -> Iterator[list[str]]:
     """Two workers; gives the options of `build` that use them."""
     pytest.importorskip("distributed")
     with dask_cluster(slow.environment) as address:
-        yield ["--backend", "dask", "--scheduler", address]
+        yield ["--cluster", address]
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def threads(slow: Any) -> Iterator[list[str]]:
     """A worker of two threads."""
     pytest.importorskip("distributed")
     with dask_cluster(slow.environment, 1, 2) as address:
-        yield ["--scheduler", address]
+        yield ["--cluster", address]
 
 
 def test_a_worker_killed_under_loky_loses_only_its_unit(slow, corpus, out, songs, undisturbed, hashes):
@@ -93,7 +93,7 @@ def test_a_build_resumes_after_a_lost_scheduler(slow, corpus, out, undisturbed, 
     slow.sleep(3)
     with subprocess.Popen(command, env=slow.environment, start_new_session=True, **PIPES) as cluster:
         address = cluster.stdout.readline().strip()
-        building = slow.start(corpus, out, "--backend", "dask", "--scheduler", address)
+        building = slow.start(corpus, out, "--cluster", address)
         while not slow.calls():
             time.sleep(0.1)
         os.killpg(cluster.pid, signal.SIGKILL)
@@ -181,12 +181,12 @@ def test_a_worker_with_threads_is_refused() -> None:
         (["--backend", "dask"], "Give its address: --scheduler tcp://HOST:8786"),
         (["--backend", "ray"], "Give its address: --scheduler ray://HOST:10001"),
         (["--backend", "spark"], "allowed: loky, dask, ray"),
-        (["--backend", "loky", "--scheduler", "tcp://127.0.0.1:1"], "an address of dask; found --backend loky"),
-        (["--backend", "dask", "--scheduler", "ray://auto"], "an address of ray; found --backend dask"),
-        (["--scheduler", "ray://:10001"], "not a complete one; found ray://:10001; allowed: ray://HOST:10001"),
-        (["--scheduler", "ray"], "not a complete one; found ray; allowed: tcp://HOST:8786; ray://HOST:10001"),
-        (["--scheduler", "tcp://HOST"], "not a complete one; found tcp://HOST; allowed: tcp://HOST:8786"),
-        (["--scheduler", "spark://HOST:7077"], "not a complete one; found spark://HOST:7077; allowed: tcp://"),
+        (["--backend", "loky", "--cluster", "tcp://127.0.0.1:1"], "an address of dask; found --backend loky"),
+        (["--cluster", "ray://auto"], "an address of ray; found --backend dask"),
+        (["--cluster", "ray://:10001"], "not a complete one; found ray://:10001; allowed: ray://HOST:10001"),
+        (["--cluster", "ray"], "not a complete one; found ray; allowed: tcp://HOST:8786; ray://HOST:10001"),
+        (["--cluster", "tcp://HOST"], "not a complete one; found tcp://HOST; allowed: tcp://HOST:8786"),
+        (["--cluster", "spark://HOST:7077"], "not a complete one; found spark://HOST:7077; allowed: tcp://"),
         (["--part", "5/4"], "a part is NUMBER/COUNT"),
         (["--part", "1/4", "--backend", "dask"], "--part goes with neither"),
     ],
@@ -196,7 +196,7 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str)
 
     from dancedata.cli.app import app
 
-    arguments = ["build", "aist++", "--source", str(corpus), "--out", str(out), *options]
+    arguments = ["build", "aist++", str(corpus), "--out", str(out), *options]
     result = CliRunner().invoke(app, arguments)
     assert (result.exit_code, output in result.stderr) == (2, True), result.stderr
     assert not out.exists()

@@ -62,7 +62,7 @@ def test_a_build_stores_the_good_clip_among_all_of_them(hostile: ModuleType, tmp
     (tmp_path / "recipe.yaml").write_text(RECIPE)
     build = [sys.executable, "-m", "dancedata", "build", str(tmp_path / "recipe.yaml"), "--jobs", "1", "-q"]
     ended = subprocess.run(
-        [*build, "--source", str(source), "--out", str(out)],
+        [*build, str(source), "--out", str(out)],
         capture_output=True,
         preexec_fn=limited,
         env={**os.environ, "DANCEDATA_CACHE": str(tmp_path / "cache"), "OPENBLAS_NUM_THREADS": "1"},

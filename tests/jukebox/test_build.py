@@ -122,7 +122,7 @@ def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch)
 def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, tiny, scope):
     whole = _build(corpus, tmp_path / "whole", scope)
     folder = tmp_path / "killed"
-    command = [sys.executable, "-m", "dancedata", "build", "aist++", "--source", str(corpus)]
+    command = [sys.executable, "-m", "dancedata", "build", "aist++", str(corpus)]
     command += ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
     command += [part for setting in (*SET, SCOPES[scope]) for part in ("--set", setting)]
     environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}
@@ -144,10 +144,10 @@ def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, 
 def test_an_own_song_like_a_dataset(corpus, stores, tmp_path, tiny, scope, monkeypatch):
     store = stores[scope]
     song = next((corpus / "wavs").glob("*.wav"))
-    command = ["features", str(song), "--feature", "jukebox", "--out", str(tmp_path), "--like", str(store.path)]
+    command = ["features", str(song), "--field", "jukebox", "--out", str(tmp_path), "--like", str(store.path)]
     monkeypatch.delenv(ENVIRONMENT)
     done = CliRunner().invoke(app, [*command, "--weights", str(tiny.folder), "--json"], catch_exceptions=False)
-    (about,) = json.loads(done.stdout)
+    (about,) = json.loads(done.stdout)["result"]["songs"]
     rows = np.load(tmp_path / about["file"])
     clip = next(clip for clip in store if clip.music == song.stem)
     mine = rows[:150] if scope == "track" else rows[clip.slice_start // 30]

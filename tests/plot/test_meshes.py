@@ -127,7 +127,7 @@ def test_videos_show_the_model(demo: Path, model: Path, tmp_path: Path) -> None:
     tall = plot.write_video(ds, clip, tmp_path / "c.mp4", body_model=model, betas=[50.0], **options)
     assert np.abs(pictures(tall).astype(int) - pictures(skin)).max() > 60
     command = ["view", demo, f"{clip}@0+150", "--body-model", model, "--size", "192x160"]
-    result = run(*command, "--video", tmp_path / "d.mp4")
+    result = run(*command, "--out", tmp_path / "d.mp4")
     assert str(tmp_path / "d.mp4") in result.output
     assert len(pictures(tmp_path / "d.mp4")) == 150
 

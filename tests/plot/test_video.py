@@ -132,7 +132,7 @@ def test_music_needs_the_right(demo: Path, relabelled, tmp_path: Path) -> None:
     with raises_message(UsageError, "allow", where="relabelled"):
         plot.write_video(path, clip, tmp_path / "a.mp4", **options)
     assert not (tmp_path / "a.mp4").exists()
-    plot.write_video(path, clip, tmp_path / "a.mp4", may_share=True, **options)
+    plot.write_video(path, clip, tmp_path / "a.mp4", rights="granted to the tests", **options)
     assert b"on the statement of the maker of this file" in (tmp_path / "a.mp4").read_bytes()
     plot.write_video(path, clip, tmp_path / "silent.mp4", length_s=0.2, size=SIZE)
     assert len(pictures(tmp_path / "silent.mp4")) == 6
@@ -221,7 +221,7 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path, after: float) -> No
         (tmp_path / name).mkdir()
     clip = dancedata.open(demo).clips()[0].id
     process = subprocess.Popen(
-        [sys.executable, "-m", "dancedata", "view", demo, clip, "--video", tmp_path / "out" / "a.mp4"],
+        [sys.executable, "-m", "dancedata", "view", demo, clip, "--out", tmp_path / "out" / "a.mp4"],
         env={**os.environ, "TMPDIR": str(tmp_path / "tmp")},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip

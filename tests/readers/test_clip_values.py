@@ -213,7 +213,7 @@ def test_terms_of_clips(tmp_path: Path) -> None:
         assert not may_share_audio(store)
         with raises_message(UsageError, "allow", where="store"):
             require_shareable(store)
-        assert "all rights reserved" in require_shareable(store, allowed_by_caller=True)
+        assert "all rights reserved" in require_shareable(store, rights="granted")
     lines = run("info", path).stdout
     assert "licence of 4 clips: CC BY 4.0; cite: Anna, 2026; may be passed on" in lines
     assert "licence of 3 clips: the licence of the dataset\n" in lines

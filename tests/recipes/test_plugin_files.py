@@ -207,15 +207,15 @@ def test_plugins_is_a_list(value: str, tmp_path: Path) -> None:
 
 def test_the_option_of_commands(corpus: Path, tmp_path: Path) -> None:
     recipe = recipe_file(tmp_path, RECIPE.replace("plugins: [./loudness.py]", ""))
-    plan = ["plan", str(recipe), "--source", str(corpus), "--cache", str(tmp_path / "cache"), "--json"]
+    plan = ["build", "--dry-run", str(recipe), str(corpus), "--cache", str(tmp_path / "cache"), "--json"]
     assert "unknown audio feature 'loudness'" in CliRunner().invoke(app, plan).output
     result = CliRunner().invoke(app, [*plan, "--plugin", str(feature(tmp_path))])
-    assert json.loads(result.stdout)["recipe_sha256"] == local(tmp_path).sha256
+    assert json.loads(result.stdout)["result"]["recipe_sha256"] == local(tmp_path).sha256
 
 
 def test_features_take_the_option(corpus: Path, tmp_path: Path) -> None:
     plugin = ["--plugin", str(feature(tmp_path)), "--json"]
     song = next(p for p in sorted(corpus.rglob("*")) if p.suffix in (".wav", ".flac", ".ogg"))
-    command = ["features", str(song), "--feature", "loudness", "--out", str(tmp_path / "out"), *plugin]
+    command = ["features", str(song), "--field", "loudness", "--out", str(tmp_path / "out"), *plugin]
     assert CliRunner().invoke(app, command).exit_code == 0
     assert np.load(tmp_path / f"out/{song.stem}.loudness.npy").shape[1] == 1

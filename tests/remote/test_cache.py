@@ -21,12 +21,12 @@ from tests.remote.servers import Hub, Server, cut
 def _run(*args: object, code: int = 0) -> Any:
     result = CliRunner().invoke(app, [*map(str, args), "--json"])
     assert result.exit_code == code, result.output
-    return json.loads(result.stdout)
+    return json.loads(result.stdout)["result"]
 
 
 def test_info_counts_them(server: Server, own_cache: Path) -> None:
     pulled = _run("pull", f"{server.url}/store", "--split", "val")
-    stage = _run("cache", "info")["stages"]["datasets"]
+    stage = _run("cache")["stages"]["datasets"]
     assert stage["entries"] == pulled["files"] == pulled["fetched_files"]
     assert _run("cache", "verify")["damaged"] == []
 
@@ -85,5 +85,5 @@ def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:
     remote, local = (GroupDataset(where, "train", scale=None) for where in (address, tmp_path / "groups"))
     assert len(remote) == len(local) > 0
     assert np.array_equal(remote[0]["person_mask"], local[0]["person_mask"])
-    result = CliRunner().invoke(app, ["view", address, "--export", str(tmp_path / "page.html"), "--quiet"])
+    result = CliRunner().invoke(app, ["view", address, "--out", str(tmp_path / "page.html"), "--quiet"])
     assert result.exit_code == 0, result.output

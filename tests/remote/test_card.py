@@ -75,7 +75,7 @@ def test_the_recipe_is_that_of_the_dataset(card: Path, demo: Path) -> None:  # n
 
 def test_two_runs_are_equal_and_other_files_are_kept(card: Path, demo: Path, tmp_path: Path) -> None:  # noqa: F811
     path = tmp_path / "README.md"
-    assert "README_files" in run("report", demo, "--card", "--to", path).stdout
+    assert "README_files" in run("export", demo, "--to", "card", "--out", path).stdout
     assert path.read_bytes() == card.read_bytes()
     for name in ("poses.png", "map.png", "beats.png"):
         assert (tmp_path / "README_files" / name).read_bytes() == (card.parent / "README_files" / name).read_bytes()

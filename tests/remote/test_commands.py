@@ -81,11 +81,11 @@ def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme
     for folder, where in (("remote", address), ("local", built)):
         (tmp_path / folder).mkdir()
         dancedata.export(where, "npz", tmp_path / folder / "npz", progress=False)
-        run("view", where, "--export", tmp_path / folder / "page.html", "--quiet")
+        run("view", where, "--out", tmp_path / folder / "page.html", "--quiet")
         report = as_json("report", where, "--clips", "none", "--quiet")
         found = as_json("check", where, "--quiet")
         about = as_json("info", where)
-        assert found["path"] == about.pop("path") == str(where)
+        assert found["paths"] == [about.pop("path")] == [str(where)]
         assert f": {where} (" in run("info", where).output
         checked = [p for p in found["problems"] if p["severity"] == "error"]
         values = dancedata.evaluate(where, metrics=("pfc",), intervals=False, jobs=1, progress=False).to_json()

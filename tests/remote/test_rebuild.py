@@ -90,7 +90,7 @@ def change(source: Path) -> Path:
 def test_finedance_in_a_clean_process(
     published_fine: UploadHub, fine: Path, fine_source: Path, tmp_path: Path
 ) -> None:
-    text = in_new_process("build", WHERE, "--source", fine_source, "--out", tmp_path / "again", "--jobs", 1)
+    text = in_new_process("build", WHERE, fine_source, "--out", tmp_path / "again", "--jobs", 1)
     assert f"the same bytes as {WHERE}@" in text
     for file in fine.iterdir():
         assert (tmp_path / "again" / file.name).read_bytes() == file.read_bytes()
@@ -100,7 +100,7 @@ def test_the_demo_in_a_clean_process(uploads: UploadHub, tmp_path: Path, cache: 
     built = dancedata.build("demo", out=tmp_path / "demo", overrides=DEMO, jobs=1, cache=cache, progress=False)
     push(built.path, WHERE, recipe_only=True, progress=False)
     text = in_new_process("build", WHERE, "--out", tmp_path / "again", "--jobs", 1, "--json")
-    assert json.loads(text)["rebuilt"] is True
+    assert json.loads(text)["result"]["rebuilt"] is True
     assert (tmp_path / "again/dataset.json").read_bytes() == (tmp_path / "demo/dataset.json").read_bytes()
 
 
@@ -110,16 +110,14 @@ def test_which_clip_differs(
     source = shutil.copytree(fine_source, tmp_path / "source")
     change(source)
     result = run(
-        "build", WHERE, "--source", source, "--out", tmp_path / "again", "--jobs", 1, "--cache", cache, code=1
+        "build", WHERE, source, "--out", tmp_path / "again", "--jobs", 1, "--cache", cache, code=1
     )  # fmt: skip
     assert "another source than that of the publication: other motion of 1 clip: motion/001.npy" in result.output
     assert f"other bytes than {WHERE}@" in result.output
     again = json.loads(
-        run(
-            "build", WHERE, "--source", source, "--out", tmp_path / "again", "--json", "--cache", cache, code=1
-        ).stdout
+        run("build", WHERE, source, "--out", tmp_path / "again", "--json", "--cache", cache, code=1).stdout
     )
-    assert again["rebuilt"] is False
+    assert again["result"]["rebuilt"] is False
 
 
 def test_a_missing_file_and_another_recipe(

@@ -42,7 +42,7 @@ def test_music_that_may_not_be_shared_is_refused(relabelled, demo: Path, tmp_pat
     with raises_message(UsageError, "allow", where="relabelled"):
         write_report(path, tmp_path / "a.html", audio="embed", source=source)
     assert not (tmp_path / "a.html").exists()
-    write_report(path, tmp_path / "a.html", clips=1, audio="embed", source=source, may_share=True)
+    write_report(path, tmp_path / "a.html", clips=1, audio="embed", source=source, rights="granted to the tests")
     notice = data_of(tmp_path / "a.html")["head"]["notice"]
     assert notice.startswith("Music: included on the statement of the maker of this file")
     assert "<b>no redistribution</b>" in notice

@@ -154,7 +154,9 @@ def test_single_dancers_have_no_groups(demo: Path, tmp_path: Path) -> None:
 
 
 def test_the_music_of_groups_is_embedded(crowd: Path, crowd_source: Path, tmp_path: Path) -> None:  # noqa: F811
-    write_report(crowd, tmp_path / "page.html", clips=2, audio="embed", source=crowd_source, may_share=True)
+    write_report(
+        crowd, tmp_path / "page.html", clips=2, audio="embed", source=crowd_source, rights="granted to the tests"
+    )
     data = json.loads((tmp_path / "page.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
     assert set(data["audio"]) == {"0", "1"}
     assert dancedata.open(crowd).clips()[0].group

@@ -153,9 +153,9 @@ def test_results_are_those_that_were_planted(tmp_path: Path) -> None:
     with_all = results_of(*read_results([*files, careless]), keep_failed=True)
     assert with_all.preferences[0].answers == 104
     assert "careless" in with_all.notes[0]
-    document = as_json("study-results", *files, careless)
+    document = as_json("study", *files, careless)
     assert document["preferences"][0]["wins"] == preference.wins
-    assert f"a over b: {preference.share:.1%}" in run("study-results", *files).stdout
+    assert f"a over b: {preference.share:.1%}" in run("study", *files).stdout
     with raises_message(UsageError, "participant"):
         results_of(*read_results([careless]))
 

@@ -242,11 +242,14 @@ def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
     assert 10_000 < page.stat().st_size < 400_000
     with raises_message(UsageError, "already", where="wav.html"):
         export_page(ViewRequest(odd, "wav"), page)
-    with raises_message(UsageError, "allow", where="odd"):
-        export_page(ViewRequest(odd, "wav", music=source), tmp_path / "b.html", audio=True)
-    assert not (tmp_path / "b.html").exists()
-    export_page(ViewRequest(odd, "wav", music=source), page, audio=True, shared=True, overwrite=True)
-    assert "included on the statement" in page.read_text()
+    said: list[str] = []
+    export_page(ViewRequest(odd, "wav", music=source), tmp_path / "b.html", say=said.append)
+    assert "does not allow its music to be passed on; --rights TEXT" in said[0]
+    assert "audio/ogg" not in (tmp_path / "b.html").read_text()
+    export_page(ViewRequest(odd, "wav", music=source), page, rights="granted to the tests", overwrite=True)
+    assert "that it may be shared: granted to the tests" in page.read_text()
+    with raises_message(UsageError, "rights"):
+        export_page(ViewRequest(odd, "wav"), tmp_path / "c.html", rights="granted")
 
 
 def test_a_connection_that_is_reset_prints_nothing(odd: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -55,7 +55,6 @@ def fetch_model(
     revision: str | None,
     out: Path | str,
     *,
-    pickles: bool = False,
     endpoint: str | None = None,
     show_licence: Callable[[str], None] = lambda _: None,
 ) -> FetchedModel:
@@ -67,7 +66,6 @@ def fetch_model(
     `name`: Id on the hub, ``OWNER/NAME``.
     `revision`: Commit, 40 hexadecimal digits. For a branch, a tag or None the error names the commit to give.
     `out`: Folder to make.
-    `pickles`: Whether to fetch pickled weights if the repository has no safetensors. They are read as data only.
     `endpoint`: Address of another hub; default: $HF_ENDPOINT, else the public one.
     `show_licence`: Called with the licence before the weights are fetched.
     Raises UsageError: `revision` is not a commit, the hub refuses the model, it has no weights of this kind, `out`
@@ -86,10 +84,10 @@ def fetch_model(
                 where=name,
                 found=revision or "no revision",
                 allowed="40 hexadecimal digits",
-                fix=f"{shown(revision or 'main')} is this commit now: --revision {shown(info.sha)}",
+                fix=f"{shown(revision or 'main')} is this commit now: {name}@{shown(info.sha)}",
             )
         files = sorted(file.rfilename for file in info.siblings or ())
-        chosen = _chosen(name, files, pickles)
+        chosen = _chosen(name, files)
         part = out.with_name(f"{PREFIX}{out.name}-{info.sha[:12]}")
         _require_new(out)
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -175,7 +173,7 @@ def _errors(name: str, endpoint: str) -> Iterator[None]:
         ) from error
 
 
-def _chosen(name: str, files: Sequence[str], pickles: bool) -> list[str]:
+def _chosen(name: str, files: Sequence[str]) -> list[str]:
     # The hub's names are not trusted: no folders, no hidden files.
     plain = [file for file in files if _PLAIN_FILE.fullmatch(file)]
     usable = [file for file in plain if any(fnmatch.fnmatchcase(file, one) for one in (*FILES, *_LICENCES))]
@@ -185,13 +183,6 @@ def _chosen(name: str, files: Sequence[str], pickles: bool) -> list[str]:
         raise UsageError("hf: the repository is not a model in transformers' layout", where=name,
                          found=listed(files) or "no file",
                          allowed="config.json, and weights as model*.safetensors or pytorch_model*.bin")  # fmt: skip
-    if not safe and not pickles:
-        raise UsageError(
-            "hf: the model has pickled weights only, no safetensors",
-            where=name,
-            found=listed(pickled),
-            fix="fetch them with --pickles; they are read as data, and code in them is not executed",
-        )
     return [file for file in usable if not (safe and file in pickled)]
 
 

@@ -32,7 +32,7 @@ FILES = (
     "pytorch_model.bin.index.json",
     "README.md",
 )
-#: File of `dancedata hf fetch` with the origin of a folder: id, revision, licence.
+#: File of `dancedata pull hf://...` with the origin of a folder: id, revision, licence.
 PROVENANCE = "dancedata-hf.json"
 #: Configs with lists of labels and mel filters have a few MB.
 _MAX_JSON = 1 << 25
@@ -153,7 +153,7 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
         raise UsageError(
             "hf: the model is not on this machine, and builds download nothing",
             where=named,
-            fix=f"fetch it where there is a network: dancedata hf fetch {named} --revision {revision or 'COMMIT'} "
+            fix=f"fetch it where there is a network: dancedata pull hf://{named}@{revision or 'COMMIT'} "
             "--out DIR; then set model to DIR, also on a cluster to which the folder was copied",
         ) from error
     return replace(_read(path, named, path.name), from_hub=True)
@@ -210,7 +210,7 @@ def _shaping(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def licence_of(folder: Path) -> str:
-    """Return the licence that the front matter of a folder's README.md states, or `hf fetch` noted, or UNKNOWN.
+    """Return the licence that the front matter of a folder's README.md states, or `pull` noted, or UNKNOWN.
 
     ``license: other`` is replaced by ``license_name`` and ``license_link`` where the card has them.
     """

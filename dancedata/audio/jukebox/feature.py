@@ -116,7 +116,7 @@ class Jukebox(NetworkFeature):
         if folder is None:
             raise UsageError("jukebox: the folder of the weights is unknown (they are not part of this package)",
                              fix=f"set {ENVIRONMENT}, or audio.jukebox.weights in the recipe, to the folder that "
-                             "`dancedata jukebox fetch` or `convert` wrote")  # fmt: skip
+                             "`dancedata pull jukebox` wrote")  # fmt: skip
         if not folder.is_dir():
             raise SourceError("the folder of Jukebox's weights does not exist", where=folder)
         return folder.absolute()

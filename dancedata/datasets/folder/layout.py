@@ -50,7 +50,7 @@ def match_names(source: Path, music_dir: Path | None = None) -> Matched:
             where=str(source),
             found=describe(motion_folder),
             allowed=LOOKED_FOR,
-            fix="set --source to the folder with the files, or write a manifest: dancedata manifest proposes one "
+            fix="set SOURCE to the folder with the files, or write a manifest: dancedata init proposes one "
             "(docs/own-data.md)",
         )
     rejects += _rest(source, {motion_folder, *music_folders}, motions, music)

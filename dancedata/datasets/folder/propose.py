@@ -46,7 +46,7 @@ _SAME_S = 0.5
 #: Rates that are tried against the length of the music, the usual one first.
 _RATES = (30, 60, 120, 24, 25, 50, 100)
 _COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
-_HEAD = "# Proposed by dancedata manifest: check the rows whose column guessed is not empty and then empty that cell."
+_HEAD = "# Proposed by dancedata init: check the rows whose column guessed is not empty and then empty that cell."
 #: Words of names of files that are compared: letters, without numbers of takes.
 _WORD = re.compile(r"[^\W\d_]{3,}")
 #: Arrays with fewer columns are no pose of a body: 12 joints in space have 36.

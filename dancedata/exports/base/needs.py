@@ -14,7 +14,7 @@ from dancedata.exports.base.job import ExportJob, Missing
 if TYPE_CHECKING:
     from dancedata.store import Clip
 
-_SOURCE = "give --source DIR, the folder with the music"
+_SOURCE = "give --music DIR, the folder with the music"
 
 
 def needs_field(
@@ -91,7 +91,7 @@ def needs_music_from_start(clips: Sequence[Clip], *, exactly: bool = False) -> l
 
 
 def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
-    """Check that --source has the music of clips."""
+    """Check that --music has the music of clips."""
     if job.source is None:
         return [Missing("the music itself is needed, which no dataset holds", _SOURCE)]
     try:

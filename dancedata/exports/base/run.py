@@ -138,7 +138,7 @@ def export(
     progress
         As in `build`.
     parameters
-        The target's own, such as ``feature="jukebox"`` or ``scaler="train"``; `dancedata list` shows them.
+        The target's own, such as ``feature="jukebox"`` or ``scaler="train"``; `dancedata info TARGET` shows them.
 
     Returns
     -------

@@ -70,7 +70,7 @@ def read_description(folder: Path) -> Description:
             "not a finished conversion of a Jukebox checkpoint",
             where=folder,
             found=f"no readable {DESCRIPTION_FILE}",
-            fix=f"convert with `dancedata jukebox convert`; it writes {DESCRIPTION_FILE} last",
+            fix=f"convert with `dancedata pull FOLDER --out DIR`; it writes {DESCRIPTION_FILE} last",
         ) from error
     except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
         raise SourceError("the description of a converted checkpoint is damaged", where=path, found=shown(error),
@@ -112,7 +112,7 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
     if missing:
         raise SourceError("a file of Jukebox's weights is missing", where=folder,
                           found=", ".join(missing) + " not there",
-                          fix="get both with `dancedata jukebox fetch`")  # fmt: skip
+                          fix="get both with `dancedata pull jukebox`")  # fmt: skip
     found = {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
     others = [name for name in found if found[name] != SHA256[name]]
     if others and not (folder / HPARAMS_FILE).exists():
@@ -121,7 +121,7 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
             where=folder,
             found=", ".join(f"{name} with SHA-256 {found[name]}" for name in others),
             allowed=", ".join(SHA256[name] for name in others),
-            fix=f"get them with `dancedata jukebox fetch`; those of another network have its sizes in {HPARAMS_FILE}",
+            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {HPARAMS_FILE}",
         )
     return found
 
@@ -141,5 +141,5 @@ def refuse_hugging_face(folder: Path) -> None:
             where=folder,
             found=f"config.json with model_type {quoted(kind)}",
             allowed=f"OpenAI's 5b model without lyrics: {VQVAE_FILE} and {PRIOR_FILE}",
-            fix="get it with `dancedata jukebox fetch`; it is not on the hub",
+            fix="get it with `dancedata pull jukebox`; it is not on the hub",
         )

@@ -185,4 +185,4 @@ def _refuse_unknown(source: TensorSource, names: Iterable[str], expected: Iterab
     if unknown:
         raise SourceError("the checkpoint has unknown tensors: it belongs to another network", where=source.path,
                           found=listed(unknown), allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
-                          fix="get the right files with `dancedata jukebox fetch`")  # fmt: skip
+                          fix="get the right files with `dancedata pull jukebox`")  # fmt: skip

@@ -78,7 +78,7 @@ class TorchFile(_Closing):
                 where=path,
                 found=shown(error),
                 allowed="a complete file that torch.save wrote, of tensors and plain containers",
-                fix="get the file again with `dancedata jukebox fetch`",
+                fix="get the file again with `dancedata pull jukebox`",
             ) from error
         self._tensors: dict[str, torch.Tensor] = {
             name: tensor for name, tensor in _model(loaded, path).items() if isinstance(tensor, torch.Tensor)
@@ -222,7 +222,7 @@ def open_torch_file(path: Path) -> TorchFile:
             "a file of the Jukebox checkpoint is missing",
             where=path,
             found=sorted(p.name for p in path.parent.iterdir())[:10] if path.parent.is_dir() else "no such folder",
-            fix="get it with `dancedata jukebox fetch`, from OpenAI, a mirror or another folder",
+            fix="get it with `dancedata pull jukebox`, from OpenAI, a mirror or another folder",
         )
     return TorchFile(path)
 

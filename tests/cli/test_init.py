@@ -1,4 +1,4 @@
-"""dancedata new: every template passes the conformance suite unchanged, and nothing is overwritten."""
+"""dancedata init --plugin-kind: every template passes the conformance suite unchanged, and nothing is overwritten."""
 
 import importlib
 import json
@@ -25,7 +25,7 @@ def test_every_kind_has_a_template() -> None:
     assert {id(kind.registry) for kind in KINDS.values()} == {
         id(registry) for registry in (*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS)
     }
-    text = " ".join(run("new", "--help").stdout.split())
+    text = as_json("init", "x", "--plugin-kind", "nothing", code=2)["fix"]
     assert all(kind in text for kind in KINDS)
 
 
@@ -33,7 +33,9 @@ def test_every_kind_has_a_template() -> None:
 @pytest.mark.parametrize("name", ["my_first2", "motion"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_passes_as_it_is(kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = write_plugin(kind, name, tmp_path / "here")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    made = write_plugin(kind, name, Path())
     registry = made.kind.registry
     registry.names()
     monkeypatch.setattr(registry, "_classes", dict(registry._classes))
@@ -48,30 +50,27 @@ def test_a_template_passes_as_it_is(kind: str, name: str, tmp_path: Path, monkey
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_next_steps(kind: str, tmp_path: Path) -> None:
-    done = run("new", kind, "shake", "--out", tmp_path / "a folder")
-    assert sorted(p.name for p in (tmp_path / "a folder").iterdir()) == ["shake.py", "test_shake.py"]
+def test_next_steps(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = run("init", "shake", "--plugin-kind", kind)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["shake.py", "test_shake.py"]
     group = KINDS[kind].registry.package
     assert f'[project.entry-points."{group}"]\nshake = "shake"\n' in done.stdout
-    assert f"'{tmp_path}/a folder/test_shake.py'" in done.stdout
+    assert "python -m pytest test_shake.py" in done.stdout
     if kind == "metric":
         assert 'it is used by: METRICS.get("shake")().measure(dance)' in done.stdout
         return
     if kind == "export":
-        assert "it is used by: dancedata export STORE --to shake --out DIR" in done.stdout
+        assert "it is used by: dancedata export DATASET --to shake --out DIR" in done.stdout
         return
     recipe = load_yaml(done.stdout.split("a recipe may have: ")[1].splitlines()[0])
     assert "shake" in json.dumps(recipe)
 
 
-def test_as_json(tmp_path: Path) -> None:
-    about = as_json("new", "filter", "shake", "--out", tmp_path)
-    assert about == {
-        "name": "shake",
-        "group": "dancedata.filters",
-        "module": str(tmp_path / "shake.py"),
-        "test": str(tmp_path / "test_shake.py"),
-    }
+def test_as_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    about = as_json("init", "shake", "--plugin-kind", "filter")
+    assert about == {"name": "shake", "group": "dancedata.filters", "module": "shake.py", "test": "test_shake.py"}
 
 
 @pytest.mark.parametrize(
@@ -84,16 +83,19 @@ def test_as_json(tmp_path: Path) -> None:
         ("filter numpy", "numpy is the name of an installed Python module"),
     ],
 )  # fmt: skip
-def test_bad_names(plugin: str, word: str, tmp_path: Path) -> None:
-    assert word in run("new", *plugin.split(), "--out", tmp_path / "out", code=2).stderr
-    assert not (tmp_path / "out").exists()
+def test_bad_names(plugin: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    kind, name = plugin.split()
+    assert word in run("init", name, "--plugin-kind", kind, code=2).stderr
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("taken", ["shake.py", "test_shake.py"])
-def test_nothing_is_overwritten(taken: str, tmp_path: Path) -> None:
+def test_nothing_is_overwritten(taken: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / taken).write_text("mine")
+    monkeypatch.chdir(tmp_path)
     with raises_message(UsageError, "exists"):
-        write_plugin("filter", "shake", tmp_path)
+        write_plugin("filter", "shake", Path())
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [(taken, "mine")]
 
 
@@ -105,18 +107,17 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
 
 def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
     """Their tests pass, and so does that of a plug-in by itself."""
-    done = run("new", "contact-rule", "toes", "--out", tmp_path, "--package", "my_dance")
-    assert f"python -m pytest {tmp_path}/my_dance" in done.stdout
-    run("new", "metric", "reach", "--out", tmp_path, "--package", "my_dance")
-    about = as_json("new", "contact-rule", "heels", "--out", tmp_path, "--package", "my_dance")
-    assert about["package"] == "my_dance"
     root = tmp_path / "my_dance"
+    done = run("init", "toes", "--plugin-kind", "contact-rule", "--out", root)
+    assert f"python -m pytest {root}" in done.stdout
+    run("init", "reach", "--plugin-kind", "metric", "--out", root)
+    assert as_json("init", "heels", "--plugin-kind", "contact-rule", "--out", root)["package"] == "my_dance"
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     assert project["entry-points"] == {
         "dancedata.contacts": {"toes": "my_dance.toes", "heels": "my_dance.heels"},
         "dancedata.metrics": {"reach": "my_dance.reach"},
     }
-    alone = write_plugin("contact-rule", "sole", tmp_path / "alone").test
+    alone = write_plugin("contact-rule", "sole", tmp_path / "others").test
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", ".", str(alone)]
     environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
     done_tests = subprocess.run(command, cwd=root, capture_output=True, text=True, env=environment, check=False)
@@ -128,5 +129,22 @@ def test_packages_that_cannot_be_written(name: str, package: str, tmp_path: Path
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs/pyproject.toml").write_text("[project]\n")
     with raises_message(UsageError, "package") if package != "numpy" else pytest.raises(UsageError, match="numpy is"):
-        write_plugin("contact-rule", name, tmp_path, package)
+        write_plugin("contact-rule", name, tmp_path / package)
     assert not list(tmp_path.rglob("*.py"))
+
+
+def test_a_dataset_in_a_checkout(tmp_path: Path) -> None:
+    """Reader, recipe, page, test and a line of changes, where they belong; the test passes."""
+    for folder in ("dancedata/datasets", "pipelines", "docs/datasets", "tests/datasets"):
+        (tmp_path / folder).mkdir(parents=True)
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## [Unreleased]\n\n## [0.1]\n")
+    about = as_json("init", "lab19", "--plugin-kind", "dataset", "--in-tree", "--out", tmp_path)
+    names = [str(Path(path).relative_to(tmp_path)) for path in about["files"]]
+    assert names == [
+        "dancedata/datasets/lab19.py", "tests/datasets/test_lab19.py", "pipelines/lab19.yaml",
+        "docs/datasets/lab19.md",
+        "CHANGELOG.md",
+    ]  # fmt: skip
+    assert "`lab19`" in (tmp_path / "CHANGELOG.md").read_text().split("## [0.1]")[0]
+    assert "from dancedata.datasets.lab19 import Lab19" in (tmp_path / names[1]).read_text()
+    assert load_yaml((tmp_path / names[2]).read_text())["dataset"] == {"lab19": {}}

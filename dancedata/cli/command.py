@@ -1,0 +1,131 @@
+"""What every command does: its options, its output as text or as JSON, its errors as exit codes."""
+
+import inspect
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
+from typing import Annotated, Any
+
+import typer
+
+from dancedata.cli.help import RARE, print_help
+from dancedata.cli.interrupts import Interrupted, is_interrupted
+from dancedata.cli.terminal import say
+from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
+from dancedata.core.plugin_files import load_plugins
+from dancedata.core.text import json_text
+from dancedata.core.version import __version__
+from dancedata.execution.arithmetic import adopt
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=RARE)]
+Summary = Annotated[
+    bool, typer.Option("-h", is_eager=True, callback=print_help(full=False), expose_value=False, hidden=True)
+]
+Help = Annotated[
+    bool, typer.Option("--help", is_eager=True, callback=print_help(full=True), expose_value=False, hidden=True)
+]
+#: Options of all commands.
+_SHARED = {"as_json": AsJson, "summary": Summary, "whole_help": Help}
+
+
+@dataclass(frozen=True)
+class Output:
+    """The result of a command, as a JSON document and as text.
+
+    `ok`: Whether the exit code is 0, else 1.
+    `warnings`: Those of the document; the text has them already.
+    `error`: A problem for which there is a document all the same.
+    """
+
+    document: Callable[[], Any]
+    text: Callable[[], str]
+    ok: bool = True
+    warnings: Sequence[str] = ()
+    error: DanceDataError | None = None
+
+
+def command(function: Callable[..., Output | None]) -> Callable[..., None]:
+    """Make a command: exit code 2 for wrong usage, 1 for a problem in the data, errors as text or as JSON.
+
+    Before it begins, and loads numpy, the instructions are chosen that results are computed with.
+    """
+
+    @wraps(function)
+    def run(**arguments: Any) -> None:
+        as_json = arguments.pop("as_json")
+        for shown_before in ("summary", "whole_help"):
+            arguments.pop(shown_before)
+        if as_json and "quiet" in arguments:
+            arguments["quiet"] = True
+        warnings: list[str] = []
+        output, result = None, None
+        try:
+            adopt()
+            load_plugins(*(arguments.pop("plugins", None) or ()))
+            if "as_json" in parameters:
+                arguments["as_json"] = as_json
+            with _collected(warnings, shown=not as_json):
+                output = function(**arguments)
+                if output is not None:
+                    result = output.document() if as_json else output.text()
+        except (DanceDataError, UnicodeEncodeError) as error:
+            if is_interrupted():
+                raise Interrupted from None
+            fail(unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error, as_json, name, warnings)
+        if output is None:
+            return
+        ok, warnings = output.ok and output.error is None, [*warnings, *output.warnings]
+        if as_json:
+            _print(name, ok, warnings, output.error, result=result)
+        elif output.error is not None:
+            fail(output.error, False, name)
+        else:
+            say(str(result))
+        if not ok:
+            raise typer.Exit(1)
+
+    name = function.__name__.strip("_")
+    parameters = inspect.signature(function).parameters
+    added = [
+        inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=a)
+        for n, a in _SHARED.items()
+        if n not in parameters
+    ]
+    run.__signature__ = inspect.Signature([*parameters.values(), *added])  # type: ignore[attr-defined]
+    run.__annotations__ = {**function.__annotations__, **_SHARED}
+    return run
+
+
+def fail(error: DanceDataError, as_json: bool, name: str, warnings: Sequence[str] = ()) -> Any:
+    """Print an error and end the command with its exit code."""
+    if as_json:
+        _print(name, False, warnings, error)
+    else:
+        say(f"error: {error}", err=True)
+    raise typer.Exit(2 if isinstance(error, UsageError) else 1)
+
+
+def _print(name: str, ok: bool, warnings: Sequence[str], error: DanceDataError | None, **result: Any) -> None:
+    """Print the document of a command, on stdout."""
+    head = {"dancedata": __version__, "command": name, "ok": ok, "warnings": list(warnings)}
+    typer.echo(json_text({**head, **({} if error is None else {"error": error.to_json()}), **result}))
+
+
+@contextmanager
+def _collected(warnings: list[str], *, shown: bool) -> Iterator[None]:
+    """Take what the package warns of, and print it on stderr."""
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            warnings.append(record.getMessage())
+            if shown:
+                say(f"warning: {warnings[-1]}", err=True)
+
+    logger, handler = logging.getLogger("dancedata"), Handler(logging.WARNING)
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
