@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -100,6 +101,8 @@ class SideFiles:
 #: Gives the SHA-256 of a file, such as `Cache.file_sha256`, which remembers it.
 FileHash = Callable[[Path], str]
 _DAMAGED = f"copy the whole folder again, or {REBUILD} with --overwrite"
+#: Least time between two looks at an open file, seconds.
+_PAUSE_S = 0.01
 #: Number of times that a folder is read while it is being replaced.
 _TRIES = 3
 
@@ -137,6 +140,7 @@ class ListedFile:
         self._size, self._sha256 = size, sha256
         self._id = None if status is None else FileId.of(status)
         self.is_fetched = fetched
+        self._next_look = 0.0
 
     def require(self, descriptor: int) -> None:
         """Raise StoreError unless an open file is the one listed.
@@ -160,7 +164,14 @@ class ListedFile:
         self._id = opened
 
     def require_unchanged(self, descriptor: int | None = None) -> None:
-        """Raise StoreError if the file that was opened was written to since then, and has other bytes now."""
+        """Raise StoreError if the file that was opened was written to since then, and has other bytes now.
+
+        Asks the system at most every 10 ms: reading a window takes no longer than asking a few times.
+        """
+        now = time.monotonic()
+        if now < self._next_look:
+            return
+        self._next_look = now + _PAUSE_S
         try:
             status = os.stat(self.path) if descriptor is None else os.fstat(descriptor)
         except OSError:  # removed: the open file has its bytes

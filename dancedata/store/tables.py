@@ -72,6 +72,7 @@ class Tables:
     groups: Mapping[str, Any] = field(default_factory=dict)
     songs: Mapping[str, Any] = field(default_factory=dict)
     _records: dict[int, ClipRecord] = field(default_factory=dict)
+    _found: dict[str, int] = field(default_factory=dict)
 
     @property
     def n_clips(self) -> int:
@@ -91,10 +92,17 @@ class Tables:
 
     def find(self, clip_id: str) -> int | None:
         """Return the row of a clip, None if there is none of this id."""
-        values, key = self._id_values, clip_id.encode(errors="surrogatepass")
-        place = int(np.searchsorted(values, key, sorter=self._by_id)) if len(values) else 0
-        row = int(self._by_id[place]) if place < len(values) else None
-        return row if row is not None and values[row] == key else None
+        row = self._found.get(clip_id)
+        if row is None:
+            values, key = self._id_values, clip_id.encode(errors="surrogatepass")
+            place = int(np.searchsorted(values, key, sorter=self._by_id)) if len(values) else 0
+            row = int(self._by_id[place]) if place < len(values) else None
+            if row is None or values[row] != key:
+                return None
+            if len(self._found) >= _REMEMBERED:
+                self._found.clear()
+            self._found[clip_id] = row
+        return row
 
     @cached_property
     def _id_values(self) -> npt.NDArray[Any]:

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -212,6 +213,7 @@ def test_a_dataset_that_is_written_over_in_place_stops_its_readers(
     for path in out.glob("*.h5"):
         path.write_bytes((tmp_path / "other" / path.name).read_bytes())
         os.utime(path, ns=(0, path.stat().st_mtime_ns + 1))
+    time.sleep(0.02)  # files are looked at every 10 ms
     with pytest.raises(StoreError, match=rf"not those that the build wrote|{BUILT_AGAIN}"):
         read()
 
