@@ -28,6 +28,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_rotations, spine_of, up_axis, upright
 from dancedata.datasets.files import Files, extra_file, files_by_stem, list_audio, with_music_dir
@@ -154,6 +155,11 @@ class DD100(Published):
                     ref, id=path.stem, motion_path=path, genre=ref.id.split("_")[0], group=ref.id, member=member,
                     group_size=len(ROLES), role=role,
                 )  # fmt: skip
+
+    @override
+    def layout_notes(self, found: Found) -> Iterable[str]:
+        n, n_songs = counted(len(found.beside.files), "file"), counted(len(found.music.files), "audio file")
+        yield f"Layout: DD100, by {_MOTION}/ ({n}); {n_songs}."
 
     @override
     def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:

@@ -48,6 +48,7 @@ def test_scan(source: Path) -> None:
     assert (leader.group, leader.music, leader.genre) == ("Ballet_9_0", "Ballet_9_0", "Ballet")
     assert (leader.keys, leader.lists) == ((("choreography", "Ballet_9"),), ("test",))
     assert not scan.rejects
+    assert "by motion/smplx/ (6 files); 3 audio files" in notes(scan)
     assert "Axes: +Z up, turned to +Y" in notes(scan)
 
 
