@@ -14,7 +14,6 @@ from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.sample_steps import Augment
-from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
@@ -95,9 +94,7 @@ class ClipDataset(SplitDataset):
         """
         super().__init__(store, split, fields, select, scale)
         self._items.require_plain("ClipDataset")
-        place = Windows() if windows is None else windows
-        if not isinstance(place, Windows):
-            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        place = Windows.taken(windows)
         self.crop_frames, self.start_at = self._crop(place), place.start_at
         self.crops = whole("crops", crops, 1, MAX_ROWS)
         if self.crop_frames is None and (self.crops > 1 or self.start_at is not None):

@@ -1,6 +1,6 @@
 """The epoch of a dataset, which decides every random change of its samples; shared with workers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
@@ -8,6 +8,7 @@ from torch.utils.data import Dataset
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
+from dancedata.core.text import listed, shown
 
 #: In place of an epoch while none is set.
 _NOT_SET = -1
@@ -89,3 +90,12 @@ def _shared_number(value: int) -> torch.Tensor:
     number = torch.tensor([value], dtype=torch.int64)
     number.share_memory_()  # type: ignore[no-untyped-call]
     return number
+
+
+def require_scalers(state: Mapping[str, Any], own: Mapping[str, Any], fix: str) -> None:
+    """Raise UsageError unless a checkpoint's state is of a reader with the scalers of this one."""
+    stated, hashes = state.get("scalers"), own["scalers"]
+    if stated != hashes:
+        found = listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated)
+        allowed = listed(f"{name} {sha256}" for name, sha256 in hashes.items()) or "none"
+        raise UsageError("the state is of a reader with other scalers", found=found, allowed=allowed, fix=fix)

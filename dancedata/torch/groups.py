@@ -16,7 +16,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import safe_name
 from dancedata.core.sample_steps import Augment
 from dancedata.core.spatial import middle_of
-from dancedata.core.text import listed, shown
+from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
@@ -97,12 +97,8 @@ class GroupDataset(WindowDataset):
         self._items.require_plain("GroupDataset")
         if len(self.splits) > 1:
             raise UsageError("groups are read split by split", found=self.split, fix="join the readers of each split")
-        for value, kind in ((dancers, Dancers), (windows or Windows(), Windows)):
-            if not isinstance(value, kind):
-                raise UsageError(
-                    f"not a value of {kind.__name__}", found=shown(value), fix=f"give {kind.__name__}(...)"
-                )
-        place, self.choose = windows or Windows(), dancers.choose
+        place, dancers = Windows.taken(windows), Dancers.taken(dancers)
+        self.choose = dancers.choose
         if place.start_at is not None or self._asked != Select(self._asked.where):
             asked = self._asked if place.start_at is None else place
             raise clash(asked, "GroupDataset", "groups are chosen by Select(where=...), at the stride, alone")

@@ -20,7 +20,7 @@ from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.torch.batch_reader import Array, Layout, ReadBatch
 from dancedata.torch.draws import uniform
-from dancedata.torch.epochs import EpochDataset
+from dancedata.torch.epochs import EpochDataset, require_scalers
 from dancedata.torch.sampler import permutation
 from dancedata.torch.split_dataset import SplitDataset
 from dancedata.torch.windows import WindowDataset
@@ -95,9 +95,10 @@ class Mix(EpochDataset):
         super().__init__()
         if scale not in ("one", "each"):
             raise UsageError(f"unknown scale {scale!r}", fix=did_you_mean(scale, ("one", "each")))
-        by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(datasets)
-        if not by_name or not all(isinstance(reader, SplitDataset) for reader in by_name.values()):
-            raise _no_readers(datasets)
+        readers = tuple(datasets.values()) if isinstance(datasets, Mapping) else datasets
+        if not (isinstance(readers, Sequence) and readers and all(isinstance(r, SplitDataset) for r in readers)):
+            raise UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name, or a list")
+        by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(readers)
         self.sources = tuple(by_name)
         _require_alike(by_name)
         self.seed, self.scale = whole("seed", seed), scale
@@ -181,14 +182,7 @@ class Mix(EpochDataset):
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with these scalers; UsageError if not; changes nothing."""
-        hashes, stated = self.state_dict()["scalers"], state.get("scalers")
-        if stated != hashes:
-            raise UsageError(
-                "the state is of a mix with other scalers",
-                found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
-                allowed=listed(f"{name} {sha}" for name, sha in hashes.items()) or "none",
-                fix="mix the datasets of that training",
-            )
+        require_scalers(state, self.state_dict(), "mix the datasets of that training")
 
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
@@ -294,13 +288,7 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
     return dataset
 
 
-def _no_readers(datasets: object) -> UsageError:
-    return UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name, or a list of them")
-
-
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
-    if not isinstance(datasets, Sequence) or not all(isinstance(reader, SplitDataset) for reader in datasets):
-        raise _no_readers(datasets)
     names = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
     if len(set(names)) < len(names):
         raise UsageError(

@@ -51,6 +51,13 @@ class Value:
         """Return what differs from the defaults, as plain data; UsageError for objects, such as plug-ins."""
         return {name: _plain(f"{type(self).__name__}.{name}", value) for name, value in self._stated()}
 
+    @classmethod
+    def taken(cls, value: Any) -> Self:
+        """Return an argument of a reader, by default the value without parameters; UsageError for anything else."""
+        if not isinstance(value, cls | None):
+            raise UsageError(f"not a value of {cls.__name__}", found=shown(value), fix=f"give {cls.__name__}(...)")
+        return cls() if value is None else value
+
     def _stated(self) -> Iterator[tuple[str, Any]]:
         """Yield names and values of what differs from the defaults."""
         for f in fields(self):
@@ -105,15 +112,11 @@ def _where(what: str, value: Any) -> Any:
     return {name: tuple(v) if isinstance(v, list | set) else v for name, v in value.items()}
 
 
-def _augment(what: str, value: Any) -> Augment:
-    """Return augmentations, of which one may be a mapping, as a tuple; `steps_of` checks them."""
-    return value if isinstance(value, Mapping) or not isinstance(value, list) else tuple(value)
-
-
 #: What values of a type are checked by, and what they become.
 _CHECKS: Mapping[str, Callable[[str, Any], Any]] = {
     "bool": _truth, "str": _text, "tuple[str, ...]": names, "int": partial(whole, least=1, most=MAX_ROWS),
-    "Share": probability, "Augment": _augment, "Mapping[str, Any]": _where,
+    "Share": probability, "Augment": lambda _, value: tuple(value) if isinstance(value, list) else value,
+    "Mapping[str, Any]": _where,
     **{kind: partial(_one_of, choices) for kind, choices in {
         "StartAt": StartAt, "ScaleKind": ScaleKind, "Over": Over, "Variant": Variant, "MirrorWords": MirrorWords,
         "Choose": Choose,

@@ -18,7 +18,7 @@ from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_id import SampleId, id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
-from dancedata.core.text import listed, shown
+from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.execution.addresses import fetch_soon
 from dancedata.samples import Samples
@@ -32,7 +32,7 @@ from dancedata.torch.augmenting import Augmenter, check_step
 from dancedata.torch.batch_reader import Request, blank_of
 from dancedata.torch.clip_values import require_columns, value_of
 from dancedata.torch.draws import uniform
-from dancedata.torch.epochs import EpochDataset
+from dancedata.torch.epochs import EpochDataset, require_scalers
 from dancedata.torch.music_beats import StartAt, estimated_tempo
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
 from dancedata.torch.sample_items import SampleItems
@@ -96,9 +96,7 @@ class SplitDataset(EpochDataset):
         super().__init__()
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.__reduce__()[1]
-        if not isinstance(select, Select | None):
-            raise UsageError("select is no Select", found=shown(select), fix="give Select({COLUMN: VALUES}, ...)")
-        self._asked, self._scale = select or Select(), Scale.of(scale)
+        self._asked, self._scale = Select.taken(select), Scale.of(scale)
         if self._asked.protocol is not None:
             require_protocol(self.store, self._asked.protocol)
         self.splits = self._splits_named(split)
@@ -328,15 +326,7 @@ class SplitDataset(EpochDataset):
 
         Raises UsageError: for the state of a reader with other scalers.
         """
-        hashes = self.state_dict()["scalers"]
-        if state.get("scalers") != hashes:
-            stated = state.get("scalers")
-            raise UsageError(
-                "the state is of a reader with other scalers",
-                found=listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated),
-                allowed=listed(f"{n} {v}" for n, v in hashes.items()) or "none",
-                fix="name the scaler of that training: WindowDataset(..., scale=FILE)",
-            )
+        require_scalers(state, self.state_dict(), "name the scaler of that training: WindowDataset(..., scale=FILE)")
 
     @property
     def shard_starts(self) -> npt.NDArray[np.int64]:

@@ -12,7 +12,6 @@ from torch.utils.data import get_worker_info
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.sample_steps import Augment
-from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -125,9 +124,7 @@ class WindowDataset(SplitDataset):
         seed: int = 0,
     ) -> None:
         super().__init__(store, split, fields, select, scale)
-        place = Windows() if windows is None or isinstance(windows, WindowList) else windows
-        if not isinstance(place, Windows):
-            raise UsageError("windows are no Windows", found=shown(windows), fix="give Windows(length_s=..., ...)")
+        place = Windows.taken(None if isinstance(windows, WindowList) else windows)
         spec: PrimitiveSpec | None = None
         if self._items.primitives is not None:
             grid = self.store._window_grid(**place.grid)
