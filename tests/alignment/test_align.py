@@ -1,4 +1,4 @@
-"""dancedata align, and audio_start_s auto: planted offsets are found, or unknown, and recorded."""
+"""dancedata check --offsets, and audio_start_s auto: planted offsets are found, or unknown, and recorded."""
 
 import csv
 import json

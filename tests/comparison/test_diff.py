@@ -1,4 +1,4 @@
-"""dancedata diff A B: what differs is named, from the recipe down to the value."""
+"""dancedata check A --same-as B: what differs is named, from the recipe down to the value."""
 
 import json
 from pathlib import Path

@@ -160,9 +160,10 @@ def test_other_commands_need_none_of_them(tmp_path: Path) -> None:
     modules = {*sum(MODULES.values(), ()), "lightning", "pytorch_lightning", "tokenizers"} - {"joblib"}  # librosa's
     commands = [
         " ".join(["build", *TINY, "--out DEMO --jobs 1"]),
-        "info DEMO --clips", "check DEMO -q", "list", "evaluate DEMO -q",
-        "view DEMO --export page.html", "report DEMO --to report.html --clips 1",
-        "export DEMO --to npz --out npz -q", "export DEMO --to bvh --out bvh -q", "new metric mine --out new",
+        "info DEMO --clips", "check DEMO -q", "info plugins", "evaluate DEMO -q",
+        "view DEMO --out page.html", "report DEMO --out report.html --clips 1",
+        "export DEMO --to npz --out npz -q", "export DEMO --to bvh --out bvh -q",
+        "init mine --plugin-kind metric --out new",
     ]  # fmt: skip
     subprocess.run(
         [sys.executable, "-c", WITHOUT_ALL, "demo", ",".join(sorted(modules)), *commands],

@@ -54,7 +54,7 @@ def test_folders_that_are_not_a_source(tmp_path: Path, reader: type[Dataset]) ->
 
 def test_one_parser_of_npy_headers() -> None:
     calls = ("read_magic", "read_array_header", "lib.format.read_array(", "np.load(")
-    # Templates of `dancedata new` become the code of users.
+    # Templates of `dancedata init` become the code of users.
     files = [path for path in PACKAGE.rglob("*.py") if "templates" not in path.parts]
     using = {path.relative_to(PACKAGE).as_posix() for path in files if any(c in path.read_text() for c in calls)}
     # The README that `export --to npz` writes shows a line for each reader.

@@ -116,7 +116,7 @@ def _dancedata(environment: dict[str, str], folder: Path, *arguments: str, cold:
 
 
 def _template(kind: str, name: str, folder: Path) -> str:
-    """Write a plug-in as `dancedata new` does, and return its code."""
+    """Write a plug-in as `dancedata init` does, and return its code."""
     return write_plugin(kind, name, folder).module.read_text(encoding="utf-8")
 
 

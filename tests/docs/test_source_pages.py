@@ -30,7 +30,7 @@ def commands(page: str) -> list[tuple[list[str], int]]:
 
 @pytest.fixture
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
-    """Run the commands of a page in the test's folder, except `doctor`, which has its own tests."""
+    """Run the commands of a page in the test's folder, except `info`, which has its own tests."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
 

@@ -1,4 +1,4 @@
-"""dancedata cache info, prune and verify, through the command line and through its functions."""
+"""dancedata cache, its prune and verify, through the command line and through its functions."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""dancedata cache info and prune on datasets that were fetched, and dancedata pull."""
+"""dancedata cache and cache prune on datasets that were fetched, and dancedata pull."""
 
 import json
 import os
@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import dancedata
 from dancedata.cli.app import app
 from dancedata.execution.cache_admin import prune
+from dancedata.pages.write import write_report
 from dancedata.remote.pull import pull
 from dancedata.torch import GroupDataset
 from tests.groups_store import write_groups
@@ -74,8 +75,8 @@ def test_exports_and_evaluations_name_the_commit(
     assert exported.about["address"] == address
     report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), intervals=False, jobs=1, progress=False)
     assert address in str(report.to_json())
-    written = dancedata.pages.write_report("hf://datasets/org/name", None, clips=0, progress=False)
-    assert written.to_json() == dancedata.pages.write_report(built, None, clips=0, progress=False).to_json()
+    written = write_report("hf://datasets/org/name", None, clips=0, progress=False)
+    assert written.to_json() == write_report(built, None, clips=0, progress=False).to_json()
 
 
 def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:
