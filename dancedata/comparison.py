@@ -113,10 +113,15 @@ _NOTED = ("name", "versions")
 class Difference:
     """One thing in which two datasets differ.
 
-    `kind`: recipe, source, store, fields, clips, windows, values, rejects, quality, segments; or note, for names and
+    Attributes
+    ----------
+    kind
+        recipe, source, store, fields, clips, windows, values, rejects, quality, segments; or note, for names and
         versions, which do not change the data.
-    `message`: The difference, A first.
-    `names`: Clips or fields that differ.
+    message
+        The difference, A first.
+    names
+        Clips or fields that differ.
     """
 
     kind: str

@@ -17,7 +17,7 @@ from dancedata.store.songs import music_hashes, songs_of
 Rows = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-#: Two songs of at least this likeness are one recording; docs/report.md has the measurements behind it.
+#: Two songs of at least this likeness are one recording; docs/archive/measured.md has what was measured.
 LIKENESS = 0.74
 #: Least overlap of two songs that are compared, seconds; slow changes, over longer than SLOW_S, do not count.
 _OVERLAP_S, _SLOW_S = 5, 2

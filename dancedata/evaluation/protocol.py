@@ -1,7 +1,7 @@
 """Protocols as data: joints, rate, pieces, metrics, music and published figures.
 
 A published number means something only together with all of these. A protocol derives from `Protocol`, has no
-parameters and is registered under a name, in one file (docs/plug-ins.md).
+parameters and is registered under a name, in one file (docs/tutorials/add-your-own.md).
 """
 
 from collections.abc import Iterable, Mapping

@@ -277,7 +277,7 @@ class ClipRow:
 
 @dataclass(frozen=True)
 class Document:
-    """Every number of a report of one dataset; docs/report.md has the keys."""
+    """Every number of a report of one dataset; docs/reference/commands.md has the keys."""
 
     about: About
     totals: Totals

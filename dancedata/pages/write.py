@@ -57,7 +57,7 @@ class Report:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Every number of the page as plain JSON data; described in docs/report.md."""
+        """Every number of the page as plain JSON data; described in docs/reference/commands.md."""
         return self.numbers.to_json()
 
     @property

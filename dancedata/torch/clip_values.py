@@ -51,7 +51,7 @@ def require_columns(
     types = free_types(store)
     for name in names:
         if name not in types:
-            fix = did_you_mean(str(name), list(types)) if types else "build with free columns: docs/own-data.md"
+            fix = did_you_mean(str(name), list(types)) if types else "build with free columns, x/NAME"
             raise UsageError(f"no free column {quoted(name, 60)}", where=str(store.path), fix=fix)
         if types[name] in ("int", "bool") and not lists:
             key = name.removeprefix(FREE)

@@ -43,6 +43,7 @@ source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 myst_heading_anchors = 6
 
 default_role = "py:obj"
+suppress_warnings = ["ref.python"]  # an attribute in a docstring may be one of several classes
 autodoc_default_options = {"members": True, "show-inheritance": True}
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

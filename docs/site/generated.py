@@ -30,6 +30,7 @@ from dancedata.core.resources import resources
 from dancedata.evaluation.protocol_text import protocols_json
 from dancedata.evaluation.report import LABELS
 from dancedata.exports.base.job import EXPORTS
+from dancedata.formats.bvh.producers import Producer, producers
 from dancedata.recipes.parse import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,10 +178,34 @@ def commands() -> str:
     return "\n".join(texts)
 
 
+#: Joints of SMPL, left and middle, in the order of the table of names.
+_JOINTS = (
+    "pelvis", "left_hip", "left_knee", "left_ankle", "left_foot", "left_collar", "left_shoulder", "left_elbow",
+    "left_wrist", "left_hand", "neck", "head",
+)  # fmt: skip
+
+
+def joint_names() -> str:
+    """Return the names of joints by producer of BVH files; producers of equal names in one row."""
+    rows: dict[str, list[Producer]] = {}
+    for producer in producers().values():
+        names = "; ".join(" or ".join(producer.joints.get(joint, ("-",))) for joint in _JOINTS)
+        rows.setdefault(names, []).append(producer)
+    cells = (
+        (
+            ", ".join(f"`{one.name}`" for one in row),
+            names,
+            ", ".join(f"`{one.evidence[0]}`" for one in row if one.evidence),
+        )
+        for names, row in rows.items()
+    )
+    return table(("producer", "pelvis; left hip, knee, ankle, toes, collar, ...; neck; head", "known by"), cells)
+
+
 #: What a place in a page gets, by its name.
 TABLES: dict[str, Callable[[], str]] = {
     "representations": representations, "features": features, "protocols": protocols, "commands": commands,
-    "exports": exports, "plugins": plugins, "recipes": recipes,
+    "exports": exports, "plugins": plugins, "recipes": recipes, "joint-names": joint_names,
 }  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from dancedata.viewer.view import ViewRequest, export_page
 
 CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
 #: Pages with the dancer, and what their picture of the viewer gives way to: the first image with its caption.
-PAGES = {"README": "", "docs/viewer": "../"}
+PAGES = {"README": "", "docs/guides/look": "../../"}
 _IMAGE = re.compile(r"^!\[[^]]*\]\([^)]*viewer(?:-flags)?\.png\)\n(?:\n\*[^\n].*?\*\n)?", re.MULTILINE | re.DOTALL)
 _FRAME = """```{{raw}} html
 <iframe class="dancer" src="{up}clip.html#play=1&loop=0-270" title="A dancer of the demo, in the viewer"></iframe>
@@ -19,32 +19,22 @@ _FRAME = """```{{raw}} html
 another body, ? for all keys; a click turns the music on. <a href="{up}clip.html">In a page of its own</a></p>
 ```
 """
-#: What the first screen shows beside the dancer.
-_START = r"""
-```sh
-python3.11 -m venv .venv && .venv/bin/pip install -c constraints.txt ".[torch]" \
-  && .venv/bin/dancedata build demo
-```
-
-```python
-from dancedata.torch import BatchLoader, WindowDataset
-for batch in BatchLoader(WindowDataset("data/demo"), batch_size=64, shuffle=True):
-    motion, music = batch["edge151"], batch["librosa35"]  # (64, 150, 151), (64, 150, 35)
-```
+#: What the first screen of the site has below the dancer.
+_START = """
+[AIST++ to a table in ten minutes](docs/tutorials/aistpp-to-a-table.md) |
+[Your own captures](docs/tutorials/captures.md) | [Run EDGE or Lodge](docs/tutorials/run-edge-or-lodge.md)
 """
 
 
 def add(page: str, text: list[str]) -> None:
-    """Put the dancer in the place of a page's first picture of the viewer; on the first page, below the title."""
+    """Put the dancer in the place of a page's first picture of the viewer; on the first page, with ways to begin."""
     if page not in PAGES:
         return
     frame = _FRAME.format(up=PAGES[page])
-    text[0], replaced = _IMAGE.subn("" if page == "README" else lambda _: frame, text[0], count=1)
+    frame += _START if page == "README" else ""
+    text[0], replaced = _IMAGE.subn(lambda _: frame, text[0], count=1)
     if not replaced:
         raise ValueError(f"{page} has no picture of the viewer that the dancer takes the place of")
-    if page == "README":
-        title, rest = text[0].split("\n", 1)
-        text[0] = f"{title}\n\n{frame}{_START}{rest}"
 
 
 def write_clip(site: Path) -> None:

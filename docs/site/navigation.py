@@ -6,8 +6,6 @@ import os
 import re
 from pathlib import Path
 
-import reference
-
 #: Place to add a page to the navigation: a row in the table of its group.
 INDEX = Path("docs/README.md")
 
@@ -36,6 +34,5 @@ def add(root: Path, page: str, text: list[str]) -> None:
     if page == "README":
         text[0] += toctree([f"All pages <{INDEX.with_suffix('')}>"])
         for title, pages in groups(root).items():
-            text[0] += toctree([f"{label} </{path}>" for label, path in pages], title)
-    elif page == "docs/python":
-        text[0] += toctree([f"api/{name}" for name in reference.modules(root)])
+            entries = [f"{label} </{path}>" for label, path in pages]
+            text[0] += toctree([*entries, *(["Python </docs/api/index>"] if title == "Reference" else [])], title)

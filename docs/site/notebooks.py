@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-PAGES = ("tutorial-captures", "tutorial-train", "tutorial-samples", "tutorial-plug-in")
+PAGES = ("captures", "aistpp-to-a-table", "add-your-own")
 _BLOCK = re.compile(r"^```(sh|python|yaml)\n(.*?)^```$\n?", re.DOTALL | re.MULTILINE)
 #: What a notebook has outside of its cells.
 _META = {
@@ -47,7 +47,7 @@ def write(root: Path, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for page in PAGES:
-        text = (root / "docs" / f"{page}.md").read_text(encoding="utf-8")
+        text = (root / "docs" / "tutorials" / f"{page}.md").read_text(encoding="utf-8")
         path = folder / f"{page}.ipynb"
         path.write_text(json.dumps(notebook(text), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         written.append(path)

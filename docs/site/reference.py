@@ -1,28 +1,55 @@
-"""The reference: one page for each module that docs/python.md lists, from the docstrings."""
+"""The reference: a page for each public module, from the docstrings, and one that lists them."""
 
 from __future__ import annotations
 
 import importlib
-import re
+from collections.abc import Sequence
 from pathlib import Path
 
-#: The list of modules, in the first column of a table.
-LIST = Path("docs/python.md")
+#: The public modules; others are internal and may change.
+MODULES = (
+    "dancedata", "dancedata.comparison", "dancedata.cache", "dancedata.store", "dancedata.pages", "dancedata.plot",
+    "dancedata.audio.jukebox", "dancedata.torch", "dancedata.torch.kinematics", "dancedata.training",
+    "dancedata.core.motion", "dancedata.core.skeleton", "dancedata.core.bodies", "dancedata.core.audio_signal",
+    "dancedata.core.grid", "dancedata.core.columns", "dancedata.core.rotations", "dancedata.store.normalize",
+    "dancedata.core.errors", "dancedata.keymotion", "dancedata.metrics", "dancedata.metrics.beats",
+    "dancedata.metrics.geometric_features", "dancedata.metrics.kinetic_features",
+    "dancedata.metrics.physical_contact", "dancedata.synthetic", "dancedata.formats.bvh.write",
+    "dancedata.core.plugins", "dancedata.core.registry", "dancedata.core.clip", "dancedata.core.segments",
+    "dancedata.core.dance", "dancedata.core.draw", "dancedata.core.spatial", "dancedata.evaluation.protocol",
+    "dancedata.exports.base.job", "dancedata.exports.base.needs", "dancedata.files.atomic_folder",
+    "dancedata.testing.conformance", "dancedata.testing.examples", "dancedata.testing.stores",
+)  # fmt: skip
 #: Output folder of the pages; git ignores it.
 PAGES = Path("docs/api")
 
 
-def modules(root: Path) -> list[str]:
-    """Return the modules in the table of docs/python.md."""
-    text = (root / LIST).read_text(encoding="utf-8")
-    return re.findall(r"^\| `(dancedata[a-z0-9_.]*)` \|", text, flags=re.MULTILINE)
+_INDEX = """Python
+======
+
+Each public module has a page made from its docstrings: shapes, units, axes, errors, sources and examples. In a
+session, ``help(dancedata.build)`` prints them. A module without a page is internal and may change.
+
+.. toctree::
+
+"""
 
 
-def elsewhere(name: str, listed: list[str]) -> dict[str, str]:
-    """Return the public names of a module that are defined in another listed one, and its name."""
+def elsewhere(name: str, listed: Sequence[str]) -> dict[str, str]:
+    """Return the public names of a module that have their entry in another listed one, and its name.
+
+    That is the module that defines a name, else, for `dancedata`, another one that offers it.
+    """
     module = importlib.import_module(name)
-    values = {public: getattr(module, public) for public in getattr(module, "__all__", ())}
-    homes = {public: getattr(value, "__module__", name) for public, value in values.items()}
+    others = [other for other in listed if other not in (name, "dancedata")]
+    homes = {}
+    for public in getattr(module, "__all__", ()):
+        value = getattr(module, public)
+        home = getattr(value, "__module__", name)
+        if home not in listed and name == "dancedata":
+            offered = (other for other in others if getattr(importlib.import_module(other), public, None) is value)
+            home = next(offered, name)
+        homes[public] = home
     return {public: home for public, home in homes.items() if home != name and home in listed}
 
 
@@ -30,7 +57,7 @@ def _head(name: str) -> str:
     return f"{name}\n{'=' * len(name)}\n\n.. automodule:: {name}"
 
 
-def page(name: str, listed: list[str]) -> str:
+def page(name: str, listed: Sequence[str]) -> str:
     """Return the page of a module. A name has one entry, in the module that defines it."""
     others = elsewhere(name, listed)
     lines = [_head(name)]
@@ -40,14 +67,14 @@ def page(name: str, listed: list[str]) -> str:
     return "\n".join([*lines, ""])
 
 
-def write_pages(root: Path) -> None:
+def write_pages(root: Path, listed: Sequence[str] = MODULES) -> None:
     """Write the page of every module, where it changed, and remove those of modules that are no longer listed."""
     (root / PAGES).mkdir(exist_ok=True)
-    listed = modules(root)
     pages = {root / PAGES / f"{name}.rst": page(name, listed) for name in listed}
     for path in set((root / PAGES).glob("*.rst")) - pages.keys():
         if path.read_text(encoding="utf-8").startswith(_head(path.stem)):  # else others wrote it
             path.unlink()
+    pages[root / PAGES / "index.rst"] = _INDEX + "".join(f"   {name}\n" for name in listed)
     for path, text in pages.items():
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             path.write_text(text, encoding="utf-8")

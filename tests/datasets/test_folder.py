@@ -404,7 +404,7 @@ def test_refs_survive_the_way_to_a_worker(source: Path) -> None:
     assert pickle.loads(pickle.dumps(scan)) == scan
 
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "own-data.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "recipes.md"
 
 
 def test_the_page_lists_every_column_and_every_name() -> None:

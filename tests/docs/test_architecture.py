@@ -70,8 +70,3 @@ def test_data_pass_the_functions_in_this_order(tmp_path: Path) -> None:
     finally:
         sys.setprofile(before)
     assert passed == names
-
-
-def test_the_python_page_names_the_public_list() -> None:
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").rpartition("The public names are those of")[2]
-    assert [name for name in dancedata.__all__ if name != "__version__" and f"`{name}`" not in page] == []

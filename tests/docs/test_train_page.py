@@ -1,4 +1,4 @@
-"""The page "Train EDGE or Lodge on it": its commands run, and the trainers' commands are those of the exports."""
+"""The tutorial "Run EDGE or Lodge": its commands run, and the trainers' commands are those of the exports."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from dancedata.datasets.finedance import FineDance
 from dancedata.synthetic import write_synthetic
 from tests.docs.pages import ROOT, blocks_of, text_of
 
-EDGE, LODGE = text_of("docs/train-edge-or-lodge.md").split("## Lodge on FineDance")
+EDGE, LODGE = text_of("docs/tutorials/run-edge-or-lodge.md").split("## Lodge on FineDance")
 
 
 def _run(commands: str, folder: Path) -> str:

@@ -104,7 +104,7 @@ def test_real_dancers_stand_on_the_floor(shared: Path) -> None:
 
 
 def test_the_floor_of_a_capture_that_is_lifted_is_that_of_most_frames(shared: Path) -> None:
-    # Rokoko's solver puts the ends of this dance 12 cm lower than the rest of it, which docs/report.md describes.
+    # Rokoko's solver puts the ends of this dance 12 cm lower than the rest (docs/archive/measured.md).
     reading = Reading(Declared(None, "y", "cm"), Declared())
     motion = load_motion(shared / "realdata/bvh/rokoko_jesse_dance.bvh", reading)
     figure = Figure.of_joints(motion.joints(), motion.skeleton, motion.grid)

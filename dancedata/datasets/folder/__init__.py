@@ -27,7 +27,7 @@ docs/guides/training.md#words.
 Motion: ``.npz``, ``.npy``, ``.pkl`` in the layouts of AMASS, SMPL, SMPL-X, FineDance, Motion-X, HumanML3D and MDM
 (`array_layouts`), joint positions (`positions`), and ``.bvh`` of any skeleton with the joints of a human body
 (`formats.bvh.joint_names`). Frame rate, up axis and unit come from the manifest, else from the file or its format,
-else from the recipe; they are never guessed unless the recipe asks for it. See docs/own-data.md.
+else from the recipe; they are never guessed unless the recipe asks for it. See docs/guides/own-captures.md.
 """
 
 from dancedata.datasets.folder.reader import Folder

@@ -51,7 +51,7 @@ def match_names(source: Path, music_dir: Path | None = None) -> Matched:
             found=describe(motion_folder),
             allowed=LOOKED_FOR,
             fix="set SOURCE to the folder with the files, or write a manifest: dancedata init proposes one "
-            "(docs/own-data.md)",
+            "(docs/guides/own-captures.md)",
         )
     rejects += _rest(source, {motion_folder, *music_folders}, motions, music)
     both = sorted(set(motions) & set(music))

@@ -17,7 +17,7 @@ FAMILIES: tuple[type[Family], ...] = (WaveformEncoder, W2vBert, Encodec, Dac, Mi
 _BY_TYPE = {model_type: family for family in FAMILIES for model_type in family.model_types}
 #: Keys of MuQ's config, which has no model_type.
 _OF_MUQ = ("encoder_depth", "encoder_dim", "w2v2_config", "stat")
-_PLUGIN = "a network of another kind needs a plug-in: docs/plug-ins.md"
+_PLUGIN = "a network of another kind needs a plug-in: docs/tutorials/add-your-own.md"
 
 
 def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: object = None) -> Family:

@@ -94,7 +94,7 @@ class WaveformEncoder(Family):
                 "hf: this MERT differs from HuBERT, so transformers has no class for it",
                 found=", ".join(f"{key}: {quoted(self.config[key])}" for key in on),
                 allowed="MERT v0 and v1, whose configs have false there",
-                fix="remote code is never run; another network needs a plug-in (docs/plug-ins.md)",
+                fix="remote code is never run; another network needs a plug-in (docs/tutorials/add-your-own.md)",
             )
         if len(self._kernels) != len(self._strides) or math.prod(self._strides) < 1:
             raise SourceError("hf: conv_kernel and conv_stride of the config do not fit together")
