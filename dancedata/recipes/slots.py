@@ -167,16 +167,16 @@ def _feature_fields(
 
 def _plugin_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Field, ...]:
     fields = [
-        problems.catch(partial(_on, field, grid, f"fields.{name}"))
+        problems.catch(partial(_on, field, grid), f"fields.{name}: ")
         for name, field in _switched((FIELDS,), "fields", slot, problems)
     ]
     return _by_name([field for field in fields if field is not None])
 
 
-def _on(field: Field, grid: FrameGrid, where: str) -> Field:
+def _on(field: Field, grid: FrameGrid) -> Field:
     """Return a field for a recipe of this rate; UsageError for a rate that is not possible."""
     field = field.on(grid)
-    frame_grid(str(field.grid), f"{where}.fps")
+    frame_grid(str(field.grid))
     return field
 
 

@@ -15,7 +15,7 @@ from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.plugin_files import FILE_KEY
 from dancedata.core.registry import DATASETS
 from dancedata.recipes.parse import parse_recipe
@@ -93,6 +93,17 @@ def test_windows_that_the_rule_names_are_left_out(stores: tuple[Store, Store]) -
             first, end = (store.grid.seconds(frame) for frame in (window.start, window.start + 30))
             touched = any(s.start < end and s.end > first for s in long)
             assert touched == (window.start not in [w.start for w in store[clip.id].windows()])
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [({"apart": {"fps": "x"}}, "apart"), ({"apart": {"fps": 5000}}, "fps"), ({"apartt": {}}, "apart"),
+     ({"apart": {"wide": 1}}, "optional"), (["apart"], "mapping")],
+)  # fmt: skip
+def test_a_field_that_is_wrong_is_a_problem_of_the_recipe(fields: Any, word: str) -> None:
+    dancedata.load_plugins(LEAPS)
+    with raises_message(RecipeError, word):
+        parse_recipe({**RECIPE, "fields": fields})
 
 
 class Plain(Transform):
