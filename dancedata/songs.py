@@ -18,7 +18,6 @@ from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.left_out import implausible_problems
 from dancedata.building.plugins import Loadable
-from dancedata.building.signals import SignalId, identify_audio
 from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.clip import Reject
@@ -29,22 +28,30 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, shown
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
-from dancedata.execution.progress import Progress
-from dancedata.execution.units import as_in_builds
 from dancedata.files.atomic import atomic_file, write_json
 from dancedata.files.listing import named_files
 from dancedata.files.publish import new_folders
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
-from dancedata.music.signal import load_audio
-from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
-from dancedata.recipes.plugins import make_named
-from dancedata.recipes.recipe import Recipe
-from dancedata.store import Store, open_store
-from dancedata.store.normalize import Reader
-from dancedata.store.queries import network_weights
-from dancedata.store.schema import DATASET_FILE
+from dancedata.kernel import (
+    DATASET_FILE,
+    Cache,
+    Progress,
+    Reader,
+    Recipe,
+    SignalId,
+    Store,
+    as_in_builds,
+    default_cache,
+    identify_audio,
+    load_audio,
+    load_recipe,
+    make_named,
+    network_weights,
+    open_store,
+    with_lost_entries,
+)
+from dancedata.recipes.parse import parse_recipe, recipe_names
 
 #: Largest .json of features: it lists the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26

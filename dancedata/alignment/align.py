@@ -12,21 +12,28 @@ from typing import Any
 import numpy as np
 
 from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
-from dancedata.building.check import scan_folder
-from dancedata.building.commands import RecipeLike, folder_of, jobs_of
 from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
 from dancedata.building.rejects import missing_music
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, csv_cell, listed, table
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.cache_files import running
-from dancedata.execution.progress import Progress
+from dancedata.kernel import (
+    DATASET_FILE,
+    Cache,
+    Progress,
+    RecipeLike,
+    default_cache,
+    folder_of,
+    jobs_of,
+    load_recipe,
+    scan_folder,
+    with_lost_entries,
+)
 from dancedata.metrics.offsets import REASONS, Offset
-from dancedata.recipes.parse import Overrides, load_recipe
+from dancedata.recipes.parse import Overrides
 from dancedata.recipes.recipe import resolve
-from dancedata.store.schema import DATASET_FILE
 
 BY = ("recording", "clip", "song")
 #: Least offsets that are summarised, and above which p (Rayleigh's) their phases of the beat are scattered.

@@ -11,10 +11,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.alignment.onsets import onset_strength
-from dancedata.building.documents import document_of
 from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.rejects import changed, reject_of
-from dancedata.building.signals import SignalId, decode_again, identify_audio, known_signal
+from dancedata.building.signals import decode_again, known_signal
 from dancedata.building.starts import STARTS, StartFinder
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
@@ -23,10 +22,10 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, CachedArray, package_version
-from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, run_units
+from dancedata.execution.cache import CachedArray, package_version
+from dancedata.execution.units import Jobs
 from dancedata.files.regular_file import sha256_file
+from dancedata.kernel import Cache, Progress, SignalId, document_of, identify_audio, run_units
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
 
 #: Raised by hand when onsets, curves or offsets of the same input change.

@@ -16,8 +16,9 @@ from dancedata.core.packages import require
 from dancedata.core.typing import override
 from dancedata.execution import arithmetic
 from dancedata.execution.engines import ENGINES, HOST, Engine
-from dancedata.execution.executors import Executor, Start, lost
+from dancedata.execution.executors import Start, lost
 from dancedata.execution.requirements import Requirements
+from dancedata.kernel import Executor
 
 #: Seconds to wait for a cluster to answer, and for a first worker.
 TIMEOUT_S = 30

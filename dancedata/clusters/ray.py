@@ -18,8 +18,9 @@ from dancedata.core.system import shielded
 from dancedata.core.typing import override
 from dancedata.execution import arithmetic
 from dancedata.execution.engines import ENGINES, HOST, Engine
-from dancedata.execution.executors import Executor, Start, run_packed
+from dancedata.execution.executors import Start, run_packed
 from dancedata.execution.requirements import Requirements
+from dancedata.kernel import Executor
 
 
 @ENGINES.register("ray")

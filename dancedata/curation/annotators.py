@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
 
-from dancedata.building.plugins import ANNOTATORS, Annotator
-from dancedata.building.take import Scene, Take
 from dancedata.core.segments import CLIP_END, Layer, Segment
 from dancedata.core.typing import override
 from dancedata.curation.scores import VERSION, score_motion
+from dancedata.kernel import ANNOTATORS, Annotator, Scene, Take
 
 LAYER = Layer("faults", by=f"curation {VERSION}", sided="no")
 

@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.check import scan_folder
-from dancedata.building.commands import RecipeLike, folder_of, jobs_of
 from dancedata.building.compute import compute
 from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
@@ -25,13 +23,24 @@ from dancedata.core.text import counted, csv_cell, shown, table
 from dancedata.curation.annotators import Faults
 from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span
-from dancedata.execution.addresses import local_folder
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
-from dancedata.execution.progress import Progress
-from dancedata.recipes.parse import Overrides, load_recipe
-from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.store import Store, open_store
-from dancedata.store.schema import DATASET_FILE
+from dancedata.kernel import (
+    DATASET_FILE,
+    Cache,
+    Progress,
+    Recipe,
+    RecipeLike,
+    Store,
+    default_cache,
+    folder_of,
+    jobs_of,
+    load_recipe,
+    local_folder,
+    open_store,
+    scan_folder,
+    with_lost_entries,
+)
+from dancedata.recipes.parse import Overrides
+from dancedata.recipes.recipe import resolve
 
 #: Multiples of the limits at which clips are counted.
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
-from dancedata.building.plugins import RULES, Annotator, Seen, WindowRule
+from dancedata.building.plugins import Seen
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.segments import Segment
@@ -15,6 +15,7 @@ from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.curation.annotators import LAYER, Faults
 from dancedata.curation.scores import MEASURES, VERSION, checked_limit
+from dancedata.kernel import RULES, Annotator, WindowRule
 
 _KEYS = ("limit", "leave_out", "splits")
 

@@ -9,11 +9,11 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
-from dancedata.samples import Sample, recording_of
+from dancedata.kernel import Sample, Store, optional_fields, slice_length
+from dancedata.samples import recording_of
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
 from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_readers
-from dancedata.store import Store
-from dancedata.store.queries import optional_fields, reference, slice_length
+from dancedata.store.queries import reference
 
 
 @dataclass(frozen=True, eq=False)

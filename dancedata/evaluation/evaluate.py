@@ -12,10 +12,8 @@ from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.options import EvaluationOptions, Inputs
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
 from dancedata.evaluation.report import Report, report_of
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
-from dancedata.execution.executors import Executor
-from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
+from dancedata.kernel import Cache, Executor, Progress, default_cache, with_lost_entries
 from dancedata.scene.inputs.songs import MusicSources
 
 #: Tolerance in seconds before warning about short music.

@@ -23,14 +23,12 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
-from dancedata.samples import Sample, Samples
-from dancedata.samples.saved import as_numpy
+from dancedata.kernel import Reader, Sample, Scaler, Store, as_numpy
+from dancedata.samples import Samples
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
 from dancedata.scene.like import opened, scaling_of, store_of
-from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
-from dancedata.store.normalize import Reader, Scaler
 
 if TYPE_CHECKING:
     from torch import Tensor

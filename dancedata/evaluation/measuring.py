@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dancedata.building.documents import document_of
 from dancedata.building.rejects import reject_of
 from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, carried_over, has_body
 from dancedata.core.clip import Reject
@@ -26,12 +25,11 @@ from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.units import run_units
+from dancedata.execution.cache import package_version
+from dancedata.kernel import Cache, document_of, require_intact, run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.poses import Pose
-from dancedata.store.queries import require_intact
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1

@@ -13,7 +13,7 @@ from dancedata.building.compute import made
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Ask
-from dancedata.building.signals import SignalId, identify_audio, timeline_of
+from dancedata.building.signals import timeline_of
 from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
@@ -23,17 +23,25 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
-from dancedata.execution.cache import Cache
-from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, run_units
-from dancedata.recipes.plugins import make_named
+from dancedata.execution.units import Jobs
+from dancedata.kernel import (
+    Cache,
+    Clip,
+    Field,
+    Progress,
+    SignalId,
+    Store,
+    identify_audio,
+    make_named,
+    require_intact,
+    run_units,
+    slice_length,
+)
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import MusicSources, Song
-from dancedata.store import Clip, Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.listed_file import FileHash
-from dancedata.store.queries import fields_with, require_intact, slice_length
-from dancedata.store.schema import Field
+from dancedata.store.queries import fields_with
 
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)

@@ -20,9 +20,7 @@ from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.scores import DRAWS
-from dancedata.execution.addresses import local_folder
-from dancedata.recipes.plugins import make_named
-from dancedata.samples import Sample
+from dancedata.kernel import DATASET_FILE, Reader, Sample, Scaler, Store, local_folder, make_named, open_store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
@@ -30,9 +28,6 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.like import scaling_of
 from dancedata.scene.poses import ColumnsReader, motion_readers
 from dancedata.scene.scaling import Scaling
-from dancedata.store import Store, open_store
-from dancedata.store.normalize import Reader, Scaler
-from dancedata.store.schema import DATASET_FILE
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.
 Motions = Mapping[str, "npt.ArrayLike | Motion"]

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.documents import document_of
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Metric
@@ -23,6 +22,7 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.files.atomic import write_bytes
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.values import open_arrays
+from dancedata.kernel import document_of
 from dancedata.metrics.set_statistics import checked_rows
 
 #: Layout of pool files. 2: with the hash of what numbers depend on.

@@ -3,9 +3,9 @@
 import inspect
 from typing import Any
 
-from dancedata.building.documents import document_of
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol
 from dancedata.evaluation.report import LABELS
+from dancedata.kernel import document_of
 
 
 def protocols_json() -> dict[str, Any]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy.typing as npt
 
-from dancedata.building.commands import folder_of, jobs_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.options import EvaluationOptions
@@ -19,15 +18,13 @@ from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.execution.engines import engine_at
-from dancedata.execution.progress import Progress
-from dancedata.samples.saved import saved_samples
+from dancedata.kernel import Progress, Store, folder_of, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import opened, store_of
-from dancedata.store import Store
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.store.normalize import Reader, Scaler
+    from dancedata.kernel import Reader, Scaler
 
 __all__ = ["evaluate", "self_test"]
 

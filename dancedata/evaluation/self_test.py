@@ -5,7 +5,6 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.check import scan_folder
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
@@ -17,7 +16,7 @@ from dancedata.evaluation.options import Inputs
 from dancedata.evaluation.protocol import PROTOCOLS, PaperResult, Protocol, protocol_named
 from dancedata.evaluation.report import LABELS, Report
 from dancedata.evaluation.scores import DRAWS
-from dancedata.execution.progress import Progress
+from dancedata.kernel import Progress, scan_folder
 from dancedata.scene.inputs.clip import DatasetClip
 from dancedata.scene.inputs.songs import MusicSources
 

@@ -11,7 +11,7 @@ from dancedata.exports.base.needs import needs_names
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 #: Parts of the crossmodal protocol in the order in which the originals read their lists.
 PARTS = {"train": ("train",), "test": ("test", "val")}

@@ -13,8 +13,8 @@ from dancedata.exports.base.needs import needs_field
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
+    from dancedata.kernel import Clip
     from dancedata.scene.poses import ColumnsReader
-    from dancedata.store import Clip
 
 
 _FIX = "motion: {edge151: {}}, or another representation that decodes"
@@ -61,8 +61,8 @@ def field_name(job: ExportJob, field: str) -> str:
 
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
+    from dancedata.kernel import optional_fields
     from dancedata.scene.poses import motion_readers  # reads HDF5, which listing plug-ins need not
-    from dancedata.store.queries import optional_fields
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
     optional = optional_fields(job.store)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from dancedata.core.clip import Window
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip, Field
+    from dancedata.kernel import Clip, Field
 
     Sample = tuple[Clip, Window | None]
 
@@ -75,7 +75,7 @@ class SampleTable:
 
     @cached_property
     def _facts(self) -> dict[str, str]:
-        from dancedata.store.clip_columns import CLIP_COLUMNS  # reads HDF5, which listing plug-ins need not
+        from dancedata.kernel import CLIP_COLUMNS
         from dancedata.store.tables_out import free_types
 
         kinds = {"id": "text", "split": "text", "seconds": "float"}

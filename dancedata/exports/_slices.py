@@ -18,13 +18,13 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
-from dancedata.music.signal import pcm16
+from dancedata.kernel import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.core.motion import Motion
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 
 FOLDERS = ("motions_sliced", "wavs_sliced", "jukebox_feats")
@@ -187,7 +187,7 @@ def _needs_sound(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Mi
 
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
-    from dancedata.store.schema import slice_name
+    from dancedata.kernel import slice_name
 
     clips = {clip.id: clip for clip in job.clips(split)}
     windows = job.store.windows(split, length=LENGTH, stride=STRIDE, fields=(MOTION, feature))
@@ -197,7 +197,7 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
-    from dancedata.store.queries import slice_length
+    from dancedata.kernel import slice_length
 
     windows = job.store.info["windows"]
     if slice_length(job.store) is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):

@@ -29,7 +29,7 @@ from dancedata.exports.base.needs import (
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 
 def find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
@@ -169,7 +169,7 @@ class Bailando(Export):
                     f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no "
                     f"training window: {listed(short)}"
                 )
-        from dancedata.execution.units import as_in_builds  # `list` loads exports, but no engine
+        from dancedata.kernel import as_in_builds
 
         songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
         feature = _feature_of(job, self.feature)
@@ -220,7 +220,7 @@ class Bailando(Export):
 
 def _feature_of(job: ExportJob, name: str) -> AudioFeature:
     """Return the audio feature of a field, with the parameters that the dataset was built with."""
-    from dancedata.recipes.plugins import make_named
+    from dancedata.kernel import make_named
 
     recipe = job.store.info.get("recipe")
     audio = recipe.get("audio") if isinstance(recipe, Mapping) else None

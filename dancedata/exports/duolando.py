@@ -17,7 +17,7 @@ from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.formats.motion_files import smplx_arrays
 
 if TYPE_CHECKING:
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 _FPS, _WIDTH = 30, 54
 _PARTS = ("train", "test")

@@ -56,7 +56,7 @@ class Edge(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        from dancedata.store.queries import slice_length
+        from dancedata.kernel import slice_length
 
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")

@@ -21,7 +21,7 @@ from dancedata.exports.base.needs import needs_field, needs_music_from_start, ne
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 
 #: Castagnoli's polynomial, bits reversed.
@@ -237,7 +237,7 @@ class Fact(Export):
 
 
 def _songs(job: ExportJob) -> dict[str, str]:
-    from dancedata.store.songs import songs_of  # `dancedata info targets` imports exports, and loads no HDF5
+    from dancedata.kernel import songs_of
 
     return songs_of(job.store.clips())
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from dancedata.building.documents import document_of
 from dancedata.core.hashing import json_sha256
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports._samples import SampleExport, SampleTable
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
+from dancedata.kernel import document_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,7 +20,7 @@ from dancedata.formats.humanml_texts import Caption, plain_tokens, texts_file
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 Floats = npt.NDArray[np.float32]
 

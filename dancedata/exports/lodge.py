@@ -24,7 +24,7 @@ from dancedata.exports.base.needs import needs_train
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 
 _MODULE = "dld.data.utils.preprocess"

@@ -13,7 +13,7 @@ from dancedata.exports.base.needs import needs_fields, needs_music, needs_music_
 
 if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 #: Layout of index.json.
 LAYOUT = 1

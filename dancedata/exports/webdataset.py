@@ -20,7 +20,7 @@ from dancedata.exports.base.needs import needs_names
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 Member = tuple[str, bytes]
 

@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from dancedata.core.grid import FrameGrid
 from dancedata.core.text import counted, listed
+from dancedata.kernel import Clip, Store
 from dancedata.pages.bin_counts import BinCounts, FrameHistogram
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.pieces import Piece
-from dancedata.store import Clip, Store
 from dancedata.store.queries import group_sizes
 
 #: Two dancers look at each other where both face the other within this angle, degrees.

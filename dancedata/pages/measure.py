@@ -13,7 +13,7 @@ from dancedata.core.dance import Dance, Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
-from dancedata.execution.progress import Progress
+from dancedata.kernel import Clip, Progress, Store
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.metrics.body import bone_spread, floor_drift
 from dancedata.pages.bin_counts import BinCounts
@@ -22,7 +22,6 @@ from dancedata.pages.stage import Stage
 from dancedata.scene.figure import Figure
 from dancedata.scene.pieces import ClipReader, Piece, measured_units
 from dancedata.scene.pose_space import Space
-from dancedata.store import Clip, Store
 
 #: A body whose joints move less than this on average, metres per second, stands still.
 STILL_M_S = 0.05

@@ -14,6 +14,7 @@ from dancedata.building.leaks import AlikeSongs, alike_songs, sound_field
 from dancedata.building.segment_numbers import layer_numbers
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
+from dancedata.kernel import Clip, Store, network_weights, songs_of
 from dancedata.pages.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.pages.document import (
     About,
@@ -43,9 +44,6 @@ from dancedata.pages.ranges import column_ranges
 from dancedata.pages.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.pages.scaling import scaled_groups
 from dancedata.scene.pose_space import Space, poses_of
-from dancedata.store import Clip, Store
-from dancedata.store.queries import network_weights
-from dancedata.store.songs import songs_of
 
 #: Stands for a genre, dancer or song that the dataset does not name.
 UNKNOWN = "unknown"

@@ -11,6 +11,7 @@ from urllib.parse import quote
 
 from dancedata.core.errors import UsageError
 from dancedata.core.terms import require_shareable
+from dancedata.kernel import Store
 from dancedata.pages.markup import Markup
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, data_script, page_data, page_parts, source_hash
@@ -18,7 +19,6 @@ from dancedata.scene.payload import link, page_json, scene_payload
 from dancedata.scene.scene_list import Item, SceneList
 from dancedata.scene.scenes import Scenes
 from dancedata.scene.source import ClipSource
-from dancedata.store import Store
 
 #: Clips inside the page; further clips are separate files.
 INLINE = 12

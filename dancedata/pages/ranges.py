@@ -5,9 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.kernel import Field, Store
 from dancedata.pages.document import ColumnRange
-from dancedata.store import Store
-from dancedata.store.schema import Field
 from dancedata.store.stats import Block, covered, train_rows
 
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

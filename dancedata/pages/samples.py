@@ -11,9 +11,9 @@ import numpy as np
 from dancedata.core.clip import Window
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
-from dancedata.execution.progress import Progress
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import PageFiles
+from dancedata.kernel import ClipRecord, Progress, Store, open_store, require_intact
 from dancedata.pages.measure import Measured, clip_numbers, measure
 from dancedata.pages.numbers import document
 from dancedata.pages.outliers import outliers
@@ -34,9 +34,6 @@ from dancedata.scene.motions import MotionScenes
 from dancedata.scene.pieces import Piece, figure_key_motion
 from dancedata.scene.pose_space import Space, poses_of
 from dancedata.scene.scene_list import Item
-from dancedata.store import Store, open_store
-from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.queries import require_intact
 
 #: Poses at a time whose distances are computed.
 _BLOCK = 1000

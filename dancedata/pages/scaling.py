@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.store import Store
+from dancedata.kernel import Store
 
 #: A smaller range in training, as a divisor, magnifies noise.
 NARROW = 1e-3

@@ -16,7 +16,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.recipes.plugins import make_named
+from dancedata.kernel import Scaler, Store, make_named, open_store
 from dancedata.scene.figure import Figure
 from dancedata.scene.inputs.files import FileClip, FileFormat, motion_files
 from dancedata.scene.like import scaling_of
@@ -25,8 +25,6 @@ from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scene_list import Item, Scene, SceneList, begins_after
 from dancedata.scene.scenes import Scenes
 from dancedata.scene.source import ClipSource
-from dancedata.store import Store, open_store
-from dancedata.store.normalize import Scaler
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

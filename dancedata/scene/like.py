@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.kernel import Reader, Scaler, Store, open_store
 from dancedata.scene.scaling import Scaling
-from dancedata.store.dataset import Store, open_store
-from dancedata.store.normalize import Reader, Scaler, scaler_from
+from dancedata.store.normalize import scaler_from
 
 #: An open dataset, or a reader of it.
 Like = Store | Reader

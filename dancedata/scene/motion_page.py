@@ -14,12 +14,12 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import save_page
+from dancedata.kernel import Clip
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.motions import MotionScenes, MusicFiles
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, clip_page
 from dancedata.scene.wall import Wall, WallSounds
-from dancedata.store import Clip
 
 #: One motion, or several, by name or numbered from 0.
 Motions: TypeAlias = Motion | Sequence[Motion] | Mapping[str, Motion]

@@ -18,7 +18,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
-from dancedata.music.signal import load_audio
+from dancedata.kernel import ClipRecord, Field, Store, load_audio
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.inputs.clip import ClipInput
@@ -28,9 +28,6 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
 from dancedata.scene.scenes import rhythm_of
 from dancedata.scene.source import MAX_SECONDS, ClipSound, cut
-from dancedata.store import Store
-from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.schema import Field
 
 #: Feature whose beats and onsets are drawn, and its rows per second.
 _FEATURE, _RATE = "librosa35", 30

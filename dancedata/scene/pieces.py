@@ -9,14 +9,13 @@ import numpy as np
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.rotations import Float64Array
+from dancedata.kernel import Clip, Field, Store
 from dancedata.metrics.key_motion import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.scene.figure import Figure
 from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scenes import drawable_fields, rhythm_fields
-from dancedata.store import Clip, Store
 from dancedata.store.beats import field_beats
 from dancedata.store.queries import required_fields
-from dancedata.store.schema import Field
 
 #: Names of the groups of columns with contact labels.
 _CONTACTS = ("contact", "foot_contact")

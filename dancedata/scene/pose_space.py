@@ -18,10 +18,9 @@ from dancedata.core.dance import Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.execution.arithmetic import one_thread
+from dancedata.kernel import ClipRecord, Store
 from dancedata.metrics import frechet, geometric, kinetic
 from dancedata.scene.pieces import ClipReader, Piece, measured_units
-from dancedata.store import Store
-from dancedata.store.clip_columns import ClipRecord
 
 #: Poses and windows that are compared, about and at most, and poses of a window.
 _POSES, _WINDOWS, _MOMENTS = 8000, 6000, 10

@@ -16,8 +16,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.kernel import Store
 from dancedata.scene.scaling import Scaling
-from dancedata.store import Store
 from dancedata.store.motion_fields import stored_representation, stored_representations
 
 _POSITION = "position"

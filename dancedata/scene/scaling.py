@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Representation
-from dancedata.store.normalize import Scaler
+from dancedata.kernel import Scaler
 
 _log = logging.getLogger(__name__)
 _STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"

@@ -17,10 +17,10 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
 from dancedata.formats.body_mesh import BodyMesh
+from dancedata.kernel import ClipRecord
 from dancedata.metrics.beats import nearest_offsets
 from dancedata.scene.figure import Figure, Movement
 from dancedata.scene.group_scene import GroupScene
-from dancedata.store.clip_columns import ClipRecord
 
 #: Most characters of a name on the page; ids of clips are never shortened, as links need them.
 MAX_NAME = 120

@@ -17,16 +17,15 @@ from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
+from dancedata.kernel import DATASET_FILE, Field, Store
 from dancedata.metrics.key_motion import KeyMotion
 from dancedata.scene.figure import Figure, Movement
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.poses import ColumnsReader, motion_reader, pose_readers
 from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
-from dancedata.store import Store
 from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.dataset import reopen
 from dancedata.store.queries import fields_with, group_sizes, reference, required_fields
-from dancedata.store.schema import DATASET_FILE, Field
 
 _ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
 #: Most segments of a layer that are drawn.

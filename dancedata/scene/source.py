@@ -12,17 +12,16 @@ from typing import Protocol
 
 import numpy as np
 
-from dancedata.building.source_music import SourceMusic, dataset_of
+from dancedata.building.source_music import dataset_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import carried_over, has_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.music.signal import load_audio, resample
+from dancedata.kernel import SourceMusic, Store, load_audio, resample
 from dancedata.recipes.parse import parse_recipe
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Item, Scene
-from dancedata.store import Store
 
 #: Highest sample rate that a page gets, and most seconds.
 MAX_RATE, MAX_SECONDS = 48_000, 600.0

@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from dancedata.core.typing import override
 from dancedata.formats.values import MOTION_SUFFIXES
-from dancedata.samples import Sample, Samples
+from dancedata.kernel import Sample, Store
+from dancedata.samples import Samples
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
-from dancedata.store import Store
 
 
 class SampleScenes(Scenes):

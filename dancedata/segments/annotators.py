@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
-from dancedata.building.documents import document_of
-from dancedata.building.plugins import ANNOTATORS, Annotator
-from dancedata.building.take import Scene, Take
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import canonical_json
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.core.typing import override
+from dancedata.kernel import ANNOTATORS, Annotator, Scene, Take, document_of
 from dancedata.metrics.events import KINDS, MIRROR, UNITS, events
 
 Kind = Literal["turns", "jumps", "travel", "energy", "floor_work", "contacts"]

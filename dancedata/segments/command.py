@@ -16,14 +16,13 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
 from dancedata.core.text import counted, listed, table
-from dancedata.execution.addresses import local_folder
 from dancedata.files.atomic import atomic_file, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.files.segment_files import write_segment_file
+from dancedata.kernel import DATASET_FILE, Clip, Store, local_folder, open_store
 from dancedata.recipes.parse import parse_recipe
-from dancedata.store import Clip, Store, open_store
 from dancedata.store.queries import overlay
-from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, layer_of
+from dancedata.store.schema import SEGMENTS_FILE, layer_of
 from dancedata.store.table_writer import write_segments
 from dancedata.store.writer import dump_json
 

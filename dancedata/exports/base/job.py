@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
-from dancedata.execution.progress import Progress
+from dancedata.kernel import Progress
 
 if TYPE_CHECKING:
-    from dancedata.building.source_music import SourceMusic
     from dancedata.files.atomic_folder import AtomicFolder
-    from dancedata.store import Clip, Store
+    from dancedata.kernel import Clip, SourceMusic, Store
 
 T = TypeVar("T")
 
@@ -93,7 +92,7 @@ class ExportJob:
     @cached_property
     def music(self) -> SourceMusic:
         """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
-        from dancedata.building.source_music import SourceMusic
+        from dancedata.kernel import SourceMusic
 
         return SourceMusic.of(self.store, self.source)
 

@@ -12,7 +12,7 @@ from dancedata.core.text import listed, quoted
 from dancedata.exports.base.job import ExportJob, Missing
 
 if TYPE_CHECKING:
-    from dancedata.store import Clip
+    from dancedata.kernel import Clip
 
 _SOURCE = "give --music DIR, the folder with the music"
 

@@ -6,20 +6,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.documents import document_of
-from dancedata.building.source_music import is_source
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
-from dancedata.execution.addresses import local_folder
-from dancedata.execution.progress import Progress
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.files.atomic_folder import README, AtomicFolder, atomic_folder, read_about
-from dancedata.recipes.plugins import make_named
-from dancedata.store import Store, open_store
-from dancedata.store.queries import optional_fields, require_intact
+from dancedata.kernel import (
+    Progress,
+    Store,
+    document_of,
+    is_source,
+    local_folder,
+    make_named,
+    open_store,
+    optional_fields,
+    require_intact,
+)
 
 _TEXT = 5000
 

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_of
 from dancedata.building.identity import content_hashes
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef, Window
@@ -22,9 +21,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
-from dancedata.execution.cache import Cache
+from dancedata.kernel import Cache, Store, document_of
 from dancedata.scene.poses import ColumnsReader, Pose
-from dancedata.store import Store
 from dancedata.store.dataset import reopen
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.documents import document_of
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
@@ -19,7 +18,6 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.execution.cache import Cache
 from dancedata.formats.arrays import ArrayFile, stated_normalized
 from dancedata.formats.stated import (
     JOINT_NAMES,
@@ -33,9 +31,9 @@ from dancedata.formats.stated import (
 )
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 from dancedata.formats.video_tracks import people_of
+from dancedata.kernel import Cache, Store, document_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
-from dancedata.store import Store
 from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.

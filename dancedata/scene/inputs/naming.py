@@ -8,10 +8,10 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown
 from dancedata.formats.aist_names import parse_name, tempo_bpm
-from dancedata.samples import Sample, Samples
+from dancedata.kernel import Sample, Store
+from dancedata.samples import Samples
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import MusicSources, Song, of_known
-from dancedata.store import Store
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import as_fraction
 from dancedata.core.text import csv_text, listed, quoted
 from dancedata.files.listing import best_audio, group_by_stem
-from dancedata.store import Store
+from dancedata.kernel import Store
 
 _MAX_CSV_BYTES = 1 << 24
 _HEADS = tuple([name, "song", "start_s"][:n] for name in ("sample", "clip") for n in (2, 3))
