@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -30,9 +31,10 @@ from dancedata.execution.engines import engine_at
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
+from dancedata.files.atomic import write_json
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
-from dancedata.store.schema import DATASET_FILE
+from dancedata.store.schema import DATASET_FILE, LOCAL_FILE
 from dancedata.store.songs import songs_of
 
 if TYPE_CHECKING:
@@ -175,6 +177,8 @@ class _Build:
         meta = _meta(self.recipe, sources, record.to_json(stored))
         with new_dataset(self.out) as folder:
             _write(folder, self.recipe, self.scan, computed, meta, self.progress)
+            place = os.path.relpath(self.source.absolute(), self.out.absolute())
+            write_json(folder / LOCAL_FILE, {"source": Path(place).as_posix()})
         return True
 
 

@@ -31,12 +31,13 @@ from dancedata.store.listed_file import hdf5_files
 from dancedata.store.schema import (
     CARD_FILE,
     DATASET_FILE,
+    LOCAL_FILE,
     REJECTS_FILE,
     STATS_FILE,
     is_shard_name,
 )
 
-_SIDE_FILES = {STATS_FILE, REJECTS_FILE, CARD_FILE}
+_SIDE_FILES = {STATS_FILE, REJECTS_FILE, CARD_FILE, LOCAL_FILE}
 _ALLOWED = "an empty folder, a new one, or a dataset built before"
 
 
@@ -106,7 +107,12 @@ def _described(out: Path) -> Description:
 
 def _files_of(description: Description) -> set[str]:
     """Return the names that a dataset's files have."""
-    return {DATASET_FILE, *(e.file for e in hdf5_files(description)), *(_SIDE_FILES & set(description.files))}
+    return {
+        DATASET_FILE,
+        LOCAL_FILE,
+        *(e.file for e in hdf5_files(description)),
+        *(_SIDE_FILES & set(description.files)),
+    }
 
 
 def _is_ours(name: str) -> bool:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from pathlib import Path
 
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import member_id
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.sample_id import SampleId
 from dancedata.core.skeleton import SMPL24
@@ -26,6 +27,7 @@ from dancedata.scene.source import ClipSource, Sounds
 from dancedata.scene.wall import Wall, WallSounds
 from dancedata.scene.windows import SampleScenes, samples_in
 from dancedata.store import Store, open_store
+from dancedata.store.queries import source_folder
 from dancedata.store.schema import DATASET_FILE
 
 #: Attributes of a request whose option has another name.
@@ -214,7 +216,9 @@ class ViewSelection:
         scenes = request.scenes()
         sounds: Sounds | None = None
         if isinstance(scenes, Scenes):
-            sounds = None if request.music is None else ClipSource(scenes.store, request.music)
+            music = request.music or source_folder(scenes.store)
+            with suppress(SourceError) if request.music is None else nullcontext():
+                sounds = None if music is None else ClipSource(scenes.store, music)
         elif isinstance(scenes, MotionScenes) and scenes.music is not None:
             sounds = scenes
         comparisons = request.comparisons(scenes, sounds)

@@ -1,15 +1,22 @@
 """What rooms ask of an open store beside its methods."""
 
+import os
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 
+from dancedata.core.errors import DanceDataError
 from dancedata.files.regular_file import sha256_file
+from dancedata.files.strict_json import read_json
 from dancedata.store.dataset_json import stated_weights
 from dancedata.store.listed_file import FileHash
-from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, Kind
+from dancedata.store.schema import LOCAL_FILE, SEGMENTS_FILE, TABLES_FILE, Field, Kind
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.store_tables import StoreTables
+
+#: Largest local.json: a path.
+_MAX_LOCAL = 1 << 16
 
 
 def fields_with(store: StoreTables, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
@@ -48,6 +55,16 @@ def network_weights(store: StoreTables) -> dict[str, str]:
 def reference(store: StoreTables) -> tuple[str, str]:
     """Return the arguments of `reopen`: the path, and a hash of dataset.json."""
     return str(store.path), store._description.self_sha256
+
+
+def source_folder(store: StoreTables) -> Path | None:
+    """Return the folder that the dataset was built from on this machine; None where it is unknown, or has moved."""
+    try:
+        place = read_json(store.path / LOCAL_FILE, _MAX_LOCAL)["source"]
+        folder = Path(os.path.normpath(store.path.absolute() / place))
+    except (OSError, ValueError, LookupError, TypeError, DanceDataError):
+        return None
+    return folder if folder.is_dir() else None
 
 
 def overlay(store: StoreTables) -> SegmentOverlay:

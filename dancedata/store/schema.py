@@ -32,6 +32,8 @@ REJECTS_FILE = "rejects.jsonl"
 TABLES_FILE = "tables.h5"
 SEGMENTS_FILE = "segments.h5"
 CARD_FILE = "README.md"
+#: Where the source lies on this machine: no part of the dataset, so neither hashed, nor pushed or exported.
+LOCAL_FILE = "local.json"
 #: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.
 PUBLICATION_FILE = "publication.json"
 SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)

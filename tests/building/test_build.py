@@ -26,7 +26,7 @@ Hashes = Callable[[Path], dict[str, str]]
 TRAIN = "gHO_sBM_cAll_d19_mHO3_ch03"
 FILES = {
     "README.md", "dataset.json", "rejects.jsonl", "stats.json", "train-00000-of-00001.h5", "val-00000-of-00001.h5",
-    "test-00000-of-00001.h5", "tables.h5",
+    "test-00000-of-00001.h5", "tables.h5", "local.json",
 }  # fmt: skip
 
 

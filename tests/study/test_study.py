@@ -95,9 +95,9 @@ def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Pat
 
 
 def test_studies_without_music_or_clips_in_common(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
-    silent = StudyRequest({"a": ViewRequest(demo), "b": ViewRequest(systems[0])}, songs=1)
+    silent = StudyRequest({"a": ViewRequest(systems[1]), "b": ViewRequest(systems[0])}, songs=1)
     with raises_message(UsageError, "study"):
-        write_study(silent, tmp_path / "a.html")
+        write_study(silent, tmp_path / "a.html", rights="mine")
     (tmp_path / "other").mkdir()
     np.savez(tmp_path / "other" / "nobody.npz", joints=np.zeros((60, 24, 3)), fps=30)
     apart = StudyRequest({"a": ViewRequest(systems[0]), "b": ViewRequest(tmp_path / "other")}, songs=1)

@@ -226,15 +226,14 @@ def test_ctrl_c_ends_it_with_0(odd: Path) -> None:
     command = [sys.executable, "-m", "dancedata", "view", str(odd), "--no-browser"]
     about = {**os.environ, "SSH_CONNECTION": "10.0.0.1 1 10.0.0.2 22"}
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=about) as process:
-        lines = [process.stdout.readline() for _ in range(5)]
+        lines = [process.stdout.readline() for _ in range(4)]
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     port = urlsplit(lines[0]).port
     assert (process.returncode, errors) == (0, "")
     assert lines[2].split()[:3] == ["ssh", "-N", "-L"]
     assert f"{port}:127.0.0.1:{port}" in lines[2]
-    assert "--music PATH" in lines[3]
-    assert "Ctrl-C" in lines[4]
+    assert "Ctrl-C" in lines[3]  # and no line on music: it is that of the source, which the dataset remembers
 
 
 def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
@@ -248,8 +247,6 @@ def test_a_clip_as_a_page(odd: Path, source: Path, tmp_path: Path) -> None:
     assert "audio/ogg" not in (tmp_path / "b.html").read_text()
     export_page(ViewRequest(odd, "wav", music=source), page, rights="granted to the tests", overwrite=True)
     assert "that it may be shared: granted to the tests" in page.read_text()
-    with raises_message(UsageError, "rights"):
-        export_page(ViewRequest(odd, "wav"), tmp_path / "c.html", rights="granted")
 
 
 def test_a_connection_that_is_reset_prints_nothing(odd: Path, capfd: pytest.CaptureFixture[str]) -> None:
