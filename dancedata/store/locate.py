@@ -11,7 +11,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.store.schema import Field
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.tables import Tables
-from dancedata.store.window_list import IntArray, Whole, WindowList
+from dancedata.store.window_list import Whole, WindowList
 
 #: Windows that are located at a time.
 _PART = 1 << 16
@@ -71,14 +71,16 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
 
 def locate_windows(
     tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid
-) -> tuple[IntArray, npt.NDArray[np.bool_]]:
+) -> tuple[Whole, npt.NDArray[np.bool_]]:
     """Find the first rows of many windows of a split, as `locate_view` does for one.
 
     `row` (W,) are the rows of their clips. Returns (W,) each window's first row in its clip's shard, and whether the
     store does not have it.
     """
     length, spans, n_frames = int(windows.length[0]), tables.spans[f.name], tables.n_frames
-    first, bad = np.empty(len(row), dtype=np.int64), np.empty(len(row), dtype=np.bool_)
+    is_small = (spans.first + spans.available).max(initial=0) < 2**31  # half the memory of a million clips
+    first: Whole = np.empty(len(row), dtype=np.int32) if is_small else np.empty(len(row), dtype=np.int64)
+    bad = np.empty(len(row), dtype=np.bool_)
     is_part, n_rows = length < 1 or not grid.is_whole(length, of=f.grid), grid.rows_down(length, of=f.grid)
     # A part at a time: arrays of millions of windows are made slower than they are computed.
     for part in (slice(k, k + _PART) for k in range(0, len(row), _PART)):
