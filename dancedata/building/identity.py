@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.clip import ClipRef
-from dancedata.core.plugins import Dataset
+from dancedata.files.regular_file import sha256_file
 
 
 def clip_identity(ref: ClipRef) -> list[Any]:
@@ -14,15 +14,15 @@ def clip_identity(ref: ClipRef) -> list[Any]:
     return [ref.id, ref.declared, str(ref.source_start), str(ref.source_end), ref.revision]
 
 
-def content_hashes(dataset: Dataset, hash_file: Callable[[Path], str]) -> dict[str, str]:
-    """Return the hashes of the files that a dataset's parameters name, such as a body model.
+def content_hashes(plugin: Any, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
+    """Return the hashes of the files that a plug-in's parameters name, such as a body model.
 
     These are the fields with the metadata ``{"content": True}``; of a folder all files. `hash_file` returns the
     SHA-256 of a file, such as `Cache.file_sha256`.
     """
     hashes: dict[str, str] = {}
-    for f in dataclasses.fields(dataset):
-        path = getattr(dataset, f.name)
+    for f in dataclasses.fields(plugin):
+        path = getattr(plugin, f.name)
         if f.metadata.get("content") and path is not None:
             root = Path(path).expanduser()
             files = sorted(p for p in root.rglob("*") if p.is_file()) if root.is_dir() else [root]

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.documents import document_of
+from dancedata.building.identity import content_hashes
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
 from dancedata.building.take import RecipePart, Scene, Take, Transform
@@ -300,8 +301,8 @@ class Annotator(Plugin, Maker):
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of name, version and parameters."""
-        return maker_hash(self.name, self.version, document_of(self))
+        """Hash of name, version and parameters, with the files that these name."""
+        return maker_hash(self.name, self.version, document_of(self), content_hashes(self))
 
     def asks(self, take: Take) -> Sequence[Ask]:
         """Return what is asked for each dancer: of slices that of the whole, of copies only what is their own."""

@@ -311,9 +311,9 @@ class Transform(RecipePart):
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of `key`, of a local plug-in with that of its file."""
+        """Hash of `key`, of the files that parameters name, and of a local plug-in's own."""
         file = plugin_file(type(self))
-        return json_sha256(self.key() if file is None else [*self.key(), file.sha256])
+        return json_sha256([*self.key(), content_hashes(self), "" if file is None else file.sha256])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,16 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.building.plugins import TRANSFORMS, Seen
+from dancedata.building.fields.motion import KeyMotionField, RepresentationField
+from dancedata.building.plugins import ANNOTATORS, FIELDS, TRANSFORMS, Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
+from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import FILE_KEY
-from dancedata.core.registry import DATASETS
+from dancedata.core.registry import DATASETS, REPRESENTATIONS
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
@@ -136,17 +138,35 @@ def test_nothing_follows_the_step_that_copies(transforms: list[Transform]) -> No
         expand([take], transforms)
 
 
-def test_a_transform_of_a_file_that_has_changed_is_another_one_whatever_its_key(tmp_path: Path) -> None:
-    text = LEAPS.read_text().replace(
-        "    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1
-    )
+@pytest.mark.parametrize("changed", ["plugin", "file"])
+@pytest.mark.parametrize(
+    ("registry", "name"), [(TRANSFORMS, "moving-average"), (ANNOTATORS, "leaps"), (FIELDS, "apart")]
+)
+def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed(
+    tmp_path: Path, registry: Any, name: str, changed: str
+) -> None:
+    """Transforms whatever their key."""
+    named = tmp_path / "number.txt"
+    parameter = f'field(default=Path({str(named)!r}), metadata={{"path": True, "content": True}})'
+    text = LEAPS.read_text().replace("import dataclass,", "import dataclass, field,")
+    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: Path = {parameter}\n")
+    text = text.replace("    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1)
+    text = text.replace("\nimport numpy", "\nfrom pathlib import Path\nimport numpy", 1)
     hashes = []
-    for number in (1, 2):
-        file = tmp_path / f"leaps{number}.py"
-        file.write_text(f"{text}# {number}\n")
+    for number in (1, 2, 2):
+        file = tmp_path / "leaps.py"
+        file.write_text(f"{text}# {number if changed == 'plugin' else 0}\n")
+        named.write_text(str(number if changed == "file" else 0))
         dancedata.load_plugins(file)
-        hashes.append(TRANSFORMS.make("moving-average", {}).sha256)
-    assert hashes[0] != hashes[1]
+        plugin = registry.make(name, {})
+        hashes.append((plugin.on(FrameGrid.of(30)) if registry is FIELDS else plugin).sha256)
+    assert hashes[0] != hashes[1] == hashes[2]
+
+
+def test_equal_plugins_of_two_kinds_have_results_of_their_own() -> None:
+    plugin: Any = REPRESENTATIONS.make("joints", {})
+    kinds = (RepresentationField, KeyMotionField)
+    assert len({of_kind("joints", FrameGrid.of(30), plugin).sha256 for of_kind in kinds}) == 2
 
 
 @pytest.mark.parametrize("offset", [0, 3, -2])

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.documents import document_of
+from dancedata.building.identity import content_hashes
 from dancedata.building.plugins import Ask, Field, Reach, maker_hash
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
@@ -51,7 +52,8 @@ class MotionField(Field):
     @cached_property
     def sha256(self) -> str:
         """Hash of all that shapes the rows of a motion."""
-        return maker_hash(_STAGE, CROSSING, *self.shaping, self.document(), str(self.grid))
+        files = [content_hashes(plugin) for plugin in self.plugins.values()]
+        return maker_hash(_STAGE, CROSSING, self.slot, *self.shaping, self.document(), str(self.grid), files)
 
     @override
     def block(self, rows: Rows | Nothing, take: Take, dancer: int, grid: FrameGrid) -> LazyArray:

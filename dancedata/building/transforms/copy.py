@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.documents import document_of
+from dancedata.building.identity import content_hashes
 from dancedata.building.take import RecipeField, Scene, Take, Transform
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
@@ -63,7 +64,8 @@ class Copy(Transform):
     @override
     def key(self) -> list[Any]:
         # The name of the copies does not matter.
-        return [self.augmentation.name, self.augmentation.version, document_of(self.augmentation)]
+        of = self.augmentation
+        return [of.name, of.version, document_of(of), content_hashes(of)]
 
     @override
     def check(self, fields: Sequence[RecipeField]) -> None:

@@ -12,6 +12,9 @@ Float32Array = npt.NDArray[np.float32]
 class Plugin(ABC):
     """Base of all plug-ins.
 
+    A parameter that names a file has the metadata ``{"path": True, "content": True}``: the bytes of the file are part
+    of the cache keys, its place is not. An audio feature hashes its files in `resolved`.
+
     Attributes
     ----------
     name
