@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
 from dancedata.building.documents import document_differences, shaping
+from dancedata.building.leaks import leaks
 from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
@@ -33,7 +34,7 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
 from dancedata.files.atomic import write_json
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.store import Field, Store, StoreHeader, open_store, write_store
+from dancedata.store import Field, Problem, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE, LOCAL_FILE
 from dancedata.store.songs import songs_of
 
@@ -51,6 +52,7 @@ class BuildResult:
     `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
     `notes`: Notes of the dataset's reader on the source.
     `summary`: The text that the command line prints.
+    `shared`: Problems with songs that splits share, as `check` finds them; None where that was not checked.
     `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
     """
 
@@ -60,16 +62,18 @@ class BuildResult:
     left_out: Mapping[str, int]
     notes: tuple[str, ...]
     summary: str
+    shared: tuple[Problem, ...] | None = None
     rebuilt: bool | None = None
 
     @classmethod
-    def of(cls, path: Path, built: bool) -> BuildResult:
-        """Describe a finished dataset."""
+    def of(cls, path: Path, built: bool, strict: bool) -> BuildResult:
+        """Describe a finished dataset; one that was there already is checked for what splits share if `strict`."""
         with open_store(path) as store:
             counts, left_out = dict(store.info["splits"]), reasons(store)
             notes = tuple(store.info.get("source", {}).get("notes", ()))
-        summary = describe_built(path) if built else describe_unchanged(path)
-        return cls(path, built, counts, left_out, notes, summary)
+        shared = tuple(leaks(path)) if built or strict else None
+        summary = describe_built(path, shared or ()) if built else describe_unchanged(path, shared)
+        return cls(path, built, counts, left_out, notes, summary, shared)
 
     def __repr__(self) -> str:
         clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
@@ -116,7 +120,7 @@ def build(
             build_run = _Build(
                 recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
             )
-            result = BuildResult.of(out, built=build_run.run())
+            result = BuildResult.of(out, build_run.run(), strict)
         if published is None:
             return result
         same = published.same(out)

@@ -80,7 +80,9 @@ def build(
     dry_run: Annotated[
         bool, option("--dry-run", help="Show clips, windows, columns and bytes; build nothing.")
     ] = False,
-    strict: Annotated[bool, option("--strict", help="Stop at a broken clip.")] = False,
+    strict: Annotated[
+        bool, option("--strict", help="Stop at a broken clip; exit code 1 if train shares songs.")
+    ] = False,
     overwrite: Overwrite = False,
     jobs: Jobs = None,
     segments: Annotated[Path | None, option(metavar="FILE", help=SEGMENTS_HELP, panel=RARE)] = None,
@@ -120,10 +122,11 @@ def build(
     built = commands.build(recipe, source, out, overwrite=overwrite, strict=strict, scheduler=cluster, **options)
     if built.built and not quiet:
         say(f"built in {time.monotonic() - started:.1f} s", err=True)
+    leaks = [problem.message for problem in built.shared or () if problem.severity == "error"]
     compared = {} if built.rebuilt is None else {"rebuilt": built.rebuilt}
     return Output(
         lambda: {"built": built.built, **store_json(built.path), **compared}, lambda: built.summary,
-        ok=built.rebuilt is not False,
+        ok=built.rebuilt is not False and not (strict and leaks), warnings=leaks,
     )  # fmt: skip
 
 

@@ -16,6 +16,7 @@ import soxr
 
 import dancedata
 from dancedata.audio.librosa35 import Librosa35
+from dancedata.building.build import BuildResult
 from dancedata.building.leaks import LIKENESS, AlikeSongs, alike_between, alike_songs, leaks
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
@@ -296,6 +297,10 @@ def test_songs_that_splits_share(random_store: Any, tmp_path: Path) -> None:
         [problem] = build(f"{one} {other}", **{one: "mBR0", other: "mBR0"})
         assert problem.severity == severity
         assert f"{one} and {other} share songs: mBR0" in problem.message
+        summary = BuildResult.of(tmp_path / f"{one} {other}", built=True, strict=False).summary
+        assert ("warning: train and" in summary, "checked: no song of train" in summary) == (
+            severity == "error", severity == "note",
+        )  # fmt: skip
     assert build("d", train="", val="", test="") == []
 
 
@@ -308,3 +313,5 @@ def test_what_official_splits_share_is_a_counted_note(random_store: Any, tmp_pat
     problems = leaks(out)
     assert {p.severity for p in problems} == {"note"}
     assert any("the official train and test share 1 song: mBR0" in p.message for p in problems)
+    again = BuildResult.of(out, built=False, strict=True).summary
+    assert "checked: the official train and val share 1 song" in again

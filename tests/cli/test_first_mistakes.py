@@ -263,6 +263,7 @@ def test_the_closing_summary_is_short_and_names_the_next_steps(larger: Path, out
         "  val        1        3      1      0.1",
         "  test       2        6      1      0.2",
     ]
+    assert lines[-2] == "checked: no song of train is in val or test; val and test share songs: mBR0"
     assert lines[-1] == f"next: dancedata view {out}; dancedata check {out}; details: dancedata info {out}"
     assert "ignored: 1 (" in "\n".join(lines)
     assert len(lines) <= 10
@@ -295,13 +296,13 @@ def test_info_shows_all_that_the_summary_leaves_out(larger: Path, out: Path, rej
 def test_flags_are_summed_up_by_kind(built_copy: Path, monkeypatch: pytest.MonkeyPatch):
     from dancedata.building.describe import describe_built
 
-    assert "flagged" not in describe_built(built_copy)
+    assert "flagged" not in describe_built(built_copy, ())
     flags = [
         {"clip": clip, "kind": kind, "joint": "root", "frame": 1, "value": 1.0, "unit": "m"}
         for clip, kind in (("a", "root_jump"), ("a", "root_jump"), ("b", "root_jump"), ("b", "fast_turn"))
     ]
     monkeypatch.setattr(Store, "quality", flags)
-    output = describe_built(built_copy)
+    output = describe_built(built_copy, ())
     assert "  flagged, not repaired: fast_turn in 1 clip, root_jump in 2 clips\n" in output
 
 
