@@ -113,7 +113,6 @@ def export(tmp_path: Path, built: Callable[[str], Built]) -> Callable[..., Expor
 
     def run(name: str, to: str, out: str = "out", **options: Any) -> ExportResult:
         dataset = built(name)
-        options = {"source": dataset.source, "progress": False, **options}
-        return dancedata.export(dataset.path, to, tmp_path / out, **options)
+        return dancedata.export(dataset.path, to, tmp_path / out, progress=False, **options)
 
     return run

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import dancedata
 from dancedata.core.errors import DanceDataError, RecipeError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.store import StoredClip, write_store
-from dancedata.store.schema import StoreHeader
+from dancedata.store.schema import LOCAL_FILE, StoreHeader
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
 
@@ -38,7 +39,8 @@ def refusal(store: Path, to: str, out: Path, **options) -> str:
 def test_all_problems_are_reported_at_once(built, tmp_path: Path, to: str, wanted: list[str]) -> None:
     if to == "lodge":
         pytest.importorskip("torch")  # its absence would be in the message
-    text = refusal(built("sixty").path, to, tmp_path / "out")
+    store = copytree(built("sixty").path, tmp_path / "store", ignore=ignore_patterns(LOCAL_FILE))
+    text = refusal(store, to, tmp_path / "out")
     assert f"the dataset cannot be exported as {to}; nothing was written:" in text
     for words in wanted:
         assert words in text, words
@@ -185,7 +187,7 @@ def test_npz_holds_the_dataset(export: Callable, built) -> None:
     import json
 
     for name in ("edge", "edge-exact"):
-        out, store = export(name, "npz", name, link=True).path, built(name).store
+        out, store = export(name, "npz", name, source=built(name).source, link=True).path, built(name).store
         index = json.loads((out / "index.json").read_text())
         assert set(index["clips"]) == {clip.id for clip in store}
         for clip in store:

@@ -111,7 +111,8 @@ def test_windows_end_with_the_music_and_have_columns_of_their_own(source: Path, 
 
 
 def test_what_is_missing_is_named(source: Path, built: Path, tmp_path: Path) -> None:
-    with raises_message(StoreError, "tcdiff", where="store"):
-        dancedata.export(built, "tcdiff", out=tmp_path / "a")
+    (tmp_path / "empty").mkdir()
+    with raises_message(StoreError, "no music below", where="store"):
+        dancedata.export(built, "tcdiff", out=tmp_path / "a", source=tmp_path / "empty")
     with raises_message(StoreError, "aist[+][+]-60", where="store"):
         dancedata.export(built, "tcdiff", out=tmp_path / "b", source=source, feature="librosa35")

@@ -52,7 +52,7 @@ class ExportJob:
     out
         Absolute path that the folder of the export will have, for files that hold absolute paths.
     source
-        Folder with the music that the dataset was built from; None if none was given.
+        Folder with the music; None for that which the dataset was built from, for targets that need it.
     link
         Whether files of equal bytes become hard links of one.
     fields
@@ -91,10 +91,17 @@ class ExportJob:
 
     @cached_property
     def music(self) -> SourceMusic:
-        """The music below `source`. UsageError without a source, SourceError where it cannot be read."""
+        """The music below `music_folder`. UsageError without a folder, SourceError where it cannot be read."""
         from dancedata.kernel import SourceMusic
 
-        return SourceMusic.of(self.store, self.source)
+        return SourceMusic.of(self.store, self.music_folder)
+
+    @cached_property
+    def music_folder(self) -> Path | None:
+        """`source`; else the folder that the dataset was built from, where it is still there."""
+        from dancedata.store.queries import source_folder
+
+        return self.source or source_folder(self.store)
 
     def each(self, label: str, items: Sequence[T]) -> Iterator[T]:
         """Return the items one by one and show the progress."""

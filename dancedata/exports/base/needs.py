@@ -92,7 +92,7 @@ def needs_music_from_start(clips: Sequence[Clip], *, exactly: bool = False) -> l
 
 def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
     """Check that --music has the music of clips."""
-    if job.source is None:
+    if job.music_folder is None:
         return [Missing("the music itself is needed, which no dataset holds", _SOURCE)]
     try:
         missing = job.music.missing(clips)
@@ -104,7 +104,7 @@ def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
         return [Missing(problem, "a recipe without copies at another tempo under augment")]
     if not missing:
         return []
-    return [Missing(f"no music below {job.source} for {listed(missing)}", _SOURCE)]
+    return [Missing(f"no music below {job.music_folder} for {listed(missing)}", _SOURCE)]
 
 
 def needs_names(clips: Iterable[Clip], is_read_right: Callable[[str], bool], form: str) -> list[Missing]:

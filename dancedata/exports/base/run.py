@@ -134,7 +134,7 @@ def export(
     out
         Folder to write: a new or empty one. It appears when all is written.
     source
-        Folder with the music that the dataset was built from; targets that write sound need it.
+        Folder with the music, of which some targets write sound; by default that which the dataset was built from.
     link
         Make hard links in place of files with equal bytes.
     overwrite
