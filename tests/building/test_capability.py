@@ -10,12 +10,14 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.building.fields.motion import KeyMotionField, RepresentationField
+from dancedata.building.fields.motion import KeyMotionField, RepresentationField, SceneField
 from dancedata.building.plugins import ANNOTATORS, FIELDS, TRANSFORMS, Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
 from dancedata.core.clip import ClipRef
+from dancedata.core.codebook import Codebook
+from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import FILE_KEY
@@ -167,6 +169,50 @@ def test_equal_plugins_of_two_kinds_have_results_of_their_own() -> None:
     plugin: Any = REPRESENTATIONS.make("joints", {})
     kinds = (RepresentationField, KeyMotionField)
     assert len({of_kind("joints", FrameGrid.of(30), plugin).sha256 for of_kind in kinds}) == 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Given(SceneField):
+    """Rows that are named, of real values or of codes."""
+
+    name: ClassVar[str] = "given"  # type: ignore[misc]
+    version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns((Group("x", 1, ""),))  # type: ignore[misc]
+    given: Any
+    dtype: str = "float32"  # type: ignore[assignment]
+
+    @property
+    def codebook(self) -> Codebook | None:  # type: ignore[override]
+        return Codebook("codes", (8,)) if self.dtype == "int16" else None
+
+    def encode(self, motions: Any) -> Any:
+        return self.given
+
+
+@pytest.mark.parametrize(
+    ("dtype", "given", "found"),
+    [
+        ("float32", [[[1]]], "1 arrays"),
+        ("float32", None, "NoneType"),
+        ("float32", [[[1j]]] * 2, "complex128"),
+        ("float32", [[["a"]]] * 2, "<U1"),
+        ("int16", [[["a"]]] * 2, "<U1"),
+        ("int16", [[[3.7]]] * 2, "3.7"),
+        ("int16", [[[np.nan]]] * 2, "nan"),
+        ("int16", [[[2**16 + 5]]] * 2, "65541"),
+        ("int16", [[[3.0]]] * 2, ""),
+        ("float32", [[[3]]] * 2, ""),
+    ],
+)
+def test_rows_that_a_field_cannot_have_are_no_other_rows(dtype: str, given: Any, found: str) -> None:
+    field, motions = Given(fps=30, given=given, dtype=dtype), [np.zeros(3)] * 2
+    if found:
+        with raises_message(UsageError, f"given .*{found}"):
+            field.encoded(motions, [0, 1], in_group=True)
+    else:
+        assert [(rows.dtype, rows.item()) for rows in field.encoded(motions, [0, 1], in_group=True)] == [
+            (dtype, 3)
+        ] * 2
 
 
 @pytest.mark.parametrize("offset", [0, 3, -2])

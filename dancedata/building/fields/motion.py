@@ -23,6 +23,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, KeyMotionFinder, Plugin, Representation
+from dancedata.core.text import shown
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
@@ -140,7 +141,25 @@ class SceneField(MotionField):
         lost = [motion for motion in motions if isinstance(motion, Nothing)]
         present = [motion for motion in motions if not isinstance(motion, Nothing)]
         rows: Any = lost[0] if lost else self._try(partial(self.encode, present))
-        return [rows if isinstance(rows, Nothing) else np.asarray(rows[k], dtype=self.dtype) for k in dancers]
+        if isinstance(rows, Nothing):
+            return [rows for _ in dancers]
+        if not isinstance(rows, Sequence | np.ndarray) or len(rows) != len(present):
+            found = f"{len(rows)} arrays" if isinstance(rows, Sequence | np.ndarray) else type(rows).__name__
+            raise UsageError(f"the field {self.name} does not give each dancer rows", found=found,
+                             allowed=f"a list of {len(present)} arrays", fix="correct the plug-in")  # fmt: skip
+        return [self._as_stored(np.asarray(rows[k])) for k in dancers]
+
+    def _as_stored(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return rows of the field's type; UsageError for a code that it would change, and what is no real number."""
+        found = str(rows.dtype)
+        if rows.dtype.kind in "biuf":
+            with np.errstate(invalid="ignore"):  # a code that is NaN
+                stored = rows.astype(self.dtype)
+            if self.codebook is None or np.array_equal(stored, rows):
+                return stored
+            found = shown(rows[stored != rows][0])
+        raise UsageError(f"the field {self.name} gives values that its type cannot hold", found=found,
+                         allowed=self.dtype, fix="correct the plug-in")  # fmt: skip
 
 
 @dataclass(frozen=True)
