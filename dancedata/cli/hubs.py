@@ -6,11 +6,12 @@ from typing import Annotated, Any
 import typer
 
 from dancedata.cli.command import Output, command
-from dancedata.cli.options import CacheFolder, Music, Overwrite, Plugins, Quiet, Rights, option
+from dancedata.cli.options import CacheFolder, Overwrite, Plugins, Quiet, Rights, option
 from dancedata.core.errors import UsageError
 
 TARGET_HELP = "edge, lodge, npz, ...: dancedata info targets; or card (README.md) or segments (.csv, .jsonl)."
 LINK_HELP = "Hard links in place of files with equal bytes."
+SOURCE_MUSIC_HELP = "Folder with the songs, which no dataset holds; for targets that write music, such as edge."
 SET_HELP = "Set a parameter of the target; repeatable."
 PULL_HELP = "hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files."
 RECIPE_ONLY_HELP = "Publish what rebuilds the dataset from a user's own source, and no data."
@@ -22,7 +23,7 @@ def export(
     to: Annotated[str, option(metavar="TARGET", help=TARGET_HELP)],
     out: Annotated[Path, option("-o", "--out", metavar="PATH", help="A new or empty folder, or a file.")],
     overrides: Annotated[list[str] | None, option("--set", metavar="KEY=VALUE", help=SET_HELP)] = None,
-    music: Music = None,
+    music: Annotated[Path | None, option(metavar="DIR", help=SOURCE_MUSIC_HELP)] = None,
     link: Annotated[bool, option("--link", help=LINK_HELP)] = False,
     overwrite: Overwrite = False,
     plugins: Plugins = None,

@@ -156,7 +156,7 @@ def features(
       dancedata features songs --like data/aistpp
       dancedata features song.mp3 --field librosa35 --bpm 120
 
-    They are exactly those of training. Files of an earlier run are replaced.
+    The rows are exactly those of training. Files of an earlier run are replaced.
     """
     from dancedata.songs import describe_features, find_jobs, write_features
 

@@ -192,9 +192,10 @@ class SplitRule:
         balance = "set balance: true, " if enough and not self.balance else ""
         larger = "use larger fractions" if enough else f"ask for fewer splits than {len(self._requested())}"
         seed = f"set seed: {closer}, the best of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
+        by_clip = "" if self.by == "clip" else ", split by clip"
         raise SourceError(f"folder: no clip is in {' and '.join(empty)} by the rule {self._text()}",
                           found=self._count(clips),
-                          fix=f"{seed}{balance}{larger}, split by clip, or write splits into a manifest")  # fmt: skip
+                          fix=f"{seed}{balance}{larger}{by_clip}, or write splits into a manifest")  # fmt: skip
 
     def _count(self, clips: Sequence[ClipRef]) -> str:
         text = counted(len(clips), "clip")

@@ -218,8 +218,8 @@ def _pool_warnings(
         if varying is not None and fid is not None and abs(varying - fid) > 1e-9 * abs(fid):
             effect = f"are divided by about 0; without them the distance is {varying:.6g}"
         warnings.append(
-            f"{metric.name}: {counted(int(constant), 'column')} of the pool ({listed(names)}), all clips of which "
-            f"are equal there, {effect}"
+            f"{metric.name}: {counted(int(constant), 'column')} with one value in the whole pool ({listed(names)}) "
+            f"{effect}"
         )
     return warnings
 

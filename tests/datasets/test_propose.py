@@ -105,7 +105,7 @@ def test_a_folder_is_prepared_and_what_is_filled_in_stays(source: Path, tmp_path
     assert load_recipe(recipe).name == "made"
     lines = manifest.read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.lstrip('"').startswith("#")))
-    rows[0] |= {"audio": "songs/mine.wav", "guessed": ""}
+    rows[0] |= {"audio": "songs/long.wav", "guessed": ""}
     rows[1]["audio"] = ""
     with manifest.open("w", newline="") as file:
         writer = csv.DictWriter(file, [*rows[0], "dancer"], delimiter=";")
@@ -116,7 +116,8 @@ def test_a_folder_is_prepared_and_what_is_filled_in_stays(source: Path, tmp_path
     again = list(csv.DictReader(manifest.read_text().splitlines(), delimiter=";"))
     assert recipe.read_text() == "mine"
     assert (about["added"], about["filled"]) == (1, int(bool(proposal.rows[1].audio)))
-    assert (again[0]["audio"], again[0]["guessed"]) == ("songs/mine.wav", "")
+    assert "songs/long.wav" not in about["unused"]
+    assert (again[0]["audio"], again[0]["guessed"]) == ("songs/long.wav", "")
     assert again[1]["audio"] == proposal.rows[1].audio
     assert again[-1]["motion"] == rows[-1]["motion"]
     before = manifest.read_bytes()

@@ -18,7 +18,7 @@ from dancedata.core.plugins import Float32Array
 @FIELDS.register("template_name")
 @dataclass(frozen=True)
 class TemplateName(SceneField):
-    """Distance of each dancer from the middle of all of a take, seen from above; 0 of a dancer alone.
+    """Distance of each dancer from the centre of the group, seen from above; 0 for a dancer alone.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class TemplateName(SceneField):
         return Columns((Group("distance", 1, "m"),), mirror=Mirror((0,), (1,)))
 
     def encode(self, motions: Sequence[Motion]) -> Sequence[Float32Array]:
-        """Return rows (T, 1) of each dancer, of motions at the rate of the field."""
+        """Return rows (T, 1) for each dancer; the motions have the rate of the field."""
         places = np.stack([motion.translation[:, [0, 2]] for motion in motions])
         distances = np.linalg.norm(places - places.mean(axis=0), axis=-1)
-        return [(self.scale * of_dancer).astype(np.float32)[:, None] for of_dancer in distances]
+        return [(self.scale * row).astype(np.float32)[:, None] for row in distances]

@@ -110,7 +110,8 @@ def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
         _write(path, table.text(() if known else _comments(proposal)))
     return Prepared(
         path, recipe, len(rows), len(new), filled, tuple(row["id"] for row in rows if row.get("guessed")),
-        tuple(row["id"] for row in rows if not row.get("audio")), proposal.unused,
+        tuple(row["id"] for row in rows if not row.get("audio")),
+        tuple(song for song in proposal.unused if song not in songs),
     )  # fmt: skip
 
 
