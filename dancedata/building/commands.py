@@ -243,7 +243,7 @@ def check(
     dataset
         Reader of a source folder, such as "aist++". Default: the first one that recognises it.
     recipe, overrides
-        Read a source folder as this recipe does.
+        Read a source folder as this recipe does. Default: recipe.yaml in the folder, if `dataset` is not given.
     jobs
         Worker processes for a source folder; None: one per core.
     progress
@@ -270,10 +270,9 @@ def check(
     from dancedata.building.check import check as run
     from dancedata.building.check import check_several
 
-    if recipe is not None and dataset is not None:
-        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
-    if overrides and recipe is None:
-        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
+    if recipe is None and dataset is None and not others:
+        recipe = _prepared(path)
+    require_one_reader(recipe, dataset, overrides)
     parsed = None if recipe is None else load_recipe(recipe, overrides)
     paths, reporter = [local_folder(p) for p in (path, *others)], Progress(quiet=not progress)
     if others and (parsed is not None or dataset is not None):
@@ -296,10 +295,9 @@ class _Request:
     def of(
         cls, recipe: RecipeLike, source: str | Path | None, out: str | Path | None, overrides: Overrides
     ) -> _Request:
-        prepared = Path(recipe).expanduser() if isinstance(recipe, str | Path) and source is None else None
-        is_published = prepared is not None and any(map(Path.exists, map(prepared.joinpath, _PUBLISHED)))
-        if prepared is not None and (prepared / "recipe.yaml").is_file() and not is_published:
-            recipe, source = prepared / "recipe.yaml", prepared
+        prepared = _prepared(recipe) if isinstance(recipe, str | Path) and source is None else None
+        if prepared is not None:
+            recipe, source = prepared, prepared.parent
         published = _published(recipe)
         parsed = load_recipe(recipe, overrides) if published is None else published.recipe(overrides)
         target = folder_of(out) or Path("data") / parsed.name
@@ -310,6 +308,21 @@ class _Request:
         raise UsageError(f"the dataset {parsed.dataset.name} needs a source",
                          fix=f"name the folder with its files: dancedata build {parsed.name} SOURCE, "
                          "or source=DIR in Python")  # fmt: skip
+
+
+def require_one_reader(recipe: RecipeLike | None, dataset: str | None, overrides: Overrides) -> None:
+    """Raise UsageError if both a recipe and a dataset choose the reader of a folder, or overrides have no recipe."""
+    if recipe is not None and dataset is not None:
+        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
+    if overrides and recipe is None:
+        raise UsageError("--set, or overrides, change keys of a recipe", fix="name a recipe, not a reader alone")
+
+
+def _prepared(folder: str | Path) -> Path | None:
+    """Return recipe.yaml of a folder that ``dancedata init`` prepared; None for a dataset, and without one."""
+    path = Path(folder).expanduser()
+    published = any((path / name).exists() for name in _PUBLISHED)
+    return path / "recipe.yaml" if (path / "recipe.yaml").is_file() and not published else None
 
 
 def _published(recipe: RecipeLike) -> Published | None:

@@ -1,4 +1,4 @@
-"""Shared parts of `align` and `quality`: the choice of a reader, and the written table."""
+"""The table that `align` and `quality` write."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ import io
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from dancedata.building.commands import RecipeLike
 from dancedata.core.errors import UsageError
 from dancedata.files.atomic import write_text
-from dancedata.recipes.parse import Overrides
 
 
 def require_new_csv(file: Path | None) -> None:
@@ -18,14 +16,6 @@ def require_new_csv(file: Path | None) -> None:
     if file is not None and (file.suffix.lower() != ".csv" or file.exists()):
         problem = "the file exists already" if file.exists() else "not a .csv file"
         raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another --out")
-
-
-def require_one_reader(recipe: RecipeLike | None, dataset: str | None, overrides: Overrides) -> None:
-    """Raise UsageError if both a recipe and a dataset choose the reader of a folder, or overrides have no recipe."""
-    if recipe is not None and dataset is not None:
-        raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
-    if overrides and recipe is None:
-        raise UsageError("--set, or overrides, change keys of a recipe", fix="name the recipe as well")
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

@@ -170,8 +170,10 @@ def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[R
     """Return the error of a source of which no clip can be stored: reasons, notes of the reader, fix."""
     text = _report("no clip is left to build from", rejects, scan)
     # For files of any layout, only the recipe has the declarations.
-    reader = "--recipe RECIPE, with this recipe" if dataset.explicit_only else f"--recipe {dataset.name}"
-    fix = f"see every file: dancedata check {shlex.quote(shown(source))} {reader}"
+    reader = f" --recipe {dataset.name}"
+    if dataset.explicit_only:
+        reader = "" if (source / "recipe.yaml").is_file() else " --recipe RECIPE, with the recipe of this build"
+    fix = f"see every file: dancedata check {shlex.quote(shown(source))}{reader}"
     without_music = {clip.id for clip in scan.clips if clip.audio_path is None}
     if any(r.reason == "missing_music" and r.clip in without_music for r in rejects):
         fix = f"audio features need music; to build motion alone: --set 'audio={{}}'. {fix[0].upper()}{fix[1:]}"

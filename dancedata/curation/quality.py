@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.building.commands import require_one_reader
 from dancedata.building.compute import compute
-from dancedata.building.csv_report import csv_text, require_new_csv, require_one_reader, write_csv
+from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
 from dancedata.building.measuring import takes_of
 from dancedata.building.result import Result

@@ -69,6 +69,21 @@ def test_check_finds_what_a_build_leaves_out(mixed: Path, tmp_path: Path) -> Non
     }  # fmt: skip
 
 
+def test_the_recipe_of_a_prepared_folder_is_the_default(mixed: Path, tmp_path: Path) -> None:
+    shutil.copy(mixed / "mixamo.bvh", tmp_path)
+    (tmp_path / "manifest.csv").write_text("id,motion\na,mixamo.bvh\n")  # its unit stands in the recipe alone
+    recipe = {**RECIPE, "dataset": {"folder": {"unit": "cm", "music": "optional"}}, "audio": {}}
+    (tmp_path / "recipe.yaml").write_text(json.dumps(recipe))
+
+    def errors(**how: Any) -> list[str]:
+        problems = dancedata.check(tmp_path, progress=False, **how)
+        return [p.message.partition(":")[0] for p in problems if p.severity == "error" and p.where == "a"]
+
+    assert not errors()
+    assert errors(overrides={"dataset.folder.music": "required"}) == ["missing_music"]
+    assert errors(dataset="folder")
+
+
 @pytest.mark.parametrize("recipe", [None, RECIPE])
 def test_lengths_of_motion_and_music_stand_side_by_side(
     mixed: Path, tmp_path: Path, recipe: dict[str, Any] | None
