@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.core.text import shown
 from dancedata.execution.addresses import Origin, local_folder, origin_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_view import Clip, Clips
-from dancedata.store.dataset_json import stated_weights
+from dancedata.store.dataset_json import REBUILD, stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
 from dancedata.store.queries import reference
-from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE
+from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
 
@@ -260,13 +260,17 @@ class Store(SegmentQueries):
                 found=f"kind={kind!r} and covers={covers!r}", fix="leave one of them out",
             )  # fmt: skip
         numbers = self.stats["fields"][field]
-        std = np.array(numbers["std"])
-        if kind == "zscore_grouped":
-            for part in map(f.columns.slice, f.columns.names):
-                std[part] = std[part].mean()
-        return Scaler(
-            "zscore", numbers["mean"], std, dtype=f.dtype, field=field, columns=stored.columns, dataset=stored.sha256
-        )
+        try:
+            mean, std = (np.array(numbers[name], dtype=np.float64) for name in ("mean", "std"))
+            if kind == "zscore_grouped":
+                for part in map(f.columns.slice, f.columns.names):
+                    std[part] = std[part].mean()
+            sha256, columns = stored.sha256, stored.columns
+            return Scaler("zscore", mean, std, dtype=f.dtype, field=field, columns=columns, dataset=sha256)
+        except (KeyError, TypeError, ValueError, UsageError) as error:
+            raise StoreError(f"the {kind} scaler of field {field} cannot be used",
+                             where=str(self.path / STATS_FILE), found=shown(error),
+                             fix=REBUILD) from error  # fmt: skip
 
 
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:

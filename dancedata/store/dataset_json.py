@@ -177,7 +177,7 @@ def checked_flag(row: Mapping[str, Any], where: str) -> Mapping[str, Any]:
 def _json_lines(text: str, needed: Sequence[str], types: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Parse one object per line; the values of these keys have to be of these types."""
     # Not splitlines: it also splits at separators that are allowed inside a JSON string.
-    rows = [_object(parse_json(line)) for line in text.split("\n") if line]
+    rows = [json_object(line) for line in text.split("\n") if line]
     for number, row in enumerate(rows, start=1):
         _check_types(row, f"line {number}", needed, types)
     return rows
@@ -190,6 +190,11 @@ def _check_types(row: Mapping[str, Any], where: str, needed: Sequence[str], type
             raise ValueError(f"{where}: {key} is {quoted(row.get(key), 60)}")
 
 
+def json_object(text: str) -> dict[str, Any]:
+    """Parse a JSON object; raises ValueError."""
+    return _object(parse_json(text))
+
+
 def _object(value: Any) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError(f"a {type(value).__name__} where an object is expected")
@@ -198,7 +203,7 @@ def _object(value: Any) -> dict[str, Any]:
 
 def json_stats(text: str) -> dict[str, Any]:
     """Parse stats.json; raises ValueError."""
-    stats = _object(parse_json(text))
+    stats = json_object(text)
     for numbers in _object(stats.get("fields")).values():
         _object(numbers)
     return stats

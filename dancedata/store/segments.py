@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -15,6 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import canonical_json
 from dancedata.core.segments import TICKS_PER_SECOND, Layer, Segment, ticks
 from dancedata.core.text import shown
+from dancedata.store.dataset_json import json_object
 from dancedata.store.table_file import SegmentTable
 
 #: Layers of the quality flags: of places, and of whole clips.
@@ -181,7 +181,7 @@ def segments_of(
                 layer, start, end, columns["label"][k], texts, mirrored, tokens,
                 value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
                 joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
-                data=json.loads(data) if data else {},
+                data=json_object(data) if data else {},
             )  # fmt: skip
         except (DataError, ValueError) as error:
             raise StoreError(

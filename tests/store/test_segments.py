@@ -65,10 +65,15 @@ def test_damage_is_named(folder: Path, change: Callable[[Any], None], message: s
 @pytest.mark.parametrize(
     ("column", "value"),
     [("end_s", -5), ("end_s", np.inf), ("start_s", np.nan), ("layer", 7), ("layer", -1), ("other", 99), ("other", -2),
-     ("clip", 9), ("joint", -2), ("start", -1)],
+     ("clip", 9), ("joint", -2), ("start", -1), ("data", b"[1]"), ("data", b'{"a":NaN}'), ("data", b'{"a":1e999}')],
 )  # fmt: skip
-def test_a_segment_that_cannot_be_read_is_an_error_of_the_store(folder: Path, column: str, value: float) -> None:
+def test_a_segment_that_cannot_be_read_is_an_error_of_the_store(folder: Path, column: str, value: Any) -> None:
     with h5py.File(folder / SEGMENTS_FILE, "r+") as file:
+        values = file["segments"][column][:]
+        if isinstance(value, bytes):  # of another length
+            values = values.astype("S16")
+            del file["segments"][column]
+            file["segments"][column] = values
         file["segments"][column][0] = value
     seal(folder)
     store = open_store(folder)

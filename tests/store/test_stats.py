@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.core.errors import StoreError
 from dancedata.pages.ranges import column_ranges
 from dancedata.store import open_store, write_store
 from dancedata.testing.stores import RandomStore
+from tests.messages import raises_message
+from tests.store.test_verify import seal
 
 
 def covered(made: RandomStore, field: str) -> np.ndarray:
@@ -79,3 +82,16 @@ def test_column_without_range_is_scaled_as_edge_does(out: Path, make_store: Any)
     assert stats["mean"][2] == np.float32(0.1)
     assert stats["scaler"]["offset"][2] == -1 - float(np.float32(0.1)) * 2
     assert "-0.0" not in json.dumps([stats[what][3:5] for what in ("min", "max", "mean")])
+
+
+@pytest.mark.parametrize("value", ["x", None, [1], 1e300])
+@pytest.mark.parametrize("name", ["mean", "std"])
+def test_what_is_no_number_is_no_scaler(out: Path, make_store: Any, name: str, value: Any) -> None:
+    made = make_store()
+    write_store(out, made.header, made.clips)
+    stats = json.loads((out / "stats.json").read_text())
+    stats["fields"]["pose"][name][0] = value
+    (out / "stats.json").write_text(json.dumps(stats))
+    seal(out)
+    with raises_message(StoreError, "pose", where="stats.json"):
+        open_store(out).scaler("pose", "zscore_grouped")
