@@ -9,11 +9,11 @@ from typing import Any
 
 from dancedata.building.fields.music import MusicField
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.grid import FrameGrid, Number, WindowSpec
+from dancedata.core.grid import Number, WindowSpec
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.recipes.parse import parse_recipe
-from dancedata.recipes.plugins import make_named
+from dancedata.recipes.plugins import frame_grid, make_named
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Reader
 from dancedata.store.songs import music_hashes
@@ -38,7 +38,7 @@ def music_field(
     `windows`: Length and stride of windows in frames; None: of whole songs.
     """
     if like is None:
-        grid = FrameGrid.of(fps)
+        grid = frame_grid(fps)
         field = MusicField(name, grid, make_named(FEATURES, "audio", name, dict(parameters)))
     else:
         computed = {f.name: f for f in parse_recipe(like.info.get("recipe", {})).audio if isinstance(f, MusicField)}
@@ -48,7 +48,7 @@ def music_field(
                              fix=did_you_mean(name, sorted(computed)) if not parameters
                              else "leave like out, or the parameters")  # fmt: skip
         field, grid = computed[name], like.grid
-    if windows is not None and min(windows) < 1:
+    if windows is not None and (len(windows) != 2 or min(windows) < 1):
         raise UsageError("windows have a length and a stride of at least 1", found=windows)
     return replace(field, windows=None if windows is None else WindowSpec(*windows, grid))
 

@@ -11,7 +11,7 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.core.errors import SourceError, StoreError
+from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.store import verify_store
 from tests.messages import raises_message
 
@@ -165,6 +165,12 @@ def test_windows_beyond_the_end_of_the_music_are_left_out_one_by_one(bad: Bad, r
     assert "mKR0.wav" in reject["detail"]
     with dancedata.open(bad.out) as ds:
         assert [w.start for w in ds.windows("all") if w.clip == clip] == [0, 15]
+
+
+@pytest.mark.parametrize("asked", [{"fps": 1e9}, {"fps": 0}, {"windows": (150,)}, {"windows": (0, 1)}], ids=str)
+def test_features_that_cannot_be_are_refused_before_a_song_is_heard(asked: dict[str, Any]):
+    with raises_message(UsageError, "fps|windows"):
+        dancedata.features("song.wav", "librosa35", **asked)
 
 
 @pytest.mark.parametrize("song", FORMATS)
