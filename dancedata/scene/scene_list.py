@@ -291,6 +291,10 @@ class SceneList(ABC):
         """Return first frame and length of the windows of an item, frames from the item's first."""
         return ()
 
+    def best(self) -> Item:
+        """Return the item that a page begins with where none is named."""
+        return self.items[0]
+
     def flag_count(self, item: Item) -> int:
         """Return the number of flags of an item, those of the whole clip and of all dancers included."""
         return 0

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import DataError, StoreError, UsageError, did_you_mean, nearest
+from dancedata.core.errors import DanceDataError, DataError, StoreError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import as_rate
 from dancedata.core.registry import FEATURES, beat_rows_late
 from dancedata.core.text import counted, listed, shown
@@ -30,6 +30,8 @@ from dancedata.store.queries import fields_with, group_sizes, reference, require
 _ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
 #: Most segments of a layer that are drawn.
 _MOST_WORDS = 3000
+#: Frames that are read, about, to find the item to begin with: half a second of work.
+_TRIED_FRAMES = 10_000
 
 
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
@@ -119,6 +121,21 @@ class Scenes(SceneList):
     def sliding(self, item: Item) -> float | None:
         figure, _ = self._figure(item, self._drawn(item), None)  # a whole scene would take four times as long
         return None if figure is None else figure.sliding
+
+    @override
+    def best(self) -> Item:
+        """Return the item whose dancers hit most beats, of some without flags if there are any."""
+        originals = [item for item in self.items if not (item.source or self.flag_count(item))] or self.items
+        step = -(-sum(item.n_frames for item in originals) // _TRIED_FRAMES)
+        return max(originals[::step], key=self._share_of_hits)
+
+    def _share_of_hits(self, item: Item) -> float:
+        try:
+            scene = self.scene(item)
+        except DanceDataError:
+            return -1.0
+        dancers = scene.members or (scene,)
+        return sum(len(dancer.hits) for dancer in dancers) / max(1, sum(len(dancer.offsets) for dancer in dancers))
 
     @override
     def flag_count(self, item: Item) -> int:

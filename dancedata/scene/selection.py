@@ -41,7 +41,7 @@ class ViewRequest:
     """Options of `dancedata view`.
 
     `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for
-        the first. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
+        the best. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
     `field`: Motion field to draw, and what columns of motion files are. Default: the best one; that of their width.
     `like`: The dataset with the scaler and rate of motion files at `path`.
     `music`: Of a dataset the folder that it was built from, with its music and the original motion; of motion files
@@ -162,6 +162,8 @@ class ViewRequest:
 
     def first(self, scenes: SceneList, compared: Sequence[Comparison] = ()) -> tuple[Item, tuple[int, int] | None]:
         """Return the item to begin with, and the loop; without a clip the first that most of `compared` have."""
+        if not (self.clip or self.wall or compared):
+            return scenes.best(), None
         if not self.clip:
             item = max(scenes.items, key=lambda item: sum(comparison.has(item) for comparison in compared))
             return item, None

@@ -48,7 +48,8 @@ def serve(
     site = Site(opened.scenes, opened.sounds, opened.comparisons, mesh)
     end = until or _interrupt()
     with ViewServer(site, port) as server:
-        address = server.address + opened.address
+        # One that is not asked for plays at once; the browser keeps its sound back until the first click or key.
+        address = server.address + opened.address + ("" if request.clip or request.at else "&play=1")
         say(address)
         for line in _advice(server, opened):
             say(line)

@@ -216,7 +216,7 @@ def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -
         shown = ViewSelection.of(ViewRequest(tmp_path / "gen", wall=wall))
         assert len(shown.scenes.items) == len(written)
         distances = [
-            comparison_payload(shown.comparisons[0], shown.scenes.scene(item))["mean"] for item in shown.scenes.items
+            comparison_payload(shown.comparisons[-1], shown.scenes.scene(item))["mean"] for item in shown.scenes.items
         ] if not wall else [0.0]  # fmt: skip
         assert max(distances) < 1  # mm: each beside its own truth, mirrored where it is
     walled = [shown.scenes.scene(item) for item in shown.scenes.items]

@@ -18,6 +18,7 @@ from dancedata.scene.palette import DANCERS
 from dancedata.scene.payload import item_rows, link, scene_payload
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
+from dancedata.scene.selection import ViewSelection
 from dancedata.scene.source import ClipSource
 from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site
@@ -202,7 +203,8 @@ def test_a_group_and_a_dancer_are_exported(crowd: Path, tmp_path: Path) -> None:
     alone = export_page(ViewRequest(crowd, f"{TWO}_p1"), tmp_path / "alone.html").read_text()
     assert '"members":' not in alone.partition("</script>")[0]
     scenes = Scenes(dancedata.open(crowd))
-    assert clip_page(scenes, [scenes.find(TWO)]) == page
+    original = ViewSelection.of(ViewRequest(crowd, TWO)).comparisons
+    assert clip_page(scenes, [scenes.find(TWO)], comparisons=original) == page
     assert "palette" not in alone.partition("</script>")[0]
 
 

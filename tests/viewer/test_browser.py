@@ -135,7 +135,20 @@ def test_keys(browser: Browser, served: str) -> None:
     browser.key("]")
     browser.wait(f"return {V}.state.clip.id !== arguments[0]", first)
     browser.key("?")
-    assert browser.js("return document.querySelector('[data-dd=keys]').open")
+    assert browser.js("const keys = document.querySelector('[data-dd=keys]'); return keys.open && !keys.scrollTop")
+
+
+def test_the_best_clip_moves_at_once_and_sounds_at_the_first_click(browser: Browser, served: str, odd: Path) -> None:
+    scenes = ViewRequest(odd).scenes()
+    items = [item for item in scenes.items if not (item.source or scenes.flag_count(item))] or scenes.items
+    opened = [scenes.scene(item) for item in items]
+    hits = {scene.item.name: len(scene.hits) / max(1, len(scene.offsets)) for scene in opened}
+    browser.open(served)
+    assert hits[state(browser)["id"]] == max(hits.values())
+    browser.wait(f"return {V}.state.playing && {V}.state.t > 0 && !{V}.context")
+    browser.driver.find_element("css selector", "[data-dd=sound]").click()
+    browser.wait(f"return {V}.context?.state === 'running' && {V}.state.playing")
+    assert browser.js("return document.querySelector('[data-dd=sound]').hidden")
 
 
 def test_flags_are_visited_one_after_the_other(browser: Browser, odd: Path, tmp_path: Path) -> None:

@@ -29,7 +29,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def address(scenes: Of, model: Path) -> Iterator[str]:
-    with serving(ViewRequest(scenes("thirty").store.path, body_model=model, at=1.0)) as served:
+    dances = scenes("thirty")
+    with serving(ViewRequest(dances.store.path, dances.items[0].name, body_model=model, at=1.0)) as served:
         yield served
 
 

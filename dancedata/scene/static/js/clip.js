@@ -246,14 +246,14 @@ export function showAbout() {
     clip.beats.length && !(clip.offsets && !together()) && `${clip.beats.length} beats`,
     clip.offsets && !together() && hitsOf(clip.offsets),
     clip.bpm && `${round(clip.bpm)} BPM`,
-    f && !together() && `floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m`,
     clip.partial && 'first minute; the rest is loading',
     !clip.loading && !clip.wave && clip.beats.length && 'no music: press C to hear the beats',
   ]
     .filter(Boolean)
     .map(plain)
     .join('  ·  ');
-  el('meta').title = el('meta').textContent;
+  const floor = f && !together() ? `  ·  floor at ${metres(f.floor)} m, feet from ${metres(f.lowest)} m` : '';
+  el('meta').title = el('meta').textContent + floor;
   const whole = clip.flags.filter(flag => flag[0] === null).map(flagText);
   el('notes').textContent = [...whole, ...clip.notes, clip.silence, state.other?.note]
     .filter(Boolean)

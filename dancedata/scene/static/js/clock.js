@@ -1,5 +1,5 @@
 // Time: the clock of the sound, where there is any; else that of the page.
-import { el, on } from './data.js';
+import { el, head, on } from './data.js';
 import { writeLink } from './link.js';
 import { camera, duration, frameRate, loopSeconds, state } from './state.js';
 
@@ -77,10 +77,12 @@ export function playSilently() {
   state.playing = true;
   showPlaying();
   restart();
+  el('sound').hidden = !head.sound;
   const wake = async () => {
+    el('sound').hidden = true;
     if (context || !state.playing) return;
     await wakeSound();
-    restart();
+    if (state.playing) restart();
   };
   for (const kind of ['pointerdown', 'keydown']) on(window, kind, wake, { once: true, capture: true });
 }

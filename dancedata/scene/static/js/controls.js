@@ -69,6 +69,11 @@ function setRate(value) {
   }
 }
 
+function showKeys() {
+  el('keys').showModal();
+  el('keys').scrollTop = 0; // the focus is on the table, below the edge
+}
+
 function mirrorKey() {
   if (together()) el('toast').textContent = 'choose a dancer to see the mirrored copy';
   else el('mirror').click();
@@ -126,7 +131,7 @@ const KEYS = [
       el('q').focus();
     },
   ],
-  ['?', '?', 'this table', () => el('keys').showModal()],
+  ['?', '?', 'this table', showKeys],
 ];
 
 export function onKey(e) {
@@ -166,7 +171,7 @@ export function startControls() {
     setGain();
   });
   click('flag', () => nextFlag(false));
-  click('help', () => el('keys').showModal());
+  click('help', showKeys);
   click('theme', () => {
     setTheme(document.documentElement.dataset.theme === 'light' ? 'dark' : 'light', true);
     writeLink();
