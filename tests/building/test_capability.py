@@ -149,11 +149,10 @@ def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed
 ) -> None:
     """Transforms whatever their key."""
     named = tmp_path / "number.txt"
-    parameter = f'field(default=Path({str(named)!r}), metadata={{"path": True, "content": True}})'
+    parameter = f'field(default={str(named)!r}, metadata={{"path": True, "content": True}})'
     text = LEAPS.read_text().replace("import dataclass,", "import dataclass, field,")
-    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: Path = {parameter}\n")
+    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: str = {parameter}\n")
     text = text.replace("    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1)
-    text = text.replace("\nimport numpy", "\nfrom pathlib import Path\nimport numpy", 1)
     hashes = []
     for number in (1, 2, 2):
         file = tmp_path / "leaps.py"
