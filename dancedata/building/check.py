@@ -304,8 +304,10 @@ def _reason(cls: type[Dataset], error: SourceError, common: str | None) -> str:
 
 def _require_folder(path: Path) -> None:
     if not path.is_dir():
-        problem = "this is not a folder" if path.exists() else "the folder does not exist"
-        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from")
+        problem, fix = "the folder does not exist", ""
+        if path.exists():
+            problem, fix = "this is not a folder", "to read one file: dancedata view FILE"
+        raise SourceError(problem, where=path, allowed="a built dataset, or a folder to build from", fix=fix)
 
 
 def _require_files(reader: Dataset, path: Path) -> None:

@@ -204,11 +204,13 @@ class SplitRule:
         return f"{text} of {counted(len({self.group(clip) for clip in clips}), _NOUNS[self.by])}"
 
     def _note(self, clips: Sequence[ClipRef], closer: int | None) -> str:
+        if not clips:
+            return f"Splits by {self.by}: no clip is left."
         requested, parts = self._requested(), []
         for name in [*requested, *sorted({clip.split for clip in clips} - set(requested))]:
             of_split = [clip for clip in clips if clip.split == name]
             origin = f"requested {float(requested[name]):.1%}" if name in requested else "from the manifest"
-            parts.append(f"{name} {len(of_split) / max(1, len(clips)):.1%} ({origin}; {self._count(of_split)})")
+            parts.append(f"{name} {len(of_split) / len(clips):.1%} ({origin}; {self._count(of_split)})")
         hint = f"; seed {closer} would come closer" if closer is not None else ""
         balanced = ", balanced: a clip that is added may move others" if self.balance else ""
         return f"Splits by {self.by}, seed {self.seed}{balanced}: {', '.join(parts)}{hint}."

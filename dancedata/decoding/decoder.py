@@ -117,7 +117,7 @@ class Decoder:
         if self.scaler is not None:
             raise UsageError(
                 "a scaler of one field does not normalise root_place",
-                fix="name the reader or dataset of both fields: like=, in a command --like STORE",
+                fix="name the reader or dataset of both fields: like=, in a command --like DATASET",
             )
         return replace(self, field=_PLACES, representation=_places())._undone(rows[present])[0]
 

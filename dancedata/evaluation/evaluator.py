@@ -336,7 +336,7 @@ class Evaluator:
         return report_of(
             self.protocol, clips, self.pool, role="generated", source="samples of a model",
             draws=DRAWS if intervals else 0, warnings=self._about_music(), left_out=sorted(self._left_out.items()),
-            truth=self._truth(), truth_source=f"the same of {self.store.path.name}",
+            truth=self._truth(), truth_source=f"the same dances of {self.store.path.name}",
         )  # fmt: skip
 
     def _truth(self) -> list[MeasuredClip]:

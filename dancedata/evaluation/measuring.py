@@ -350,7 +350,7 @@ def _missing(pose: Pose, rule: MotionRule) -> DataError:
     return DataError(
         "the protocol measures joints that this motion does not have",
         reason="missing_joints",
-        found=f"{len(pose.names)} joints, without {listed(lacking) or 'the same order'}",
+        found=f"{len(pose.names)} joints, {f'without {listed(lacking)}' if lacking else 'in another order'}",
         allowed=f"{rule.body}: {listed(joints, 4)}",
         fix="evaluate motion on that body: SMPL-X for Lodge's protocol, SMPL's 24 joints for those of AIST++",
     )

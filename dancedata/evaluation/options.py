@@ -1,5 +1,6 @@
 """Options of an evaluation, and the set, the pool and the music that they name, as clips that can be measured."""
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -86,10 +87,10 @@ class EvaluationOptions:
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
         if self.normalized and self.like is None and self.scaler is None:
             raise UsageError(
-                "normalised columns need the scaler of a dataset", fix="name it: --like STORE, or --scaler FILE"
+                "normalised columns need the scaler of a dataset", fix="name it: --like DATASET, or --scaler FILE"
             )
         if self.scaler is not None and self.like is None and self.field is None:
-            raise UsageError("a scaler is of columns", fix="name them: --like STORE, or --field NAME")
+            raise UsageError("a scaler is of columns", fix="name them: --like DATASET, or --field NAME")
         if self.field is None and self.like is not None:
             path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
             object.__setattr__(self, "field", None if path is None else field_of_width(self.like, path))
@@ -155,7 +156,7 @@ class EvaluationOptions:
         if clip_set.samples and self.split is None:
             clips = truth_of(clip_set.samples, self.protocol, self.field)
             samples = {str(replace(of.id, take=0)): of for of in clip_set.samples.values()}
-            return ClipSet(clips, f"the same of {like.path.name}", clip_set.role, like, samples=samples)
+            return ClipSet(clips, f"the same dances of {like.path.name}", clip_set.role, like, samples=samples)
         split = self.split or ("test" if "test" in like.splits else None)
         truth = self._clip_set(like, split, "truth")
         songs = {clip.music for clip in clip_set.clips}
@@ -185,7 +186,7 @@ class EvaluationOptions:
         if store is not None:
             role = role or "truth"
             clips = store_clips(store, self.protocol, split=split, field=self.field, role=role)
-            place = store.path if store.origin is None else store.origin.address
+            place = os.path.normpath(store.path) if store.origin is None else store.origin.address
             left_out = without_field(store, self.protocol, split=split, field=self.field)
             source = f"{place}" + (f", split {split}" if split else "")
             return ClipSet(clips, source, role, store, left_out=left_out)
@@ -220,7 +221,7 @@ class EvaluationOptions:
             return None
         if self.fps is None:
             raise UsageError(
-                "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like STORE"
+                "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like DATASET"
             )
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.field, {})
         return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.field, plugin))

@@ -221,6 +221,6 @@ def motion_scenes(
     except DataError as error:
         if error.reason == "bad_shape" and form.columns is None:
             error.fix = (
-                "if these are columns, say of what: --field edge151, and --like STORE for their scaler and rate"
+                "if these are columns, say of what: --field edge151, and --like DATASET for their scaler and rate"
             )
         raise

@@ -122,7 +122,7 @@ class SegmentReader:
 def _unmirrored(store: Store, layers: Sequence[Layer]) -> UsageError:
     named = listed(f"{layer.name} ({layer.language or 'no language'})" for layer in layers)
     return UsageError(
-        "samples may be mirrored, and it is not known what their words are then",
+        "samples may be mirrored, and the words of mirrored ones are not known",
         where=str(store.path),
         found=f"layer {named}: may name sides, and has no mirrored words",
         fix="build with the language of the words, or a lexicon; or read them as they are with mirror_words='keep'",

@@ -104,7 +104,7 @@ def export_page(
     say(line)
     n = len(opened.scenes.items)
     if n > 1 and not request.clip:
-        say(f"  of {n} it shows {shown(opened.item.name)}; for another, give its name after the dataset")
+        say(f"  it shows {shown(opened.item.name)}, one of {n}; for another, put its name after the path")
     return to
 
 

@@ -45,7 +45,7 @@ def test_scores_are_those_of_evaluate(demo: Path, samples: Path, report: Samples
     beside = dancedata.evaluate(samples, like=demo, normalized=False, intervals=False)
     assert report.scores.to_json() == beside.to_json()
     (clip,) = [Path(name).stem for name in report.scores.clips if name.startswith("g")]
-    assert report.scores.truth_source == "the same of demo"
+    assert report.scores.truth_source == "the same dances of demo"
     rows = dancedata.evaluate(demo, split="test", intervals=False).per_clip
     pfc = [row["pfc"] for row in rows if row["clip"] == clip]
     assert report.scores["pfc"].truth == pytest.approx(np.mean(pfc), rel=1e-9)

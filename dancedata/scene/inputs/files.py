@@ -44,7 +44,7 @@ _LEAST_JOINTS = 22
 _REMEDIES = {
     "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
     "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
-    "missing_key": "name its arrays so, or say what columns they are: --like STORE, --field NAME",
+    "missing_key": "name its arrays so, or say what columns they are: --like DATASET, --field NAME",
 }
 
 
@@ -232,7 +232,7 @@ class FileClip(ClipInput):
         if stored is not None:
             return stored
         if self.format.fps is None:
-            raise self._undeclared("frame rate of these positions", "--fps RATE, or --like STORE")
+            raise self._undeclared("frame rate of these positions", "--fps RATE, or --like DATASET")
         return FrameGrid.of(self.format.fps)
 
     def _undeclared(self, what: str, fix: str) -> DataError:

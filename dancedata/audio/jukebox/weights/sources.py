@@ -96,7 +96,7 @@ class TorchFile(_Closing):
         def storage(pid: tuple[Any, ...]) -> Any:
             kind, (key, _, count, view) = pid[1].dtype, pid[2:]
             if view is not None:
-                raise ValueError("a storage that is a part of another one, which torch has not written since 0.4")
+                raise ValueError("a storage that is part of another, which torch has not written since 0.4")
             whole = storages.setdefault(key, _Storage(count * kind.itemsize, device="meta"))
             counts[key] = count
             return _TypedStorage(wrap_storage=whole, dtype=kind, _internal=True)
