@@ -11,7 +11,7 @@ from dancedata.core.errors import UsageError
 
 TARGET_HELP = "edge, lodge, npz, ...: dancedata info targets; or card (README.md) or segments (.csv, .jsonl)."
 LINK_HELP = "Hard links in place of files with equal bytes."
-SOURCE_MUSIC_HELP = "Folder with the songs, which no dataset holds; for targets that write music, such as edge."
+SOURCE_MUSIC_HELP = "Folder with the songs; default: the source of the dataset."
 SET_HELP = "Set a parameter of the target; repeatable."
 PULL_HELP = "hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files."
 RECIPE_ONLY_HELP = "Publish what rebuilds the dataset from a user's own source, and no data."
