@@ -202,7 +202,7 @@ def _page(path: Path | None) -> str:
 
 
 def _finding(kind: str, text: str) -> str:
-    return f"  {'note' if kind == 'note' else 'warning'}: {text}"
+    return f"  {kind if kind in ('good', 'note') else 'warning'}: {text}"
 
 
 @command

@@ -22,7 +22,7 @@ _UNEVEN = 5
 class Finding:
     """A sentence.
 
-    `kind`: "bad": an error of the dataset. "look": worth a look. "note": good to know.
+    `kind`: "good": a check that passed. "bad": an error of the dataset. "look": worth a look. "note": good to know.
     `text`: The sentence.
     `figure`: Key of the figure that shows it.
     """
@@ -33,10 +33,23 @@ class Finding:
 
 
 def findings(d: Document) -> list[Finding]:
-    """Return the findings, errors first."""
-    parts = (_splits, _quality, _movement, _outliers, _poses, _groups, _music, _contents, _fields)
+    """Return the findings: what is good, then errors, what is worth a look, and what is good to know."""
+    parts = (_passed, _splits, _quality, _movement, _outliers, _poses, _groups, _music, _contents, _fields)
     sentences = [finding for part in parts for finding in part(d)]
-    return sorted(sentences, key=lambda f: ("bad", "look", "note").index(f.kind))
+    return sorted(sentences, key=lambda f: ("good", "bad", "look", "note").index(f.kind))
+
+
+def _passed(d: Document) -> list[Finding]:
+    sentences = []
+    songs = d.splits.songs.counts
+    leaks = any("train" in pair.split(" and ") for pair in (*d.splits.songs.names, *d.splits.clips.names))
+    if songs.get("train", {}).get("train") and len(songs) > 1 and not leaks:
+        sentences.append(Finding("good", "no song or dance of train is in val or test", "shared_songs"))
+    bas, chance = d.music.bas, d.music.bas_chance
+    if bas is not None and chance is not None and bas > chance * 1.1:
+        text = f"music and dance fit: alignment {number(bas)}, by chance {number(chance)}"
+        sentences.append(Finding("good", text, "bas"))
+    return sentences
 
 
 def _splits(d: Document) -> list[Finding]:

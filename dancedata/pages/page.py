@@ -204,7 +204,7 @@ def tiles(d: FigureSpec) -> str:
 _MOST_Z = 100
 #: Columns of figures in a window of usual width.
 _COLUMNS = 3
-_LABELS = {"bad": "error", "look": "look", "note": "note"}
+_LABELS = {"good": "good", "bad": "error", "look": "look", "note": "note"}
 #: Most differences that the page lists.
 _DIFFERENCES = 60
 

@@ -23,6 +23,7 @@ def test_report_writes_a_page_and_prints_findings(demo: Path, tmp_path: Path, mo
     done = RUN.invoke(app, ["report", str(demo), "--clips", "1"])
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("demo-report.html: 0.")
+    assert "  good: no song or dance of train is in val or test" in done.stdout
     assert "note: " in done.stdout
     assert os.listdir(tmp_path) == ["demo-report.html"]
     again = RUN.invoke(app, ["report", str(demo)])
@@ -57,7 +58,8 @@ def test_a_video_needs_a_clip(demo: Path, tmp_path: Path) -> None:
     (["--normalized", "--out", "v.mp4"], "--normalized or --not-normalized would"),
     (["--overlay", "--out", "v.mp4"], "--overlay would have no effect without --compare"),
     (["--out", "v.mp4", "--size", "big"], "WIDTHxHEIGHT"),
-    (["--out", "v.html", "--rights", "mine"], "--rights is about music"), (["--out", "v.gif"], "an HTML file"),
+    (["--out", "v.html", "--rights", "mine", "--silent"], "--rights is about music"),
+    (["--out", "v.gif"], "an HTML file"),
 ])  # fmt: skip
 def test_options_that_a_file_would_drop(
     demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str

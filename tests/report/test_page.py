@@ -252,7 +252,7 @@ def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, 
 
 
 def test_a_page_that_is_too_large_is_an_error_with_a_fix(demo: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"allowed: 0\.1 MB .*--clips 4"):
+    with pytest.raises(UsageError, match=r"allowed: 0\.1 MB.*--clips 4"):
         write_report(demo, tmp_path / "x.html", max_mb=0.1)
     assert list(tmp_path.iterdir()) == []
 
