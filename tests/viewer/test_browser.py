@@ -138,6 +138,19 @@ def test_keys(browser: Browser, served: str) -> None:
     assert browser.js("const keys = document.querySelector('[data-dd=keys]'); return keys.open && !keys.scrollTop")
 
 
+def test_a_sentence_says_what_a_lane_is(browser: Browser, served: str) -> None:
+    browser.open(at(served, "wav"))
+    move = (
+        "const lanes = document.querySelector('[data-dd=lanes]'), box = lanes.getBoundingClientRect();"
+        f"const row = {V}.rows[arguments[0]]; lanes.dispatchEvent(new PointerEvent('pointermove', {{"
+        "clientX: box.left + arguments[1], clientY: box.top + row.y + row.h / 2})); return lanes.title"
+    )
+    said = [browser.js(move, lane, 20) for lane in ("music", "speed", "contact", "windows", "flags")]
+    assert all(said)
+    assert len(set(said)) == 5
+    assert browser.js(move, "music", 300) == ""
+
+
 def test_the_best_clip_moves_at_once_and_sounds_at_the_first_click(browser: Browser, served: str, odd: Path) -> None:
     scenes = ViewRequest(odd).scenes()
     items = [item for item in scenes.items if not (item.source or scenes.flag_count(item))] or scenes.items

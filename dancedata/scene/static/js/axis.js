@@ -1,5 +1,5 @@
 // The time axis: its canvas, its scale, and what is drawn in every lane. Heights in CSS pixels.
-import { el } from './data.js';
+import { el, on } from './data.js';
 import { css, ratio } from './figure.js';
 import { duration, state } from './state.js';
 
@@ -99,3 +99,18 @@ export function contactSpans(figure, bits) {
   }
   return spans;
 }
+
+// A sentence for each lane, at its name.
+const SENTENCES = {
+  music: 'The song; a line for each beat, green where the body rests on it',
+  speed: 'How fast the body moves; a diamond where it comes to rest',
+  distance: 'How far the dancer is from the one who is compared',
+  contact: 'When each joint of a foot is on the floor',
+  windows: 'What a model gets at a time: a tick where each window begins; a click loops it',
+  flags: 'Where the motion may be wrong',
+  map: 'The whole clip; drag what is shown',
+};
+on(lanes, 'pointermove', e => {
+  const at = Object.keys(rows).find(name => e.offsetY >= rows[name].y && e.offsetY < rows[name].y + rows[name].h);
+  lanes.title = (e.offsetX < LABEL && SENTENCES[at]) || '';
+});
