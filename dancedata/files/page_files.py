@@ -76,7 +76,7 @@ class PageFiles:
                 where=self.path,
                 found=f"{n_bytes / _MB:.1f} MB",
                 allowed=f"{self.max_mb:g} MB",
-                fix="show fewer clips: --clips 4, or --clips none; music takes most of it: leave --music away",
+                fix="show fewer clips (--clips 4, or none), or leave the music away, which takes most",
             )
 
     def _listing(self) -> dict[str, Any] | None:

@@ -223,7 +223,7 @@ class ViewSelection:
                 sounds = None if music is None else ClipSource(scenes.store, music)
         elif isinstance(scenes, MotionScenes) and scenes.music is not None:
             sounds = scenes
-        comparisons = request.comparisons(scenes, sounds)
+        comparisons = request.comparisons(scenes, sounds if request.music is not None else None)
         added = comparisons[len(comparisons) - len(request.compare) :]
         item, loop = request.first(scenes, added)
         if request.wall:

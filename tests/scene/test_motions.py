@@ -265,7 +265,7 @@ def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_pat
     np.savez(tmp_path / "mine.npz", joints=np.add(joints, (0.0, 0.0, 0.01)), fps=FPS)
     request = ViewRequest(odd, "wav@15+60~mirror", compare=(tmp_path / "mine.npz",), overlay=True, up="y")
     page = document(export_page(request, tmp_path / "page.html"))
-    assert page["head"]["takes"] == ["original", "mine.npz"]
+    assert page["head"]["takes"] == ["mine.npz"]
     assert page["clips"]["0"]["with"]["mine.npz"]["mean"] == pytest.approx(10, abs=0.1)
     assert page["at"] == "#clip=wav&t=0.500&loop=15-75&with=mine.npz&mirror=1&over=1"
 

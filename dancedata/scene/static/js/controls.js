@@ -71,7 +71,7 @@ function setRate(value) {
 
 function showKeys() {
   el('keys').showModal();
-  el('keys').scrollTop = 0; // the focus is on the table, below the edge
+  el('keys').scrollTop = 0; // the focus is on the button at the end
 }
 
 function mirrorKey() {
