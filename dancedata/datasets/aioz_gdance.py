@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     require_rotations,
 )
 from dancedata.datasets.files import MAX_LIST_BYTES, SPLITS
-from dancedata.datasets.published import Folders, Found, Layout, Published
+from dancedata.datasets.published import Folders, Layout, Listing, Published
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
@@ -197,20 +197,20 @@ class AiozGdance(Published):
         return SMPL24
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         sizes, stated = read_sizes(ref.motion_path), frames_of(ref.id)
         notes = () if sizes.frames == stated else (f"{sizes.frames:,} frames, but {stated:,} by its name",)
         for member in range(sizes.dancers):
             yield replace(ref, id=member_id(ref.id, member), group=ref.id, member=member, notes=notes)
 
     @override
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
-        labels = self._labels(found.folders)
-        clips = super().all_clips(refs, found, left_out)
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
+        labels = self._labels(listing.folders)
+        clips = super().all_clips(refs, listing, left_out)
         return [replace(clip, **labels.get(clip.group, {})) for clip in clips]
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         yield "Axes: +Y up, metres, 30 FPS, as published; the dancers of a sequence share one world."
         if self.official_split:
             yield "GCD and TCDiff train on train; TCDiff reports on val."

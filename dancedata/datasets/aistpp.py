@@ -43,7 +43,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
-from dancedata.datasets.published import Folders, Found, Layout, LeftOut, Published, Splits
+from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, Published, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
 
@@ -81,7 +81,7 @@ def crossmodal_split(name: SequenceName) -> str:
 
 
 @dataclass(frozen=True)
-class _Copy(Found):
+class _Copy(Listing):
     """A copy of AIST++: `songs` are the music ids whose file some sequence uses."""
 
     songs: frozenset[str] = frozenset()
@@ -164,7 +164,7 @@ class AistPP(Published):
         return SMPL24
 
     @override
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         folders, motions = self.layout.list_motions(source)
         places = [place / name for place in folders.places for name in self.music_folders]
         there = [folder for folder in (*places, *folders.places) if folder.is_dir()]
@@ -179,70 +179,70 @@ class AistPP(Published):
         return name.split("_")[4]
 
     @override
-    def audio_of(self, name: str, found: Found) -> Path | None:
-        path = found.music.files.get(name) or found.music.files.get(self.song_of(name))
+    def audio_of(self, name: str, listing: Listing) -> Path | None:
+        path = listing.music.files.get(name) or listing.music.files.get(self.song_of(name))
         if path is None and self.music == "required":
             detail = f"neither {name} nor {self.song_of(name)} as wav, flac, mp3 or ogg"
             raise LeftOut("missing_music", detail, music=self.song_of(name))
         return path
 
     @override
-    def why_unused(self, name: str, found: Found) -> str:
+    def why_unused(self, name: str, listing: Listing) -> str:
         if parse_name(name):
-            return super().why_unused(name, found)
-        if name in cast(_Copy, found).songs:
+            return super().why_unused(name, listing)
+        if name in cast(_Copy, listing).songs:
             return ""
-        danced = name in {self.song_of(sequence) for sequence in found.motions.files}
+        danced = name in {self.song_of(sequence) for sequence in listing.motions.files}
         own = "every sequence danced to it has its own audio file"
         return own if danced else "no motion in the source is danced to it"
 
     @override
-    def splits(self, found: Found) -> Splits:
+    def splits(self, listing: Listing) -> Splits:
         """Read the split files if there are any, else use the rule over the names; and the ignore list."""
-        names = found.motions.files
-        ignored, last = self._ignored(found)
+        names = listing.motions.files
+        ignored, last = self._ignored(listing)
         if self.split == ALL:
-            listed_names, notes = _mapping(found.folders)
+            listed_names, notes = _mapping(listing.folders)
             text = "Splits: none requested; every clip is in the split 'all'."
             return Splits(dict.fromkeys(names, ALL), (text, *notes, last), {}, listed_names, ignored=ignored)
-        places, without = self._split_places(found.folders), f"in no {self.split} split"
+        places, without = self._split_places(listing.folders), f"in no {self.split} split"
         for place in places:
             paths = {split: place / f"{self.split}_{split}.txt" for split in SPLITS}
             existing = {split: path for split, path in paths.items() if path.is_file()}
             if existing:
-                of, read = _from_files(found.folders, self.split, existing)
+                of, read = _from_files(listing.folders, self.split, existing)
                 lists = {f"{self.split}_{s}": [n for n, split in of.items() if split == s] for s in existing}
                 return Splits(of, (*read, last), lists, frozenset(of), without, ignored)
         if self.split != RULE or self.split_dir is not None:
             self._no_such_split(places)
-        listed_names, notes = _mapping(found.folders)
+        listed_names, notes = _mapping(listing.folders)
         parsed = {name: parts for name in {*listed_names, *names} if (parts := parse_name(name))}
         of = {name: split for name, parts in parsed.items() if (split := crossmodal_split(parts))}
         text = f"Splits: by the crossmodal rule over the names, as splits/ has no {RULE}_train.txt, _val or _test."
         return Splits(of, (text, *notes, last), {}, listed_names & of.keys(), without, ignored)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         parts, tempo = parse_name(ref.id), tempo_bpm(ref.music)
         notes = () if tempo is not None else (f"the tempo of music {ref.music} is unknown",)
         if parts is not None:
             yield replace(ref, tempo_bpm=tempo, genre=parts.genre, dancer=parts.dancer, notes=notes)
 
     @override
-    def layout_notes(self, found: Found) -> Iterable[str]:
-        first, *others = super().layout_notes(found)
-        names = (found.relative(folder) for folder in found.music.folders)
+    def layout_notes(self, listing: Listing) -> Iterable[str]:
+        first, *others = super().layout_notes(listing)
+        names = (listing.relative(folder) for folder in listing.music.folders)
         where = listed("the source folder" if name == "." else f"{name}/" for name in names)
-        n_songs = len(cast(_Copy, found).songs)
-        files = counted(len(found.motions.files.keys() & found.music.files.keys()), "file")
+        n_songs = len(cast(_Copy, listing).songs)
+        files = counted(len(listing.motions.files.keys() & listing.music.files.keys()), "file")
         songs, one = counted(n_songs, "song"), "one audio file per"
         yield first.replace(
-            "Layout: AIST++", "Layout: EDGE's" if found.layout == "edge" else "Layout: official AIST++"
+            "Layout: AIST++", "Layout: EDGE's" if listing.layout == "edge" else "Layout: official AIST++"
         )
-        if found.layout == "mixed":
+        if listing.layout == "mixed":
             yield f"Music: of sequences and of songs in {where}: {files} of a sequence, which is preferred; {songs}."
-        elif n_songs or found.layout == "edge":
-            text = f"sequence in {where} ({files})" if found.layout == "edge" else f"song in {where} ({songs})"
+        elif n_songs or listing.layout == "edge":
+            text = f"sequence in {where} ({files})" if listing.layout == "edge" else f"song in {where} ({songs})"
             yield f"Music: {one} {text}."
         else:
             looked = ", ".join(f"{name}/" for name in self.music_folders)
@@ -253,12 +253,12 @@ class AistPP(Published):
         yield from others
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         n, (copies, sequences) = (
-            len(found.motions.files),
+            len(listing.motions.files),
             (manifest("aistpp")[key] for key in ("copies", "sequences")),
         )
-        if (found.folders.root / "synthetic.json").is_file():
+        if (listing.folders.root / "synthetic.json").is_file():
             yield f"Motion: {n:,} files of a synthetic corpus."
         elif n in copies:
             yield f"Motion: AIST++ has {sequences:,} sequences. A copy with {n:,} files is known: {copies[n]}."
@@ -345,19 +345,19 @@ class AistPP(Published):
                           allowed=listed(allowed, 20) or "a split with files",
                           fix="correct split in the recipe, or split_dir")  # fmt: skip
 
-    def _ignored(self, found: Found) -> tuple[dict[str, str], str]:
+    def _ignored(self, listing: Listing) -> tuple[dict[str, str], str]:
         """Return the names on the first ignore list of the source, even an empty one, or of the shipped one."""
         if self.ignore != "list":
             return {}, "Ignore list: not applied, as requested."
-        folders = found.folders
+        folders = listing.folders
         custom = self._split_places(folders) if self.split_dir is not None else []
         usual = [folder for place in folders.places for folder in (place, place / "splits")]
         paths = [path for folder in (*custom, *usual) if (path := folder / IGNORE_LIST).is_file()]
         names = [frozenset(read_names(path)) for path in paths] or [frozenset(manifest("aistpp")["ignored"])]
-        where = found.relative(paths[0]) if paths else "the official list (shipped)"
-        other = [found.relative(path) for path, of in zip(paths[1:], names[1:], strict=True) if of != names[0]]
+        where = listing.relative(paths[0]) if paths else "the official list (shipped)"
+        other = [listing.relative(path) for path, of in zip(paths[1:], names[1:], strict=True) if of != names[0]]
         unused = f"; not used: {listed(other)}, which differ" if other else ""
-        n = f"{counted(len(names[0]), 'name')}, {len(names[0] & found.motions.files.keys()):,} of them"
+        n = f"{counted(len(names[0]), 'name')}, {len(names[0] & listing.motions.files.keys()):,} of them"
         note = f"Ignore list: {where}{unused}; {n} among the motion files found."
         return dict.fromkeys(names[0], f"on {where}"), note
 

@@ -30,7 +30,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, no_frames, require_finite, require_upright
 from dancedata.datasets.files import MAX_LIST_BYTES
-from dancedata.datasets.published import Found, Layout, Published
+from dancedata.datasets.published import Layout, Listing, Published
 from dancedata.files.strict_json import read_json
 
 RATE, BONES = 30, 60
@@ -99,15 +99,15 @@ class DCM(Published):
         return line.partition("_")[2]
 
     @override
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the clips with the language of the song as their genre."""
-        files = [place / "split" / "music_categories.json" for place in found.folders.places]
+        files = [place / "split" / "music_categories.json" for place in listing.folders.places]
         table: dict[str, list[int]] = next((read_json(path, MAX_LIST_BYTES) for path in files if path.is_file()), {})
         language = {str(sequence): name for name, sequences in table.items() for sequence in sequences}
-        return super().all_clips([replace(ref, genre=language.get(ref.music, "")) for ref in refs], found, left_out)
+        return super().all_clips([replace(ref, genre=language.get(ref.music, "")) for ref in refs], listing, left_out)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         yield ref
 
     @override

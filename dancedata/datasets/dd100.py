@@ -32,7 +32,7 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_rotations, spine_of, up_axis, upright
 from dancedata.datasets.files import Files, extra_file, files_by_stem, list_audio, with_music_dir
-from dancedata.datasets.published import OFFICIAL, Found, Layout, Published, Splits
+from dancedata.datasets.published import OFFICIAL, Layout, Listing, Published, Splits
 from dancedata.files.listing import describe, relative
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import ValueArrays, load_object
@@ -111,7 +111,7 @@ class DD100(Published):
         return SMPLX55
 
     @override
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         """List the files of the dancers; those of a pair are one motion, its first file."""
         folders = self.layout.find(source)
         parts = [(folders.root / _MOTION / part, folders.root / _MUSIC / part) for part in _PARTS]
@@ -131,25 +131,25 @@ class DD100(Published):
         ]  # fmt: skip
         motions = Files(pairs, tuple(absent))
         music = with_music_dir(own, self.music_dir, source, _pair_problem)
-        return Found(folders, motions, music, dancers)
+        return Listing(folders, motions, music, dancers)
 
     @override
     def unit_of(self, name: str) -> str:
         return name.rsplit("_", 1)[0]
 
     @override
-    def splits(self, found: Found) -> Splits:
-        pairs = found.motions.files
+    def splits(self, listing: Listing) -> Splits:
+        pairs = listing.motions.files
         lists = {split: [pair for pair in pairs if is_test(pair) == (split == "test")] for split in ("train", "test")}
         if self.split != OFFICIAL:
-            return replace(super().splits(found), lists=lists)
+            return replace(super().splits(listing), lists=lists)
         rule = "official: choreographies whose number is a multiple of five, and Ballet 9 and 10, are test; no val."
         return Splits({pair: "test" if is_test(pair) else "train" for pair in pairs}, (f"Splits: {rule}",), lists)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         for member, role in enumerate(ROLES):
-            path = found.beside.files.get(f"{ref.id}_0{member}")
+            path = listing.beside.files.get(f"{ref.id}_0{member}")
             if path is not None:
                 yield replace(
                     ref, id=path.stem, motion_path=path, genre=ref.id.split("_")[0], group=ref.id, member=member,
@@ -157,12 +157,12 @@ class DD100(Published):
                 )  # fmt: skip
 
     @override
-    def layout_notes(self, found: Found) -> Iterable[str]:
-        n, n_songs = counted(len(found.beside.files), "file"), counted(len(found.music.files), "audio file")
+    def layout_notes(self, listing: Listing) -> Iterable[str]:
+        n, n_songs = counted(len(listing.beside.files), "file"), counted(len(listing.music.files), "audio file")
         yield f"Layout: DD100, by {_MOTION}/ ({n}); {n_songs}."
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         yield (
             f"Axes: +{self.up.upper()} up, {'turned to +Y; ' if self.up == 'z' else ''}partners share one world; "
             f"metres, {RATE} FPS. Heads are compared with pelvises as files are read. Betas are not used."

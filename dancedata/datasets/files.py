@@ -1,7 +1,7 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
 import unicodedata
-from collections.abc import Callable, Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
@@ -264,3 +264,26 @@ def _bad_list(path: Path, found: str) -> SourceError:
         allowed=f"a UTF-8 text file, one name per line, at most {MAX_NAMES:,} names of {MAX_NAME} characters",
         fix="replace the file, or remove it",
     )
+
+
+def read_lists(
+    root: Path,
+    places: Sequence[Path],
+    official: Mapping[str, str],
+    recorded: Mapping[str, str],
+    below: Sequence[str],
+    name_of: Callable[[str], str],
+) -> tuple[dict[str, tuple[str, ...]], Path]:
+    """Return the names on each list that exists, official ones first, and the folder of those.
+
+    They are in `places` or in folders `below` them; `name_of` reads a line.
+    """
+    if not official and not recorded:
+        return {}, root
+    within = [place / name for place in places for name in below]
+    where = max(within, key=lambda place: sum((place / file).is_file() for file in official.values()))
+    files = {name: where / file for name, file in official.items()}
+    for name, file in recorded.items():
+        files[name] = next((p / file for p in (*places, *within) if (p / file).is_file()), where / file)
+    lines = {name: read_names(path, spaces=True) for name, path in files.items() if path.is_file()}
+    return {name: tuple(dict.fromkeys(name_of(line) for line in of)) for name, of in lines.items()}, where

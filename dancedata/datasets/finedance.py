@@ -36,7 +36,7 @@ from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, require_finite, rotations_of
 from dancedata.datasets.files import ALL, files_by_stem
-from dancedata.datasets.published import Found, Layout, LeftOut, Published, Splits
+from dancedata.datasets.published import Layout, LeftOut, Listing, Published, Splits
 from dancedata.files.listing import list_folder
 from dancedata.files.regular_file import open_regular
 from dancedata.files.strict_json import read_json
@@ -72,8 +72,8 @@ def read_genre(path: Path | None, clip: str) -> str:
         raise LeftOut("broken_label", f"{name} cannot be read: {error}", fix=WITHOUT_LABELS) from error
     style = content.get(KEY)
     if style is None or style == "":
-        found = listed(content, show=quoted) or "none"
-        raise LeftOut("missing_label", f"{name} has no {KEY}; keys found: {found}", fix=WITHOUT_LABELS)
+        keys = listed(content, show=quoted) or "none"
+        raise LeftOut("missing_label", f"{name} has no {KEY}; keys found: {keys}", fix=WITHOUT_LABELS)
     genre = genre_of(style) if isinstance(style, str) else ""
     if not genre:
         problem = f"{name}: {KEY} is {quoted(style, SHOWN)}, not one of {', '.join(manifest('finedance')['genres'])}"
@@ -200,13 +200,13 @@ class FineDance(Published):
         return SMPLX55 if self.body_model is None else None
 
     @override
-    def find(self, source: Path) -> Found:
-        found = super().find(source)
-        labels = files_by_stem(found.folders.root / LABELS, found.folders.source, ".json", _id_problem)
-        return replace(found, beside=labels)
+    def find(self, source: Path) -> Listing:
+        listing = super().find(source)
+        labels = files_by_stem(listing.folders.root / LABELS, listing.folders.source, ".json", _id_problem)
+        return replace(listing, beside=labels)
 
     @override
-    def splits(self, found: Found) -> Splits:
+    def splits(self, listing: Listing) -> Splits:
         kept = ignored_by(self.split) if self.keep == ALL else ignored_by(self.split) & set(self.keep)
         ignored = {}
         for clip in sorted(ignored_by(self.split) - kept):
@@ -216,14 +216,14 @@ class FineDance(Published):
             ignored[clip] = f"on the list {' and '.join(names)}{both}; keep: ['{clip}'] keeps it"
         of = {clip: listed_in(self.split, clip) or "train" for clip in IDS}
         without = f"FineDance has {IDS[0]} to {IDS[-1]}; use the dataset `folder` for your own data"
-        notes = tuple(_list_notes(self.split, found.motions.files, kept))
+        notes = tuple(_list_notes(self.split, listing.motions.files, kept))
         return Splits(of, notes, expected=frozenset(IDS), without=without, ignored=ignored)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         notes: tuple[str, ...] = ()
         try:
-            genre = read_genre(found.beside.files.get(ref.id), ref.id)
+            genre = read_genre(listing.beside.files.get(ref.id), ref.id)
         except LeftOut as why:
             if self.labels == "required":
                 raise
@@ -231,12 +231,12 @@ class FineDance(Published):
         yield replace(ref, genre=genre, lists=lists_of(ref.id), notes=notes)
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
-        labels = f"; {LABELS}/ ({counted(len(found.beside.files), 'file')})"
-        root, n_known = found.folders.root, len(set(IDS) & found.motions.files.keys())
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
+        labels = f"; {LABELS}/ ({counted(len(listing.beside.files), 'file')})"
+        root, n_known = listing.folders.root, len(set(IDS) & listing.motions.files.keys())
         yield f"Motion: FineDance has {len(IDS)} sequences, {len(IDS) - n_known} of which have no file here{labels}."
-        if len(found.motions.files) > n_known:
-            yield f"Motion: {len(found.motions.files) - n_known:,} more have unknown ids, in no split (unassigned)."
+        if len(listing.motions.files) > n_known:
+            yield f"Motion: {len(listing.motions.files) - n_known:,} more have unknown ids, in no split (unassigned)."
         beside = [e.name for e in list_folder(root) if e.is_dir() and e.name not in ("motion", MUSIC, LABELS)]
         if beside:
             why = " Music features are computed from the audio." if "music_npy" in beside else ""
@@ -253,8 +253,10 @@ class FineDance(Published):
             yield f"Bones: of the body model {self.body_model.name} ({self._skeleton().name})."
 
     @override
-    def rejects(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[Reject]:
-        return found.beside.without_motion(found.motions.files, found.folders.source, "motion/{}.npy", "extra_file")
+    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
+        return listing.beside.without_motion(
+            listing.motions.files, listing.folders.source, "motion/{}.npy", "extra_file"
+        )
 
     @override
     def load(self, ref: ClipRef) -> Motion:

@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     up_axis,
     upright,
 )
-from dancedata.datasets.published import Found, Layout, LeftOut, Published, rejected
+from dancedata.datasets.published import Layout, LeftOut, Listing, Published, rejected
 from dancedata.formats.values import open_arrays
 from dancedata.kernel import audio_length
 
@@ -117,23 +117,23 @@ class IDancers(Published):
         return line.removesuffix(".pkl").removesuffix(SUFFIX)
 
     @override
-    def audio_of(self, name: str, found: Found) -> Path | None:
-        audio = super().audio_of(name, found)
+    def audio_of(self, name: str, listing: Listing) -> Path | None:
+        audio = super().audio_of(name, listing)
         if audio is None and self.fps == "auto":
             raise LeftOut("missing_music", f"no music/{name}, which fps: auto needs", music=name)
         return audio
 
     @override
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the dancers of all sequences; their rate is told from the lengths of all."""
         shapes: dict[str, tuple[int, int]] = {}
         for ref in refs:
-            with rejected(left_out, ref.id, found):
+            with rejected(left_out, ref.id, listing):
                 shapes[ref.id] = shape_of(ref.motion_path)
         refs, clips = [ref for ref in refs if ref.id in shapes], []
         rates = self._rates(refs, {name: frames for name, (_, frames) in shapes.items()})
         for ref in refs:
-            with rejected(left_out, ref.id, found):
+            with rejected(left_out, ref.id, listing):
                 (dancers, frames), rate = shapes[ref.id], rates[ref.id]
                 if isinstance(rate, DataError):
                     raise rate
@@ -151,11 +151,11 @@ class IDancers(Published):
         return clips
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         return [ref]
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         rates = sorted({dict(clip.declared)["fps"] for clip in clips}, key=Fraction)
         by = "by the lengths of motion and music" if self.fps == "auto" else "as set"
         yield f"Rate: {listed(rates) or 'none'} frames per second, {by}."
@@ -210,7 +210,7 @@ class IDancers(Published):
         fitting = {name: _fitting(frames, seconds) for name, (_, frames, seconds) in lengths.items()}
         counts = Counter(rate for of_one in fitting.values() for rate in of_one).most_common(2)
         clear = bool(counts) and (len(counts) == 1 or counts[0][1] > counts[1][1])
-        found = ", ".join(f"{n} at {rate}" for rate, n in counts) or "none"
+        votes = ", ".join(f"{n} at {rate}" for rate, n in counts) or "none"
         for name, (path, frames, seconds) in lengths.items():
             if clear and counts[0][0] in fitting[name]:
                 rates[name] = Fraction(counts[0][0])
@@ -219,7 +219,7 @@ class IDancers(Published):
                 "the frame rate cannot be told from the lengths of motion and music",
                 reason="unknown_rate",
                 where=str(path),
-                found=f"{frames} frames, {float(seconds):.2f} s of music; of {len(lengths)} sequences {found}",
+                found=f"{frames} frames, {float(seconds):.2f} s of music; of {len(lengths)} sequences {votes}",
                 allowed=f"as long as the music, within 2 %, at one of {listed(_RATES)} frames per second, the one of "
                 "most sequences",
                 fix="set dataset.i-dancers.fps, or cut the song to the dance",

@@ -44,7 +44,7 @@ from dancedata.datasets.checks import (
     upright,
 )
 from dancedata.datasets.files import ALL, MAX_LIST_BYTES, Files, files_by_stem, read_names
-from dancedata.datasets.published import Found, Layout, LeftOut, Published, Splits
+from dancedata.datasets.published import Layout, LeftOut, Listing, Published, Splits
 from dancedata.files.listing import list_folder, relative
 from dancedata.files.strict_json import read_json
 from dancedata.formats.values import open_arrays
@@ -153,7 +153,7 @@ LAYOUTS = {
 
 
 @dataclass(frozen=True)
-class _Found(Found):
+class _Listing(Listing):
     styles: Styles = field(default_factory=lambda: Styles({}))
 
 
@@ -207,14 +207,14 @@ class InfiniteDance(Published):
         return SMPLX22 if self.motion == "fits" else None
 
     @override
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         folders, motions = self.layout.list_motions(source)
         beside = Files({}, ())
         if self.motion == "columns":  # those of some test clips are in a folder of their own alone
             beside = files_by_stem(folders.root / TEST_FOLDER, source, ".npy", self.layout.name_problem)
             motions = replace(motions, files={**beside.files, **motions.files})
         styles = Styles.find(folders.root, folders.source, motions.files)
-        return _Found(folders, motions, Files({}, ()), beside, styles=styles)
+        return _Listing(folders, motions, Files({}, ()), beside, styles=styles)
 
     @override
     def song_of(self, name: str) -> str:
@@ -222,12 +222,12 @@ class InfiniteDance(Published):
         return aist[2] if aist else name
 
     @override
-    def splits(self, found: Found) -> Splits:
-        folder = found.folders.root / "partition"
+    def splits(self, listing: Listing) -> Splits:
+        folder = listing.folders.root / "partition"
         paths = [path for path in list_folder(folder) if path.suffix.lower() == ".txt"] if folder.is_dir() else []
         lists = {path.stem: frozenset(read_names(path, spaces=True)) for path in paths}
         if self.split == ALL:
-            return Splits(dict.fromkeys(found.motions.files, ALL), ("Splits: none.",), lists)
+            return Splits(dict.fromkeys(listing.motions.files, ALL), ("Splits: none.",), lists)
         names = LISTS[self.split]
         missing = [f"no {name}.txt" for name in names if name not in lists]
         shared = [] if missing else sorted(lists[names[0]] & lists[names[1]])
@@ -250,10 +250,12 @@ class InfiniteDance(Published):
         return Splits(of, (note,), dict(sorted(lists.items())), train | test, without)
 
     @override
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the clips with the dataset that each comes from, and its style."""
-        fits = files_by_stem(found.folders.root / FITS_FOLDER, found.folders.source, ".pkl", lambda stem: "").files
-        origins, styles = origins_of(refs, fits), cast(_Found, found).styles
+        fits = files_by_stem(
+            listing.folders.root / FITS_FOLDER, listing.folders.source, ".pkl", lambda stem: ""
+        ).files
+        origins, styles = origins_of(refs, fits), cast(_Listing, listing).styles
         stated = [
             replace(
                 ref, genre=styles.of.get(ref.id, ""), dancer=aist[1] if (aist := AIST.fullmatch(ref.id)) else "",
@@ -261,29 +263,29 @@ class InfiniteDance(Published):
             )
             for ref in refs
         ]  # fmt: skip
-        return super().all_clips(stated, found, left_out)
+        return super().all_clips(stated, listing, left_out)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         origin = dict(ref.columns)["origin"]
         if self.clips == "own" and origin != OWN:
             raise LeftOut("other_dataset", f"origin: {origin}")
         yield ref
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
-        test = found.beside.files
-        twice = sorted(name for name, path in test.items() if found.motions.files[name] != path)
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
+        test = listing.beside.files
+        twice = sorted(name for name, path in test.items() if listing.motions.files[name] != path)
         if twice:
             yield f"Columns: {counted(len(twice), 'clip')} in {TEST_FOLDER}/ as well, not read: {listed(twice, 3)}."
         yield "Music: no audio was published, but files of features."
-        yield from cast(_Found, found).styles.notes
+        yield from cast(_Listing, listing).styles.notes
         if clips:
             yield origins_note([str(dict(clip.columns)["origin"]) for clip in clips])
 
     @override
-    def rejects(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[Reject]:
-        return cast(_Found, found).styles.rejects
+    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
+        return cast(_Listing, listing).styles.rejects
 
     @override
     def load(self, ref: ClipRef) -> Motion:

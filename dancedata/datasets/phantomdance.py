@@ -37,7 +37,7 @@ from dancedata.datasets.checks import (
     require_upright,
 )
 from dancedata.datasets.files import files_by_stem, list_audio, require_folder
-from dancedata.datasets.published import Folders, Found, Layout, Published
+from dancedata.datasets.published import Folders, Layout, Listing, Published
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.files.strict_json import read_json
 
@@ -98,21 +98,21 @@ class PhantomDance(Published):
         return SMPL24_EDGE
 
     @override
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         folder = self._folder(source)
         motions = files_by_stem(folder, source, ".json", lambda stem: "")
         places = [folder, source, *(entry for entry in list_folder(source) if entry.is_dir() and entry != folder)]
         places = list(dict.fromkeys(places))
         music = list_audio(places, source, lambda stem: "", places, self.music_dir)
         beside = [r for r in motions.rejects if not _is_beside(r.file, source, folder)]
-        return Found(Folders(source, folder, ()), replace(motions, rejects=tuple(beside)), music)
+        return Listing(Folders(source, folder, ()), replace(motions, rejects=tuple(beside)), music)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         return [ref]
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         yield "Axes: Unity's, left-handed: x is negated, and rotations in the world become relative to the parents."
 
     @override
@@ -191,12 +191,12 @@ def _content(path: Path) -> dict[str, Any]:
     keys = ("bone_name", "root_positions", "rotations")
     missing = [key for key in keys if not isinstance(content, dict) or key not in content]
     if missing:
-        found = f"keys {listed(content, show=quoted)}" if isinstance(content, dict) else type(content).__name__
+        held = f"keys {listed(content, show=quoted)}" if isinstance(content, dict) else type(content).__name__
         raise DataError(
             f"the motion file has no {' and no '.join(missing)}",
             reason="missing_key",
             where=str(path),
-            found=found,
+            found=held,
             allowed=f"an object with {', '.join(keys)}",
             fix="leave files that are not motions out of the folder, or download the file again",
         )
@@ -218,13 +218,13 @@ def _array(path: Path, key: str, content: dict[str, Any], shape: tuple[int, ...]
         array = np.asarray(content[key], dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         array = np.empty(0)
-        found = "lists of different lengths, or something other than numbers"
+        held = "lists of different lengths, or something other than numbers"
     else:
-        found = str(array.shape)
+        held = str(array.shape)
     if array.shape == (0,) and content[key] == []:
         raise no_frames(path)
     if array.shape[1:] != shape:
-        raise bad_shape(path, key, found, f"(T, {', '.join(map(str, shape))})")
+        raise bad_shape(path, key, held, f"(T, {', '.join(map(str, shape))})")
     require_finite(path, key, array, DOWNLOAD_AGAIN)
     return array
 

@@ -27,7 +27,7 @@ from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.typing import override
 from dancedata.datasets.checks import read_frames, require_matrices, require_rotations
-from dancedata.datasets.published import Found, Layout, Published
+from dancedata.datasets.published import Layout, Listing, Published
 from dancedata.formats.values import open_arrays
 
 RATE, JOINTS = 30, SMPL24_EDGE.n_joints
@@ -98,11 +98,11 @@ class PopDanceSet(Published):
         return SMPL24_EDGE
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         yield replace(ref, dancer=ref.music)  # of a video: one dancer or group of dancers
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         none = "none: metres, with the camera 5 m or so away; POPDG multiplies by pred_camera (scale: multiply)"
         multiply = "translation x pred_camera, which has no physical unit, and POPDG's shift, as POPDG reads it"
         yield f"Scale: {none if self.scale == 'none' else multiply}."

@@ -23,7 +23,7 @@ from dancedata.datasets.files import (
     clips_note,
     files_by_stem,
     list_audio,
-    read_names,
+    read_lists,
     require_choices,
     require_folder,
 )
@@ -152,7 +152,7 @@ class Layout:
 
 
 @dataclass(frozen=True)
-class Found:
+class Listing:
     """Folders of a source, its motion and music files by the name of the sequence.
 
     `beside`: Further files: of each dancer, where a motion is a group of files; labels.
@@ -240,7 +240,7 @@ class Published(Dataset):
     # What a reader says of its files.
 
     @abstractmethod
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         """Return the clips of a motion file from one with its name, split and music; LeftOut, DataError for none."""
 
     def song_of(self, name: str) -> str:
@@ -255,39 +255,41 @@ class Published(Dataset):
         """Return the name of a motion by a line of a list: its first word, as further columns may follow."""
         return line.split(maxsplit=1)[0].split(",")[0]
 
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the clips of all motion files, and add what is left out: by default `clips_of` each."""
         clips: list[ClipRef] = []
         for ref in refs:
-            with rejected(left_out, ref.id, found):
-                clips += self.clips_of(ref, found)
+            with rejected(left_out, ref.id, listing):
+                clips += self.clips_of(ref, listing)
         return clips
 
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         """Return notes of the dataset."""
         return ()
 
-    def rejects(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[Reject]:
+    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
         """Return further rejects."""
         return ()
 
     # What the base makes of it.
 
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         """List the motion and music files of a source."""
         folders, motions = self.layout.list_motions(source)
         music = self.layout.list_music(folders, self.music_folders, self._parameter("music_dir", None))
-        return Found(folders, motions, music)
+        return Listing(folders, motions, music)
 
-    def splits(self, found: Found) -> Splits:
+    def splits(self, listing: Listing) -> Splits:
         """Return the split of each motion.
 
         Raises SourceError: if an official list is missing, or two name the same motions.
         """
-        split, names = self._parameter("split", OFFICIAL), found.motions.files
+        split, names = self._parameter("split", OFFICIAL), listing.motions.files
         if split == ALL:
             return Splits(dict.fromkeys(names, ALL), ("Splits: none.",))
-        lists, where = read_lists(found.folders, self.official, self.recorded, self.below, self.listed_name)
+        lists, where = read_lists(
+            listing.folders.root, listing.folders.places, self.official, self.recorded, self.below, self.listed_name
+        )
         official = {name: lists[name] for name in self.official if name in lists}
         expected = frozenset(name for of_split in official.values() for name in of_split)
         leak = self._leaks(official)
@@ -308,9 +310,9 @@ class Published(Dataset):
         without = "on none of the official lists" + (hashed and f"; split: {hashed} assigns every motion")
         return Splits(of, notes, lists, expected, without)
 
-    def audio_of(self, name: str, found: Found) -> Path | None:
+    def audio_of(self, name: str, listing: Listing) -> Path | None:
         """Return the music of a motion; LeftOut if it is missing and required."""
-        path = found.music.files.get(name)
+        path = listing.music.files.get(name)
         if path is None and self._parameter("music", "optional") == "required":
             where = f"{self.music_folders[0]}/" if self.music_folders else ""
             detail = f"no {where}{self.layout.music.format(name)} as wav, flac, mp3 or ogg"
@@ -328,53 +330,58 @@ class Published(Dataset):
             (listed, but no file), the reasons of a file that cannot be used, ``unused_music``, ``extra_file``. Notes
             state the layout, the lists and what they share.
         """
-        found = self.find(Path(source))
-        splits = self.splits(found)
+        listing = self.find(Path(source))
+        splits = self.splits(listing)
         refs: list[ClipRef] = []
         left_out: list[Reject] = []
-        for name, path in sorted(found.motions.files.items()):
-            with rejected(left_out, name, found):
+        for name, path in sorted(listing.motions.files.items()):
+            with rejected(left_out, name, listing):
                 if name in splits.ignored:
                     raise LeftOut("ignored", splits.ignored[name])
                 if name not in splits.of:
                     raise LeftOut("unassigned", splits.without)
-                audio = self.audio_of(name, found)
+                audio = self.audio_of(name, listing)
                 keys = ((self.unit, self.unit_of(name)),) if self.unit else ()
                 of, lists = splits.of[name], splits.lists_of(name)
                 refs.append(ClipRef(name, path, audio, of, self.song_of(name), lists=lists, keys=keys))
-        clips = sorted(self.all_clips(refs, found, left_out), key=lambda clip: clip.id)
+        clips = sorted(self.all_clips(refs, listing, left_out), key=lambda clip: clip.id)
         missing = [
             Reject("missing_motion", clip=name, detail=f"listed, but there is no {self.layout.path_of(name)}")
-            for name in sorted(splits.expected - found.motions.files.keys() - splits.ignored.keys())
+            for name in sorted(splits.expected - listing.motions.files.keys() - splits.ignored.keys())
         ]
         unused = [
-            Reject("unused_music", file=found.relative(path), detail=why)
-            for name, path in found.music.files.items()
-            if (why := self.why_unused(name, found))
+            Reject("unused_music", file=listing.relative(path), detail=why)
+            for name, path in listing.music.files.items()
+            if (why := self.why_unused(name, listing))
         ]
         counted_splits = (ALL,) if set(splits.of.values()) == {ALL} else SPLITS
         notes = (
-            *self.layout_notes(found),
-            *found.music.notes,
+            *self.layout_notes(listing),
+            *listing.music.notes,
             *splits.notes,
-            *self.notes(found, clips),
+            *self.notes(listing, clips),
             clips_note(clips, left_out, counted_splits),
         )
-        further = (*self.rejects(found, clips), *found.music.rejects, *found.motions.rejects, *found.beside.rejects)
-        return Scan(found.layout or self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
+        further = (
+            *self.rejects(listing, clips),
+            *listing.music.rejects,
+            *listing.motions.rejects,
+            *listing.beside.rejects,
+        )
+        return Scan(listing.layout or self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
 
-    def why_unused(self, name: str, found: Found) -> str:
+    def why_unused(self, name: str, listing: Listing) -> str:
         """Return why no motion has the music of this name, "" if one has."""
-        return "" if name in found.motions.files else f"there is no {self.layout.path_of(name)}"
+        return "" if name in listing.motions.files else f"there is no {self.layout.path_of(name)}"
 
-    def layout_notes(self, found: Found) -> Iterable[str]:
+    def layout_notes(self, listing: Listing) -> Iterable[str]:
         """Return the files by which the layout was recognised, with their numbers, and what is not read."""
-        at, n = found.relative(found.folders.root / self.layout.motions), len(found.motions.files)
+        at, n = listing.relative(listing.folders.root / self.layout.motions), len(listing.motions.files)
         there = f"; {self.layout.published}" if self.layout.published else ""
-        music = f"; {counted(len(found.music.files), 'audio file')}" if self.has_audio else ""
+        music = f"; {counted(len(listing.music.files), 'audio file')}" if self.has_audio else ""
         yield f"Layout: {self.layout.title}, by {at}/*{self.layout.suffix} ({counted(n, 'file')}{there}){music}."
-        if found.folders.others:
-            others = listed(f"{folder.name}/" for folder in found.folders.others)
+        if listing.folders.others:
+            others = listed(f"{folder.name}/" for folder in listing.folders.others)
             yield f"Not read: {others}, which also contain {self.layout.motions}/."
 
     def _parameter(self, parameter: str, otherwise: Any) -> Any:
@@ -410,39 +417,17 @@ class Published(Dataset):
                               fix=self.get_lists + (hashed and f", or set split: {hashed}"))  # fmt: skip
 
 
-def read_lists(
-    folders: Folders,
-    official: Mapping[str, str],
-    recorded: Mapping[str, str],
-    below: Sequence[str],
-    name_of: Callable[[str], str],
-) -> tuple[dict[str, tuple[str, ...]], Path]:
-    """Return the names on each list that exists, official ones first, and the folder of those.
-
-    They are in the dataset's folders or in folders `below` them; `name_of` reads a line.
-    """
-    if not official and not recorded:
-        return {}, folders.root
-    places = [place / name for place in folders.places for name in below]
-    where = max(places, key=lambda place: sum((place / file).is_file() for file in official.values()))
-    files = {name: where / file for name, file in official.items()}
-    for name, file in recorded.items():
-        files[name] = next((p / file for p in (*folders.places, *places) if (p / file).is_file()), where / file)
-    lines = {name: read_names(path, spaces=True) for name, path in files.items() if path.is_file()}
-    return {name: tuple(dict.fromkeys(name_of(line) for line in of)) for name, of in lines.items()}, where
-
-
 @contextmanager
-def rejected(rejects: list[Reject], name: str, found: Found) -> Iterator[None]:
+def rejected(rejects: list[Reject], name: str, listing: Listing) -> Iterator[None]:
     """Add a reject for what is left out within the context."""
     try:
         yield
     except LeftOut as why:
         rejects.append(
-            Reject(why.reason, clip=name, file=found.file(name), detail=str(why), music=why.music, fix=why.fix)
+            Reject(why.reason, clip=name, file=listing.file(name), detail=str(why), music=why.music, fix=why.fix)
         )
     except DataError as error:
-        rejects.append(Reject(error.reason, clip=name, file=found.file(name), detail=str(error)))
+        rejects.append(Reject(error.reason, clip=name, file=listing.file(name), detail=str(error)))
 
 
 def _name(stem: str, form: str) -> str:

@@ -18,7 +18,8 @@ from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.kernel import Scaler, Store, make_named, open_store
 from dancedata.scene.figure import Figure
-from dancedata.scene.inputs.files import FileClip, FileFormat, motion_files
+from dancedata.scene.inputs.files import FileClip, FileFormat
+from dancedata.scene.inputs.naming import motion_files
 from dancedata.scene.like import scaling_of
 from dancedata.scene.payload import Json, curve, figure_payload
 from dancedata.scene.poses import ColumnsReader

@@ -22,8 +22,8 @@ from dancedata.kernel import ClipRecord, Field, Store, load_audio
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.inputs.files import FileFormat, clips_of, motion_files, require_unique
-from dancedata.scene.inputs.naming import named_clips
+from dancedata.scene.inputs.files import FileFormat, clips_of
+from dancedata.scene.inputs.naming import motion_files, named_clips, require_unique
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.scene_list import MAX_NAME, Item, Rhythm, Scene, SceneList
 from dancedata.scene.scenes import rhythm_of

@@ -19,7 +19,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import list_audio
 from dancedata.datasets.motorica.labels import FOLDERS, Labels, read_labels
-from dancedata.datasets.published import Found, Layout, Published, Splits
+from dancedata.datasets.published import Layout, Listing, Published, Splits
 
 #: Seconds from the first frame of LDA's first take to that of its second.
 SECOND_TAKE = Fraction(1, 60)
@@ -184,16 +184,16 @@ class Motorica(Published):
         return parse_name(name).song
 
     @override
-    def find(self, source: Path) -> Found:
+    def find(self, source: Path) -> Listing:
         folders, motions = self.layout.list_motions(source)
         mixed = [folders.root / "bvh", *folders.places]
         music = list_audio([folders.root / "wav", *mixed], source, lambda stem: "", mixed, self.music_dir)
         extra = tuple(r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES)
-        return Found(folders, replace(motions, rejects=extra), music)
+        return Listing(folders, replace(motions, rejects=extra), music)
 
     @override
-    def splits(self, found: Found) -> Splits:
-        names = [parse_name(stem) for stem in sorted(found.motions.files)]
+    def splits(self, listing: Listing) -> Splits:
+        names = [parse_name(stem) for stem in sorted(listing.motions.files)]
         unknown = sorted(set(self.audio_start or {}) - {n.id for n in names} - {n.song for n in names})
         if unknown:
             raise SourceError("motorica: audio_start names neither a recording nor a song of the source",
@@ -201,7 +201,7 @@ class Motorica(Published):
                               fix="use the name of a file without .bvh, or the song in it")  # fmt: skip
         lists = {"lda_train": {n.id for n in names} - {*TEST} | {*IN_BOTH}, "lda_test": {*TEST}}
         if self.split == "by-song":
-            return replace(super().splits(found), lists=lists)
+            return replace(super().splits(listing), lists=lists)
         of = {name.id: "test" if name.id in TEST else "train" for name in names}
         songs, clean, ignored = shared_songs(names), self.split == "official-clean", {}
         if clean:
@@ -223,7 +223,7 @@ class Motorica(Published):
         return Splits(of, tuple(notes), lists, frozenset(TEST), ignored=ignored)
 
     @override
-    def clips_of(self, ref: ClipRef, found: Found) -> Iterable[ClipRef]:
+    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
         name, (begin, start, end) = parse_name(ref.id), self._times(ref)
         clip = replace(
             ref, genre=name.genre, dancer=name.dancer, audio_start=begin + start, source_start=start or None,
@@ -234,10 +234,10 @@ class Motorica(Published):
             yield replace(clip, id=f"{ref.id}{COPY}", split="train")
 
     @override
-    def all_clips(self, refs: Sequence[ClipRef], found: Found, left_out: list[Reject]) -> list[ClipRef]:
+    def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the clips with the labels of their recordings, counted from the clip's first frame; two takes."""
-        clips = super().all_clips(refs, found, left_out)
-        labels = self._labels(found)
+        clips = super().all_clips(refs, listing, left_out)
+        labels = self._labels(listing)
         if labels is not None:
             names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
             clips = [
@@ -253,7 +253,7 @@ class Motorica(Published):
         return [take for clip in clips for take in _takes(clip)] if self.takes == "both" else clips
 
     @override
-    def notes(self, found: Found, clips: Sequence[ClipRef]) -> Iterable[str]:
+    def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         yield (
             f"Trims: {self.trim_s:g} s at both ends of each recording are left out, of motion and music."
             if self.trim_s
@@ -269,7 +269,7 @@ class Motorica(Published):
         )
         if self.takes == "both":
             yield "Takes: two clips of each recording; NAME_01 begins 1/60 s later than NAME_00."
-        labels = self._labels(found)
+        labels = self._labels(listing)
         if labels is not None:
             yield labels.note
 
@@ -290,8 +290,8 @@ class Motorica(Published):
         write_example(Path(folder))
         write_labels(Path(folder), EXAMPLE[0][0])
 
-    def _labels(self, found: Found) -> Labels | None:
-        root = found.folders.root
+    def _labels(self, listing: Listing) -> Labels | None:
+        root = listing.folders.root
         if self.labels is None and not any((root / name).is_dir() for name in FOLDERS):
             return None
         return read_labels(root if self.labels is None else Path(self.labels).expanduser())

@@ -29,12 +29,12 @@ from dancedata.formats.stated import (
     same_rate,
     stated_grid,
 )
-from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
+from dancedata.formats.values import open_arrays
 from dancedata.formats.video_tracks import people_of
 from dancedata.kernel import Cache, Store, document_of
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
+from dancedata.scene.inputs.naming import motion_files
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
-from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
@@ -305,34 +305,6 @@ def _are_foreign(arrays: ArrayFile) -> bool:
 def _is_positions(arrays: ArrayFile, name: str) -> bool:
     shape = _shape(arrays, name)
     return len(shape) == 3 and shape[1] >= _LEAST_JOINTS and shape[2] == 3
-
-
-def motion_files(path: Path, purpose: str) -> list[Path]:
-    """Return the motion files of a folder by name, or one file: the trip of every command that takes motion.
-
-    UsageError for none to `purpose`, such as "look at", and for two of one name.
-    """
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    else:
-        files = [path] if path.is_file() else []
-    if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
-        content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
-        raise UsageError(
-            f"there is nothing to {purpose}", where=path,
-            found=content if path.exists() else "no such file or folder",
-            allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
-            fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,
-        )  # fmt: skip
-    require_unique([file.stem for file in files], path)
-    return files
-
-
-def require_unique(names: Sequence[str], where: Path) -> None:
-    """Raise UsageError for two motions of one name."""
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise UsageError("two files have one name", where=where, found=listed(twice, 5), fix="rename one of them")
 
 
 def path_clips(path: Path, form: FileFormat) -> tuple[ClipInput, ...]:

@@ -3,15 +3,18 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from pathlib import Path
 
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown
 from dancedata.formats.aist_names import parse_name, tempo_bpm
+from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.kernel import Sample, Store
 from dancedata.samples import Samples
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import MusicSources, Song, of_known
+from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,3 +183,31 @@ def _song_within(name: str, songs: frozenset[str]) -> str:
     """Return the one song that is a part of a name between underscores, as in gBR_sBM_cAll_d04_mBR0_ch01."""
     parts = songs.intersection(name.split("_"))
     return next(iter(parts)) if len(parts) == 1 else ""
+
+
+def motion_files(path: Path, purpose: str) -> list[Path]:
+    """Return the motion files of a folder by name, or one file: the trip of every command that takes motion.
+
+    UsageError for none to `purpose`, such as "look at", and for two of one name.
+    """
+    if path.is_dir():
+        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+    else:
+        files = [path] if path.is_file() else []
+    if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
+        content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
+        raise UsageError(
+            f"there is nothing to {purpose}", where=path,
+            found=content if path.exists() else "no such file or folder",
+            allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
+            fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,
+        )  # fmt: skip
+    require_unique([file.stem for file in files], path)
+    return files
+
+
+def require_unique(names: Sequence[str], where: Path) -> None:
+    """Raise UsageError for two motions of one name."""
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise UsageError("two files have one name", where=where, found=listed(twice, 5), fix="rename one of them")
