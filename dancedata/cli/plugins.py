@@ -9,8 +9,9 @@ import keyword
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from importlib.util import find_spec
-from pathlib import Path
+from pathlib import Path, PurePath
 from shlex import quote
 from typing import Any
 
@@ -38,7 +39,8 @@ _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""
 
 
-from pathlib import Path
+from fractions import Fraction
+from pathlib import Path, PurePath
 
 from {module} import {cls}
 
@@ -361,7 +363,8 @@ def catalogue(listed: str) -> dict[str, Any]:
 
 def _plugin_json(cls: type[Any]) -> dict[str, Any]:
     summary = (inspect.getdoc(cls) or "").split("\n\n")[0].replace("\n", " ")
-    keys = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    defaults = {f.name: f.default for f in dataclasses.fields(cls) if f.default is not dataclasses.MISSING}
+    keys = {key: str(value) if isinstance(value, PurePath | Fraction) else value for key, value in defaults.items()}
     if getattr(cls, "default_contacts", None) is not None:
         keys["contacts"] = cls.default_contacts
     return {"about": summary, "keys": keys}

@@ -1,5 +1,6 @@
 """A thirteenth capability is one file beside the recipe, with copies at another speed, groups and two workers."""
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -15,6 +16,7 @@ from dancedata.building.plugins import ANNOTATORS, FIELDS, TRANSFORMS, Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
+from dancedata.cli.plugins import catalogue
 from dancedata.core.clip import ClipRef
 from dancedata.core.codebook import Codebook
 from dancedata.core.columns import Columns, Group
@@ -149,10 +151,11 @@ def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed
 ) -> None:
     """Transforms whatever their key."""
     named = tmp_path / "number.txt"
-    parameter = f'field(default={str(named)!r}, metadata={{"path": True, "content": True}})'
+    parameter = f'field(default=Path({str(named)!r}), metadata={{"path": True, "content": True}})'
     text = LEAPS.read_text().replace("import dataclass,", "import dataclass, field,")
-    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: str = {parameter}\n")
+    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: Path = {parameter}\n")
     text = text.replace("    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1)
+    text = text.replace("\nimport numpy", "\nfrom pathlib import Path\nimport numpy", 1)
     hashes = []
     for number in (1, 2, 2):
         file = tmp_path / "leaps.py"
@@ -162,6 +165,7 @@ def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed
         plugin = registry.make(name, {})
         hashes.append((plugin.on(FrameGrid.of(30)) if registry is FIELDS else plugin).sha256)
     assert hashes[0] != hashes[1] == hashes[2]
+    assert str(named) in json.dumps(catalogue("plugins"))
 
 
 def test_equal_plugins_of_two_kinds_have_results_of_their_own() -> None:
@@ -171,13 +175,13 @@ def test_equal_plugins_of_two_kinds_have_results_of_their_own() -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Given(SceneField):
+class Preset(SceneField):
     """Rows that are named, of real values or of codes."""
 
-    name: ClassVar[str] = "given"  # type: ignore[misc]
+    name: ClassVar[str] = "preset"  # type: ignore[misc]
     version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns((Group("x", 1, ""),))  # type: ignore[misc]
-    given: Any
+    preset: Any
     dtype: str = "float32"  # type: ignore[assignment]
 
     @property
@@ -185,11 +189,11 @@ class Given(SceneField):
         return Codebook("codes", (8,)) if self.dtype == "int16" else None
 
     def encode(self, motions: Any) -> Any:
-        return self.given
+        return self.preset
 
 
 @pytest.mark.parametrize(
-    ("dtype", "given", "found"),
+    ("dtype", "preset", "found"),
     [
         ("float32", [[[1]]], "1 arrays"),
         ("float32", None, "NoneType"),
@@ -203,10 +207,10 @@ class Given(SceneField):
         ("float32", [[[3]]] * 2, ""),
     ],
 )
-def test_rows_that_a_field_cannot_have_are_no_other_rows(dtype: str, given: Any, found: str) -> None:
-    field, motions = Given(fps=30, given=given, dtype=dtype), [np.zeros(3)] * 2
+def test_rows_that_a_field_cannot_have_are_no_other_rows(dtype: str, preset: Any, found: str) -> None:
+    field, motions = Preset(fps=30, preset=preset, dtype=dtype), [np.zeros(3)] * 2
     if found:
-        with raises_message(UsageError, f"given .*{found}"):
+        with raises_message(UsageError, f"preset .*{found}"):
             field.encoded(motions, [0, 1], in_group=True)
     else:
         assert [(rows.dtype, rows.item()) for rows in field.encoded(motions, [0, 1], in_group=True)] == [
