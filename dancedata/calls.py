@@ -71,7 +71,7 @@ def view(
     Examples
     --------
     >>> import dancedata
-    >>> dancedata.view("data/aistpp").title
+    >>> dancedata.view("data/aistpp", "gHO_sBM_cAll_d19_mHO3_ch03").title
     'gHO_sBM_cAll_d19_mHO3_ch03'
     """
     if isinstance(what, Motion | Clip | Mapping) or (isinstance(what, Sequence) and not isinstance(what, str)):

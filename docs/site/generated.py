@@ -78,7 +78,7 @@ def _with_default(field: dataclasses.Field[Any]) -> str:
 def _keys(registry: Registry[Any]) -> Iterator[tuple[str, ...]]:
     """Give plug-in, key with its default, and meaning; the keys that all datasets share are in the page's text."""
     shared = {"music", "music_dir"} if registry is DATASETS else set()
-    for name in registry.names():
+    for name in shipped(registry):
         plugin = registry.get(name)
         texts = documented(plugin)
         label = f"`{name}`"
@@ -88,12 +88,17 @@ def _keys(registry: Registry[Any]) -> Iterator[tuple[str, ...]]:
                 label = ""
 
 
+def shipped(registry: Registry[Any]) -> list[str]:
+    """Return the names of the plug-ins that come with the package, not of those that files have registered since."""
+    return [name for name in registry.names() if registry.get(name).__module__.startswith("dancedata.")]
+
+
 def plugins() -> str:
     """Return a table of keys for each slot, and of the plug-ins that have none."""
     parts = []
     for slot, registry in SLOTS.items():
         rows = list(_keys(registry))
-        without = [f"`{name}`" for name in registry.names() if f"`{name}`" not in {row[0] for row in rows}]
+        without = [f"`{name}`" for name in shipped(registry) if f"`{name}`" not in {row[0] for row in rows}]
         parts.append(f"### {slot}\n")
         parts += [table(("plug-in", "key: default", ""), rows)] if rows else []
         parts += [textwrap.fill(f"Without keys: {', '.join(without)}.", 120) + "\n"] if without else []
@@ -123,7 +128,7 @@ def _groups(columns: Any) -> str:
 def representations() -> str:
     """Return the columns of every representation, with its world, rate and contacts."""
     rows = []
-    for name in REPRESENTATIONS.names():
+    for name in shipped(REPRESENTATIONS):
         plugin = REPRESENTATIONS.get(name)()
         rate = str(getattr(plugin, "fps", None) or getattr(plugin, "rate", None) or "any")
         world = plugin.axes.removeprefix("right-handed, ")
@@ -135,7 +140,7 @@ def features() -> str:
     """Return the columns of the audio features whose columns do not depend on files, and of key motions."""
     rows = []
     for registry in (FEATURES, KEYMOTIONS):
-        for name in registry.names():
+        for name in shipped(registry):
             if name not in ("file", "hf"):  # their columns are those of the files and of the model
                 columns = registry.get(name)().columns
                 rows.append((f"`{name}`", str(columns.width), _groups(columns)))
