@@ -18,9 +18,10 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Future, as_completed
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing.util import Finalize
+from queue import Empty
 from typing import Any
 from weakref import WeakSet
 
@@ -129,7 +130,7 @@ def _processes(least: int, most: int) -> Iterator[Start]:
     try:
         yield pool.submit
     except BaseException:
-        pool.shutdown(kill_workers=True)
+        _kill(pool)
         _kept.clear()
         raise
 
@@ -173,7 +174,15 @@ def _environment() -> dict[str, str]:
 def end_workers() -> None:
     """Kill all workers, for a process that ends: they are idle, and take a tenth of a second to end by themselves."""
     for pool in list(_pools):
-        pool.shutdown(kill_workers=True)
+        _kill(pool)
+
+
+def _kill(pool: Any) -> None:
+    """Kill the workers of a pool and drop its calls, numbers first: at one without a call loky's thread fails."""
+    with suppress(Empty):
+        while True:
+            pool._work_ids.get_nowait()
+    pool.shutdown(kill_workers=True)
 
 
 #: Held while a unit runs in a worker.

@@ -111,7 +111,7 @@ def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, 
     order = slow.folder / f"kill-{songs[2]}"
     order.touch()
     output = slow.build(corpus, out, *cluster, code=1)
-    assert "this unit of work kills its worker process (slow)" in output
+    assert "this unit of work kills its worker process (computing)" in output
     assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
     assert not out.exists()
     order.unlink()

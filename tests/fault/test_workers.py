@@ -259,6 +259,15 @@ def test_only_running_units_are_suspected_when_a_worker_dies() -> None:
     assert not set(found) & set(suspects)
 
 
+def test_a_failure_drops_the_other_calls_in_silence() -> None:
+    """Whatever a thread of loky says of it is an error here, see `filterwarnings`."""
+    from dancedata.execution.executors import Executor
+
+    for _ in range(3):
+        with pytest.raises(ZeroDivisionError):
+            Executor(2).run(divmod, {number: (number, number) for number in range(2_000)}, "x", lambda *_: None)
+
+
 def exit_at_5(number: int) -> int:
     if number == 5:
         os._exit(1)
