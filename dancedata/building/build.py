@@ -7,13 +7,13 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
 from dancedata.building.documents import document_differences, shaping
-from dancedata.building.leaks import leaks
 from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
@@ -34,12 +34,13 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import start_workers
 from dancedata.files.atomic import write_json
 from dancedata.recipes.recipe import Recipe, resolve
-from dancedata.store import Field, Problem, Store, StoreHeader, open_store, write_store
+from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE, LOCAL_FILE
 from dancedata.store.songs import songs_of
 
 if TYPE_CHECKING:
     from dancedata.building.rebuild import Published
+    from dancedata.store import Problem
 
 
 @dataclass(frozen=True)
@@ -51,9 +52,9 @@ class BuildResult:
     `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
     `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
     `notes`: Notes of the dataset's reader on the source.
-    `summary`: The text that the command line prints.
-    `shared`: Problems with songs that splits share, as `check` finds them; None where that was not checked.
+    `strict`: Whether songs that splits share count for a dataset that was there already, too.
     `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
+    `compared`: A line on that.
     """
 
     path: Path
@@ -61,19 +62,33 @@ class BuildResult:
     counts: Mapping[str, Mapping[str, Any]]
     left_out: Mapping[str, int]
     notes: tuple[str, ...]
-    summary: str
-    shared: tuple[Problem, ...] | None = None
+    strict: bool = False
     rebuilt: bool | None = None
+    compared: str = ""
 
     @classmethod
     def of(cls, path: Path, built: bool, strict: bool) -> BuildResult:
-        """Describe a finished dataset; one that was there already is checked for what splits share if `strict`."""
+        """Describe a finished dataset."""
         with open_store(path) as store:
             counts, left_out = dict(store.info["splits"]), reasons(store)
             notes = tuple(store.info.get("source", {}).get("notes", ()))
-        shared = tuple(leaks(path)) if built or strict else None
-        summary = describe_built(path, shared or ()) if built else describe_unchanged(path, shared)
-        return cls(path, built, counts, left_out, notes, summary, shared)
+        return cls(path, built, counts, left_out, notes, strict)
+
+    @cached_property
+    def shared(self) -> tuple[Problem, ...] | None:
+        """Problems with songs that splits share, as `check` finds them; None where that does not count."""
+        from dancedata.building.leaks import leaks
+
+        return tuple(leaks(self.path)) if self.built or self.strict else None
+
+    @cached_property
+    def summary(self) -> str:
+        """The text that the command line prints."""
+        from dancedata.building.leaks import checked_lines
+
+        checked = [] if self.shared is None else checked_lines(self.counts, self.shared)
+        described = describe_built(self.path, checked) if self.built else describe_unchanged(self.path, checked)
+        return "\n".join(filter(None, (described, self.compared)))
 
     def __repr__(self) -> str:
         clips, windows = (sum(n[key] for n in self.counts.values()) for key in ("clips", "windows"))
@@ -125,7 +140,7 @@ def build(
             return result
         same = published.same(out)
         line = f"{'the same bytes as' if same else 'other bytes than'} {published.place}"
-        return replace(result, rebuilt=same, summary=f"{result.summary}\n{line}")
+        return replace(result, rebuilt=same, compared=line)
 
 
 @contextmanager

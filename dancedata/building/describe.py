@@ -64,8 +64,8 @@ def rate_text(fps: str, windows: str) -> str:
 # After a build
 
 
-def describe_built(path: Path, shared: Sequence[Problem]) -> str:
-    """Return the text that `build` prints of the dataset that it made; `shared` is what its splits share."""
+def describe_built(path: Path, checked: Sequence[str]) -> str:
+    """Return the text that `build` prints of the dataset that it made; `checked` says what its splits share."""
     with open_store(path) as store:
         windows = store.info["windows"]
         fields = (f"{name} ({counted(columns.width, 'column')})" for name, columns in store.fields.items())
@@ -78,28 +78,17 @@ def describe_built(path: Path, shared: Sequence[Problem]) -> str:
             *describe_implausible(store.quality),
             *_repaired(store.quality),
             *_flagged([flag for flag in store.quality if flag["kind"] not in (*OF_CLIPS, *REPAIRED)]),
-            *_checked(store.info["splits"], shared),
+            *checked,
         ]
     return "\n".join([*lines, _next_steps(path)])
 
 
-def describe_unchanged(path: Path, shared: Sequence[Problem] | None) -> str:
-    """Return what `build` prints if the dataset was there already; `shared` is None where that was not checked."""
+def describe_unchanged(path: Path, checked: Sequence[str]) -> str:
+    """Return what `build` prints if the dataset was there already; `checked` says what its splits share."""
     with open_store(path) as store:
-        size, checked = _size(store), [] if shared is None else _checked(store.info["splits"], shared)
+        size = _size(store)
     done = f"nothing to do: {shown(path)} is this dataset already, from the same recipe and source ({size})"
     return "\n".join([done, *checked, _next_steps(path)])
-
-
-def _checked(counts: Mapping[str, Mapping[str, Any]], shared: Sequence[Problem]) -> list[str]:
-    """Return a warning for each leak between splits, and a line on what was checked besides."""
-    leaks = [f"warning: {problem.message}" for problem in shared if problem.severity == "error"]
-    notes = [problem.message for problem in shared if problem.severity == "note"]
-    have_songs = {split for split, n in counts.items() if n["songs"]}
-    is_clean = not leaks and all(note.startswith("val and test ") for note in notes)
-    if is_clean and "train" in have_songs and len(have_songs) > 1:
-        notes.insert(0, "no song of train is in val or test")
-    return [*leaks, *([f"checked: {'; '.join(notes)}"] if notes else [])]
 
 
 def _next_steps(path: Path) -> str:

@@ -94,6 +94,17 @@ def leaks(path: str | Path) -> list[Problem]:
     ]
 
 
+def checked_lines(counts: Mapping[str, Mapping[str, Any]], shared: Sequence[Problem]) -> list[str]:
+    """Return a warning for each leak between splits, and a line on what was checked besides."""
+    leaks = [f"warning: {problem.message}" for problem in shared if problem.severity == "error"]
+    notes = [problem.message for problem in shared if problem.severity == "note"]
+    have_songs = {split for split, n in counts.items() if n["songs"]}
+    is_clean = not leaks and all(note.startswith("val and test ") for note in notes)
+    if is_clean and "train" in have_songs and len(have_songs) > 1:
+        notes.insert(0, "no song of train is in val or test")
+    return [*leaks, *([f"checked: {'; '.join(notes)}"] if notes else [])]
+
+
 @dataclass(frozen=True)
 class _Recording:
     """Rows of a song that are compared.

@@ -63,7 +63,7 @@ def printed(store: Store, tmp_path: Path) -> Iterator[Any]:
         KeyMotion(np.zeros(959), np.arange(9), np.zeros(9)),
     )
     counts = {"train": {"clips": 9, "windows": 99}}
-    yield BuildResult(tmp_path, True, counts, {"nan": 3}, ("a note",) * 20, "line\n" * 20)
+    yield BuildResult(tmp_path, True, counts, {"nan": 3}, ("a note",) * 20, compared="line\n" * 20)
     yield from map(load_recipe, recipe_names())
     source = tmp_path / "source"
     DATASETS.get("aist++")().make_example(source)  # type: ignore[attr-defined]

@@ -1,13 +1,17 @@
 """Metric: the base class of measures of dances."""
 
+from __future__ import annotations
+
 from abc import abstractmethod
 from collections.abc import Mapping
 from math import inf
-from typing import ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-from dancedata.core.dance import Dance, Undefined
 from dancedata.core.plugins.plugin import Plugin
 from dancedata.core.rotations import Float64Array
+
+if TYPE_CHECKING:
+    from dancedata.core.dance import Dance
 
 #: Better direction of a score: higher, lower, or closer to the ground truth's.
 Better = Literal["higher", "lower", "closer"]
@@ -81,5 +85,7 @@ class Metric(Plugin):
             If there are too few clips.
         """
         if not len(rows):
+            from dancedata.core.dance import Undefined
+
             raise Undefined("few_clips", found="0 clips", allowed="at least 1")
         return dict(zip(self.columns, rows.mean(axis=0).tolist(), strict=True))
