@@ -83,7 +83,7 @@ def run(line: str, environment: dict[str, str], *, here: bool) -> None:
         assert process.returncode == 0, f"{line}\n{process.stdout}\n{process.stderr}"
 
 
-@pytest.mark.usefixtures("one_thread")
+@pytest.mark.usefixtures("one_thread", "no_local_plugins")
 @pytest.mark.filterwarnings("ignore")  # Lightning's advice on loaders and loggers
 def test_the_tutorials_run_and_print_the_output_shown(environment, tmp_path, monkeypatch):
     folder = tmp_path / "desk"

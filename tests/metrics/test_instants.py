@@ -106,7 +106,7 @@ def test_programs_are_half_a_frame_off_as_their_notes_say() -> None:
     for name in PROTOCOLS.names():
         protocol = PROTOCOLS.get(name)()
         detectors = [m.metric.detector for m in protocol.measures if isinstance(m.metric, BeatAlignment)]
-        if not detectors or name in ("dancedata", "groups", "ten-seconds"):
+        if not detectors or name in ("dancedata", "groups"):
             continue
         fps = protocol.motion.fps or 30
         joints = planted(beats, fps, seconds=20)
