@@ -12,9 +12,9 @@ import numpy as np
 
 from dancedata.alignment.onsets import onset_strength
 from dancedata.building.identity import clip_identity, content_hashes
+from dancedata.building.plugins import STARTS, StartFinder
 from dancedata.building.rejects import changed, reject_of
 from dancedata.building.signals import decode_again, known_signal
-from dancedata.building.starts import STARTS, StartFinder
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import json_sha256

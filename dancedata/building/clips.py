@@ -7,12 +7,13 @@ from typing import Any
 
 from dancedata.building.groups import Groups, groups_of
 from dancedata.building.measuring import takes_of
+from dancedata.building.plugins import STARTS
 from dancedata.building.sources import Sources, identify, scan_source
 from dancedata.building.spine import Parts, build_clips
-from dancedata.building.starts import with_found_starts
 from dancedata.building.stored import Clips
-from dancedata.core.clip import Scan
+from dancedata.core.clip import FOUND, Scan
 from dancedata.core.errors import UsageError
+from dancedata.core.plugins import Dataset
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
@@ -54,3 +55,9 @@ def source_groups(recipe: Recipe, parts: Parts, scan: Scan) -> Groups:
                              found=f"groups in the source of {recipe.dataset.name}",
                              fix=f"leave out {part}, or choose another one")  # fmt: skip
     return groups
+
+
+def with_found_starts(cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs, progress: Progress) -> Scan:
+    """Return a scan with the offsets that its source leaves to the build; clips of unknown ones are rejects."""
+    asked = [clip for clip in scan.clips if clip.audio_start_by == FOUND]
+    return STARTS.only().find(cache, dataset, scan, asked, jobs=jobs, progress=progress) if asked else scan

@@ -32,7 +32,7 @@ _BLOCK, MAX_PAIRS = 32, 2_000_000
 
 
 class AlikeSongs(NamedTuple):
-    """Two songs of different splits, or of different datasets, that sound as one recording.
+    """Two songs of different splits, or of different datasets, that sound like one recording.
 
     `songs`, `splits`: Their names, and the splits that each is in.
     `likeness`: 1 for equal features, about 0 for music that has nothing in common.
@@ -143,7 +143,7 @@ def _sound_columns(field: Field) -> list[int]:
 
 
 def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | None:
-    """Find songs of different splits that sound as one recording, such as a song and its copy as mp3.
+    """Find songs of different splits that sound like one recording, such as a song and its MP3 copy.
 
     The rows of `sound_field` are compared at the shift of their largest normalised cross-correlation, in pieces of
     half a second; the likeness is the correlation of the piece at the lowest tenth. Loudness, format, sample rate and
@@ -169,7 +169,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 
 
 def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = ()) -> list[AlikeSongs] | str:
-    """Find songs of one dataset that sound as a song of another, as `alike_songs` does within one.
+    """Find songs of one dataset that sound like a song of another, as `alike_songs` does within one.
 
     `equal`: Pairs of names of songs that are known to be one, and are not compared.
     Returns: By falling likeness. Text: why they cannot be compared.

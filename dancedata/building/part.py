@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.build import workers_for
-from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.clips import compute_clips, scan_of, sources_of, with_found_starts
 from dancedata.building.left_out import stop_if_implausible, stop_if_strict
 from dancedata.building.sources import Sources
-from dancedata.building.starts import with_found_starts
 from dancedata.building.stored import Clips
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError

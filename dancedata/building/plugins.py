@@ -18,17 +18,19 @@ from dancedata.building.identity import content_hashes
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
 from dancedata.building.take import RecipePart, Scene, Take, Transform
-from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
-from dancedata.core.plugins import Plugin
+from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.registry import Registry
 from dancedata.core.segments import Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
 
 
 class Loadable(Protocol):
@@ -389,10 +391,21 @@ class WindowRule(RecipePart):
         """Return rejects of windows of a dancer, or of the dancer, which name no window."""
 
 
+class StartFinder(Plugin):
+    """Finds the second of the music at frame 0 of clips."""
+
+    @abstractmethod
+    def find(
+        self, cache: Cache, dataset: Dataset, scan: Scan, asked: Sequence[ClipRef], *, jobs: Jobs, progress: Progress
+    ) -> Scan:
+        """Return a scan with the offsets of the clips `asked`; those of unknown ones are rejects."""
+
+
 FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", Field)
 TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
 ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
 RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
+STARTS: Registry[Any] = Registry("finder of offsets", "dancedata.alignment", StartFinder)
 #: By their names in `dancedata info plugins`.
 REGISTRIES = {"fields": FIELDS, "transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
 

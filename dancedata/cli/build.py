@@ -62,11 +62,14 @@ def init(
 
         if out is not None:
             raise UsageError("offsets are of the manifest that is beside the files", fix="leave --out away")
-        found = align(folder, jobs=jobs, cache=cache, progress=not quiet)
+        alignment = align(folder, jobs=jobs, cache=cache, progress=not quiet)
         starts = {
-            clip.id: start for row in found.rows for clip in row.clips if (start := row.start_of(clip)) is not None
+            clip.id: start
+            for row in alignment.rows
+            for clip in row.clips
+            if (start := row.start_of(clip)) is not None
         }
-        prepared = fill_starts(prepared, starts, str(found))
+        prepared = fill_starts(prepared, starts, str(alignment))
     return Output(prepared.to_json, lambda: str(prepared), warnings=prepared.warnings)
 
 

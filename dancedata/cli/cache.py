@@ -40,10 +40,10 @@ def cache(
 
     root = (folder or default_cache()).absolute()
     options = {"--older-than": older_than, "--max-size": max_size, "--dry-run": dry_run, "--remove": remove}
-    own = {"": (), "prune": ("--older-than", "--max-size", "--dry-run"), "verify": ("--remove",)}
-    if action not in own:
+    takes = {"": (), "prune": ("--older-than", "--max-size", "--dry-run"), "verify": ("--remove",)}
+    if action not in takes:
         raise UsageError("unknown action", found=action, allowed="prune, verify, or none")
-    if stray := [name for name, value in options.items() if value and name not in own[action]]:
+    if stray := [name for name, value in options.items() if value and name not in takes[action]]:
         fix = "dancedata cache verify --remove, dancedata cache prune --older-than AGE"
         raise UsageError(f"{', '.join(stray)} does not go with {action or 'no action'}", fix=fix)
     if action == "prune":

@@ -50,8 +50,8 @@ def info(
         return Output(result.to_json, lambda: str(result))
     if is_dataset:
         return _dataset(Path(what), clips=clips)
-    if (found := next(_found(what), None)) is not None:
-        return Output(lambda: found[0], lambda: "\n".join(found[1]))
+    if (entry := next(_entries(what), None)) is not None:
+        return Output(lambda: entry[0], lambda: "\n".join(entry[1]))
     if "/" in what or Path(what).exists():
         return _dataset(Path(what), clips=clips)  # its error says what is missing
     raise _unknown(what)
@@ -66,7 +66,7 @@ def _dataset(path: Path, *, clips: bool) -> Output:
     )
 
 
-def _found(what: str) -> Iterator[tuple[Any, list[str]]]:
+def _entries(what: str) -> Iterator[tuple[Any, list[str]]]:
     """Yield what has this name, as JSON and as text; the first counts."""
     from dancedata.cli.plugins import catalogue, describe_catalogue
 

@@ -269,7 +269,9 @@ def _in_tree(plugin: NewPlugin, root: Path) -> NewPlugin:
     """Return a plug-in with the places of its files in a checkout."""
     folder = root / plugin.kind.registry.package.replace(".", "/")
     if not folder.is_dir() or not (root / "CHANGELOG.md").is_file():
-        raise UsageError("this is no checkout of dancedata", where=root, fix="run it in the top folder of a checkout")
+        raise UsageError(
+            "this is not a checkout of dancedata", where=root, fix="run it in the top folder of a checkout"
+        )
     return replace(
         plugin, module=folder / f"{plugin.name}.py", test=root / "tests" / folder.name / f"test_{plugin.name}.py"
     )

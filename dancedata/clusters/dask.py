@@ -83,7 +83,7 @@ class Dask(Engine):
         try:
             try:
                 client.wait_for_workers(1, timeout=TIMEOUT_S)
-                others = [found for found in client.run(arithmetic.here).values() if found != arithmetic.expected()]
+                others = [here for here in client.run(arithmetic.here).values() if here != arithmetic.expected()]
                 environment = ReferenceEnvironment(arithmetic.variables(), bool(others))
                 client.register_plugin(environment, name="dancedata-arithmetic")
                 client.wait_for_workers(1, timeout=TIMEOUT_S)

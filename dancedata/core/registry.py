@@ -179,13 +179,13 @@ class Registry(Generic[P]):
 
 @lru_cache
 def _modules(package: str) -> tuple[str, ...]:
-    own = [f"{package}.{m.name}" for m in _in(package) if not m.name.startswith("_")]
+    modules = [f"{package}.{m.name}" for m in _in(package) if not m.name.startswith("_")]
     root, _, folder = package.partition(".")
     folder = folder.partition(".")[2]
     for room in _in(root) if folder else ():  # which is not imported to look into it
         files = pkgutil.iter_modules(os.path.join(p, room.name) for p in importlib.import_module(root).__path__)
-        own += [f"{root}.{room.name}.{folder}" for m in files if m.name == folder and not m.ispkg]
-    return tuple(own)
+        modules += [f"{root}.{room.name}.{folder}" for m in files if m.name == folder and not m.ispkg]
+    return tuple(modules)
 
 
 def _in(package: str) -> Iterable[pkgutil.ModuleInfo]:

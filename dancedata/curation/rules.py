@@ -162,7 +162,7 @@ def _reject(segment: Segment, limits: Mapping[str, Limit], place: Segment | None
 
 
 def _touches(seen: Seen, start: int, segment: Segment) -> bool:
-    """Whether a window overlaps a segment, or has a row that is interpolated from one of its frames.
+    """Return whether a window overlaps a segment, or has a row interpolated from a frame of the segment.
 
     Rows between two frames are made of both, at the rate of each field.
     """

@@ -64,7 +64,7 @@ def sequence_problem(stem: str) -> str:
 def music_problem(stem: str) -> str:
     """Return why `stem` is not the name of an audio file, "" if it is: that of a sequence or of a song."""
     named = SONG.fullmatch(stem) or parse_name(stem)
-    return "" if named else "named neither as an AIST++ sequence nor as a song (mBR2)"
+    return "" if named else "it is named neither like an AIST++ sequence nor like a song (mBR2)"
 
 
 def crossmodal_split(name: SequenceName) -> str:
@@ -193,8 +193,11 @@ class AistPP(Published):
         if name in cast(_Copy, listing).songs:
             return ""
         danced = name in {self.song_of(sequence) for sequence in listing.motions.files}
-        own = "every sequence danced to it has its own audio file"
-        return own if danced else "no motion in the source is danced to it"
+        return (
+            "every sequence danced to it has its own audio file"
+            if danced
+            else "no motion in the source is danced to it"
+        )
 
     @override
     def splits(self, listing: Listing) -> Splits:

@@ -131,8 +131,8 @@ def no_frames(path: Path) -> DataError:
 def require_dancer(path: Path, member: int, dancers: int) -> None:
     """Raise DataError, ``missing_dancer``, if a file with this number of dancers has no dancer `member`."""
     if not 0 <= member < dancers:
-        problem, found = f"there is no dancer {member}", f"{dancers} dancers"
-        raise DataError(problem, reason="missing_dancer", where=str(path), found=found)
+        raise DataError(f"there is no dancer {member}", reason="missing_dancer", where=str(path),
+                        found=f"{dancers} dancers")  # fmt: skip
 
 
 def require_matrices(where: str, matrices: Floats, joints: Sequence[str]) -> None:

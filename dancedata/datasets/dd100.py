@@ -120,7 +120,7 @@ class DD100(Published):
             raise SourceError("dd100: no motion found", where=str(folders.root / _MOTION),
                               found=describe(folders.root / _MOTION), allowed=self.layout.expected,
                               fix="check that the archive was unpacked completely")  # fmt: skip
-        own = _merged([list_audio([music], source, _pair_problem) for _, music in parts], source)
+        audio = _merged([list_audio([music], source, _pair_problem) for _, music in parts], source)
         pairs = {stem.rsplit("_", 1)[0]: path for stem, path in sorted(dancers.files.items(), reverse=True)}
         absent = [
             Reject("missing_partner", clip=f"{pair}_0{member}", file=relative(path, source),
@@ -130,7 +130,7 @@ class DD100(Published):
             if f"{pair}_0{member}" not in dancers.files
         ]  # fmt: skip
         motions = Files(pairs, tuple(absent))
-        music = with_music_dir(own, self.music_dir, source, _pair_problem)
+        music = with_music_dir(audio, self.music_dir, source, _pair_problem)
         return Listing(folders, motions, music, dancers)
 
     @override

@@ -323,8 +323,8 @@ class InfiniteDance(Published):
                 write_lines(folder / "styles" / f"{clip}.json", [json.dumps({"style": style})], end="")
         styles = {clip: style for clip, _, _, _, style, _ in _CLIPS if style}
         write_lines(folder / "styles" / "all_style_map.json", [json.dumps(styles)], end="")
-        for k, (name, splits, own) in enumerate(_LISTS):
-            names = [clip for clip, _, is_own, of, *_ in _CLIPS if of == splits and own in (None, is_own)]
+        for k, (name, splits, recorded) in enumerate(_LISTS):
+            names = [clip for clip, _, is_own, of, *_ in _CLIPS if of == splits and recorded in (None, is_own)]
             write_lines(folder / "partition" / f"{name}.txt", names, end="\n" * (k % 2))
 
 
@@ -342,11 +342,11 @@ def origins_of(refs: Iterable[ClipRef], fits: Collection[str]) -> dict[str, str]
 def origins_note(origins: Collection[str]) -> str:
     """Return the note with the number of clips of each dataset, and the terms of those of others."""
     counts = sorted(Counter(origins).items())
-    own = ", ".join(f"{n:,} {name}" for name, n in counts)
+    numbers = ", ".join(f"{n:,} {name}" for name, n in counts)
     others = [f"{TERMS[name]} ({name})" for name, _ in counts if name in TERMS and name != OWN]
     terms = f"; clips of other datasets keep their own terms: {', '.join(others)}" if others else ""
     unknown = f"; {UNKNOWN}: on no list of one dataset" if UNKNOWN in origins else ""
-    return f"Origin of the clips: {own}{terms}{unknown}."
+    return f"Origin of the clips: {numbers}{terms}{unknown}."
 
 
 def load_fit(path: Path, up: str = "auto") -> Motion:

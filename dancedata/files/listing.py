@@ -58,8 +58,8 @@ def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
         if not path.is_dir() and not pattern:
             files.append(path)
             continue
-        found = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
-        mine = sorted(p for p in found if p.suffix.lower() in suffixes and p.is_file())
+        entries = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
+        mine = sorted(p for p in entries if p.suffix.lower() in suffixes and p.is_file())
         if not mine:
             problem = "the pattern names no file to read" if pattern else "the folder has no file to read"
             raise UsageError(problem, where=path, allowed=f"files {', '.join(suffixes)}")

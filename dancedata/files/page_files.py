@@ -38,7 +38,7 @@ class PageFiles:
         """
         target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
-            fix = "choose another --to, or add --overwrite"
+            fix = "choose another --out, or add --overwrite"
             raise UsageError("the file is already there", where=target.folder, fix=fix)
         target._require_own_folder()
         return target

@@ -62,7 +62,7 @@ def write_card(
     target = PageFiles.of(path, [Path(store)], "card", max_mb=_MAX_MB, overwrite=overwrite)
     if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
         raise UsageError(
-            "refusing to overwrite a file that is not a card of dancedata", where=path, fix="choose another --to"
+            "refusing to overwrite a file that is not a card of dancedata", where=path, fix="choose another --out"
         )
     with open_store(store) as opened:
         require_intact(opened)

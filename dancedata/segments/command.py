@@ -95,14 +95,14 @@ def segments(
 def _write(store: Store, file: Path, layer: str | None) -> None:
     if file.suffix.lower() not in SUFFIXES or file.exists():
         raise UsageError("the file exists already" if file.exists() else "not a file of segments", where=file,
-                         allowed="a new .csv or .jsonl", fix="choose another --to")  # fmt: skip
-    clips = [(clip.id, found) for clip in store if (found := store.segments(clip.id, layer))]
+                         allowed="a new .csv or .jsonl", fix="choose another --out")  # fmt: skip
+    clips = [(clip.id, segments) for clip in store if (segments := store.segments(clip.id, layer))]
     try:
         with atomic_file(file) as temporary:
             write_segment_file(temporary, clips, suffix=file.suffix)
     except OSError as error:
         raise UsageError(
-            "the file cannot be written", where=file, found=str(error), fix="choose another --to"
+            "the file cannot be written", where=file, found=str(error), fix="choose another --out"
         ) from error
 
 

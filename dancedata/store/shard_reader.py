@@ -172,10 +172,10 @@ class ShardReader:
                 if stated.offset is None:
                     self._layout[f.name] = stated = replace(stated, offset=actual.offset)
                 if stated.n_rows and stated != actual:
-                    found, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
-                    found = "chunks, or compressed rows" if actual.offset is None else found
+                    lies, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
+                    lies = "chunks, or compressed rows" if actual.offset is None else lies
                     where, problem = f"{self.path}, {actual.name}", "a field does not lie where dataset.json states"
-                    raise StoreError(problem, where=where, found=found, allowed=allowed, fix=_CHECK)
+                    raise StoreError(problem, where=where, found=lies, allowed=allowed, fix=_CHECK)
         self._is_checked = True
 
     def read_rows(self, field: str, first: int, out: npt.NDArray[Any]) -> None:

@@ -105,8 +105,10 @@ def check_rule(cls: type[WindowRule]) -> None:
     segments = [_segments([*rule.annotators], take, scene, k) for k in range(2)]
     fields = _fields()
     rows = {f.id: f.make(Scenes(scene), [ask.part for ask in f.asks(take)]) for f in fields}
-    made = {of: [Rows(r, "") if isinstance(r, np.ndarray) else r for r in of_field] for of, of_field in rows.items()}
-    seen = Seen(Result(take, starts, (0, 1), made=made), fields, FPS, 60, segments)
+    results = {
+        of: [Rows(r, "") if isinstance(r, np.ndarray) else r for r in of_field] for of, of_field in rows.items()
+    }
+    seen = Seen(Result(take, starts, (0, 1), made=results), fields, FPS, 60, segments)
     for k in range(2):
         rejects = rule.judge(seen, k, starts)
         require(rejects == rule.judge(seen, k, starts), "equal takes get equal answers")

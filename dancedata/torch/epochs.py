@@ -92,10 +92,10 @@ def _shared_number(value: int) -> torch.Tensor:
     return number
 
 
-def require_scalers(state: Mapping[str, Any], own: Mapping[str, Any], fix: str) -> None:
+def require_scalers(state: Mapping[str, Any], current: Mapping[str, Any], fix: str) -> None:
     """Raise UsageError unless a checkpoint's state is of a reader with the scalers of this one."""
-    stated, hashes = state.get("scalers"), own["scalers"]
+    stated, hashes = state.get("scalers"), current["scalers"]
     if stated != hashes:
-        found = listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated)
+        scalers = listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated)
         allowed = listed(f"{name} {sha256}" for name, sha256 in hashes.items()) or "none"
-        raise UsageError("the state is of a reader with other scalers", found=found, allowed=allowed, fix=fix)
+        raise UsageError("the state is of a reader with other scalers", found=scalers, allowed=allowed, fix=fix)

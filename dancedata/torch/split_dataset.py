@@ -263,12 +263,12 @@ class SplitDataset(EpochDataset):
             at = (self.windows.start == sample.start) & (self.windows.length == sample.length)
             numbers = np.flatnonzero(at & (self.windows.clip == self.windows.clip_ids.index(sample.clip.id)))
             place = int(numbers[0]) if len(numbers) else -1
-        found = {} if seed != self.seed or not 0 <= place < len(self) else self.samples([place], epoch)[0]
-        if found.get("id") != str(of):
+        item = {} if seed != self.seed or not 0 <= place < len(self) else self.samples([place], epoch)[0]
+        if item.get("id") != str(of):
             raise UsageError("this dataset does not read this sample", where=str(name),
-                             found=found.get("id", f"split {self.split}, seed {self.seed}"),
+                             found=item.get("id", f"split {self.split}, seed {self.seed}"),
                              fix="give the arguments of the dataset that gave the id")  # fmt: skip
-        return found
+        return item
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:

@@ -144,21 +144,21 @@ class SceneField(MotionField):
         if isinstance(rows, Nothing):
             return [rows for _ in dancers]
         if not isinstance(rows, Sequence | np.ndarray) or len(rows) != len(present):
-            found = f"{len(rows)} arrays" if isinstance(rows, Sequence | np.ndarray) else type(rows).__name__
-            raise UsageError(f"the field {self.name} does not give each dancer rows", found=found,
+            answer = f"{len(rows)} arrays" if isinstance(rows, Sequence | np.ndarray) else type(rows).__name__
+            raise UsageError(f"the field {self.name} does not give each dancer rows", found=answer,
                              allowed=f"a list of {len(present)} arrays", fix="correct the plug-in")  # fmt: skip
         return [self._as_stored(np.asarray(rows[k])) for k in dancers]
 
     def _as_stored(self, rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return rows of the field's type; UsageError for a code that it would change, and what is no real number."""
-        found = str(rows.dtype)
+        """Return rows in the field's type; UsageError if that changes a code, or for what is not a real number."""
+        wrong = str(rows.dtype)
         if rows.dtype.kind in "biuf":
             with np.errstate(invalid="ignore"):  # a code that is NaN
                 stored = rows.astype(self.dtype)
             if self.codebook is None or np.array_equal(stored, rows):
                 return stored
-            found = shown(rows[stored != rows][0])
-        raise UsageError(f"the field {self.name} gives values that its type cannot hold", found=found,
+            wrong = shown(rows[stored != rows][0])
+        raise UsageError(f"the field {self.name} gives values that its type cannot hold", found=wrong,
                          allowed=self.dtype, fix="correct the plug-in")  # fmt: skip
 
 
