@@ -48,16 +48,7 @@ _GROUPS = (
 
 @dataclass(frozen=True)
 class BailandoFeature(AudioFeature):
-    """Common base of features with Bailando's columns.
-
-    Parameters
-    ----------
-    onset_fmax
-        Upper limit of the mel bands whose median is the onset envelope. "era": 11,025 Hz, as in librosa 0.8, which
-        Bailando's requirements pin. At 7.5 rows per second more than half of the bands are above half the sample
-        rate and are empty: envelope, beats and tempogram are zero in every row, as in the published data.
-        "nyquist": half the sample rate, as in librosa 0.10 and later.
-    """
+    """Base of features with Bailando's columns; `onset_fmax` is as of `bailando438`."""
 
     onset_fmax: Literal["era", "nyquist"] = "era"
 
