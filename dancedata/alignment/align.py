@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
-from dancedata.building.commands import require_one_reader
+from dancedata.building.commands import recipe_of
 from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
 from dancedata.building.rejects import missing_music
@@ -28,7 +28,6 @@ from dancedata.kernel import (
     default_cache,
     folder_of,
     jobs_of,
-    load_recipe,
     scan_folder,
     with_lost_entries,
 )
@@ -242,7 +241,7 @@ def align(
     dataset
         Reader of the folder, such as "folder". Default: the first one that recognises it.
     recipe, overrides
-        Read the folder as this recipe does.
+        Read the folder as this recipe does. Default: its recipe.yaml, if `dataset` is not given.
     window_s
         Offsets from minus this to this are searched, seconds, from the stated second of the music. Music is periodic:
         an offset is known up to whole beats, and the one nearest to 0 is taken.
@@ -279,9 +278,10 @@ def align(
     path, file, reporter = Path(source).expanduser(), folder_of(out), Progress(quiet=not progress)
     search = Search(window_s, level, test_songs, seed)
     _check(path, by, search, file)
-    require_one_reader(recipe, dataset, overrides)
+    parsed = recipe_of(path, recipe, dataset, overrides)
     store_cache = Cache((folder_of(cache) or default_cache()).absolute())
-    parsed = None if recipe is None else resolve(load_recipe(recipe, overrides), store_cache.file_sha256)
+    if parsed is not None:
+        parsed = resolve(parsed, store_cache.file_sha256)
     reader, scan = scan_folder(path, dataset if parsed is None else parsed.dataset)
     clips = [clip for clip in scan.clips if clip.audio_path is not None]
     units, workers = _units(clips, by), jobs_of(jobs)

@@ -270,16 +270,13 @@ def check(
     from dancedata.building.check import check as run
     from dancedata.building.check import check_several
 
-    if recipe is None and dataset is None and not others:
-        recipe = _prepared(path)
-    require_one_reader(recipe, dataset, overrides)
-    parsed = None if recipe is None else load_recipe(recipe, overrides)
     paths, reporter = [local_folder(p) for p in (path, *others)], Progress(quiet=not progress)
-    if others and (parsed is not None or dataset is not None):
-        raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
-    if not others:
-        return run(paths[0], dataset=dataset, recipe=parsed, jobs=jobs_of(jobs), progress=reporter)
-    return check_several(paths)
+    if others:
+        if recipe is not None or dataset is not None or overrides:
+            raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
+        return check_several(paths)
+    parsed = recipe_of(path, recipe, dataset, overrides)
+    return run(paths[0], dataset=dataset, recipe=parsed, jobs=jobs_of(jobs), progress=reporter)
 
 
 @dataclass(frozen=True)
@@ -310,12 +307,20 @@ class _Request:
                          "or source=DIR in Python")  # fmt: skip
 
 
-def require_one_reader(recipe: RecipeLike | None, dataset: str | None, overrides: Overrides) -> None:
-    """Raise UsageError if both a recipe and a dataset choose the reader of a folder, or overrides have no recipe."""
+def recipe_of(
+    folder: str | Path, recipe: RecipeLike | None, dataset: str | None, overrides: Overrides
+) -> Recipe | None:
+    """Return the recipe that reads a source folder, by default its own recipe.yaml; None if a dataset's reader does.
+
+    UsageError if both a recipe and a dataset choose the reader, or overrides have no recipe.
+    """
+    if recipe is None and dataset is None:
+        recipe = _prepared(folder)
     if recipe is not None and dataset is not None:
         raise UsageError("dataset and recipe both choose a reader", fix="give one of them")
     if overrides and recipe is None:
         raise UsageError("--set, or overrides, change keys of a recipe", fix="name a recipe, not a reader alone")
+    return None if recipe is None else load_recipe(recipe, overrides)
 
 
 def _prepared(folder: str | Path) -> Path | None:

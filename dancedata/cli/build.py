@@ -18,7 +18,7 @@ IN_TREE_HELP = "Write it where it belongs in a checkout of dancedata; a dataset 
 RECIPE_HELP = (
     "A recipe (dancedata info recipes), a YAML file, a folder with recipe.yaml, a built dataset, or an address."
 )
-READ_AS_HELP = "Read a source folder as this recipe does; default, without --faults and --offsets: its recipe.yaml."
+READ_AS_HELP = "Read a source folder as this recipe does; default: its recipe.yaml."
 SOURCE_HELP = "Folder with the downloaded files; not needed for demo, nor for a folder with recipe.yaml."
 SEGMENTS_HELP = "Of a built dataset: words, moves and marks (.csv, .jsonl) that replace its own of the same layer."
 PART_HELP = "Compute one of N shares into the cache, for job arrays."

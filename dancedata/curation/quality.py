@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.commands import require_one_reader
+from dancedata.building.commands import recipe_of
 from dancedata.building.compute import compute
 from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
@@ -34,7 +34,6 @@ from dancedata.kernel import (
     default_cache,
     folder_of,
     jobs_of,
-    load_recipe,
     local_folder,
     open_store,
     scan_folder,
@@ -211,7 +210,8 @@ def quality(
     dataset
         Reader of a folder to build from, such as "folder". Default: the first one that recognises it.
     recipe, overrides
-        Read a folder to build from as this recipe does, repaired and retargeted.
+        Read a folder to build from as this recipe does, repaired and retargeted. Default: its recipe.yaml, if
+        `dataset` is not given.
     out
         New .csv file, with a line for each score of a clip and for each of its spans.
     jobs, cache, progress
@@ -239,7 +239,7 @@ def quality(
     """
     file = folder_of(out)
     require_new_csv(file)
-    require_one_reader(recipe, dataset, overrides)
+    parsed = None if isinstance(what, Motion | Store) else recipe_of(what, recipe, dataset, overrides)
     reporter = Progress(quiet=not progress)
     if isinstance(what, Motion):
         result = Quality("motion", (ClipQuality("motion", what.grid.rate, score_motion(what)),))
@@ -252,7 +252,8 @@ def quality(
                 result = _of_store(store, reporter)
         else:
             held = Cache((folder_of(cache) or default_cache()).absolute())
-            parsed = None if recipe is None else resolve(load_recipe(recipe, overrides), held.file_sha256)
+            if parsed is not None:
+                parsed = resolve(parsed, held.file_sha256)
             result = _of_source(path, dataset, parsed, held, jobs_of(jobs), reporter)
     if file is None:
         return result

@@ -12,7 +12,9 @@ import soundfile
 from scipy.spatial.transform import Rotation
 
 import dancedata
+from dancedata.alignment.align import align
 from dancedata.core.skeleton import SMPL24
+from dancedata.curation.quality import quality
 from dancedata.synthetic import synthesise_motion
 from tests.formats.test_bvh_retarget import MIXAMO, SEGMENTS, SMPL_SHORT, XSENS, write_as
 
@@ -82,6 +84,10 @@ def test_the_recipe_of_a_prepared_folder_is_the_default(mixed: Path, tmp_path: P
     assert not errors()
     assert errors(overrides={"dataset.folder.music": "required"}) == ["missing_music"]
     assert errors(dataset="folder")
+    how: dict[str, Any] = {"cache": tmp_path / "cache", "progress": False}
+    assert [row.clip for row in quality(tmp_path, **how).clips] == ["a"]
+    assert [reject.reason for reject in quality(tmp_path, dataset="folder", **how).rejects] == ["undeclared"]
+    assert [reject.reason for reject in align(tmp_path, **how).rejects] == ["missing_music"]
 
 
 @pytest.mark.parametrize("recipe", [None, RECIPE])
