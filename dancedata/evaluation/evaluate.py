@@ -53,7 +53,7 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
         warnings=[*clip_set.warnings, *problems, *_short_music(measured, music)], matched=clip_set.matched,
         truth=_truth(resources, inputs), truth_source="" if inputs.truth is None else inputs.truth.source,
-        in_pool=_in_pool(inputs),
+        in_pool=_in_pool(inputs), dataset=inputs.dataset,
     )  # fmt: skip
     return replace(report, inputs=clip_set.clips, music=music)
 

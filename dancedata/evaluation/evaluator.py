@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed, shown
-from dancedata.evaluation.clips import reader_for, truth_of
+from dancedata.evaluation.clips import reader_for, reader_name, truth_of
 from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
@@ -337,6 +337,7 @@ class Evaluator:
             self.protocol, clips, self.pool, role="generated", source="samples of a model",
             draws=DRAWS if intervals else 0, warnings=self._about_music(), left_out=sorted(self._left_out.items()),
             truth=self._truth(), truth_source=f"the same dances of {self.store.path.name}",
+            dataset=reader_name(self.store),
         )  # fmt: skip
 
     def _truth(self) -> list[MeasuredClip]:

@@ -16,7 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
-from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of, without_field
+from dancedata.evaluation.clips import ClipSet, named_reader, reader_name, store_clips, truth_of, without_field
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -44,6 +44,7 @@ class Inputs:
     `music`: Sources of beats; None: no metric takes them.
     `truth`: The dances of the dataset that generated ones are of, or to the same songs; None without a dataset.
     `save_pool`: File to write the pool to.
+    `dataset`: The reader of the real dances, "" without any; only its published figures compare.
     """
 
     protocol: Protocol
@@ -55,6 +56,7 @@ class Inputs:
     truth: ClipSet | None = None
     draws: int = DRAWS
     save_pool: Path | None = None
+    dataset: str = ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,6 +131,7 @@ class EvaluationOptions:
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
             music=music, truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
+            dataset=reader_name(clip_set.store or self.like),
         )  # fmt: skip
 
     def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:

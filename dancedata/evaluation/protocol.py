@@ -228,7 +228,8 @@ class PaperResult:
     note
         Known facts of its computation.
     dataset, splits
-        Reader and splits of the ground truth; empty for models, and where that is not known.
+        Reader and splits of the ground truth, which is compared with that dataset alone; empty for models, and where
+        that is not known.
     """
 
     what: str

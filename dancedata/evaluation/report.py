@@ -277,18 +277,20 @@ def report_of(
     truth: Sequence[MeasuredClip] = (),
     truth_source: str = "",
     in_pool: int = 0,
+    dataset: str = "",
 ) -> Report:
     """Compare measured clips with a pool, by all measures or by `numbers` of them, and judge the scores.
 
     Scores are computed again for intervals at most `draws` times. `truth` are the real dances beside generated ones,
-    and `in_pool` is the number of clips that the pool has too. UsageError if rates are mixed, or the pool is of
-    another protocol, version or rate.
+    and `in_pool` is the number of clips that the pool has too. `dataset` is the reader of the real dances: figures
+    that were published of others are left out. UsageError if rates are mixed, or the pool is of another protocol,
+    version or rate.
     """
     ordered = sorted(measured, key=lambda m: m.id)
     fps = one_rate(ordered, source)
     if pool is not None:
         pool.require(protocol, fps)
-    figures = [p.values for p in protocol.published if p.what == "ground truth"]
+    figures = [p.values for p in protocol.published if p.what == "ground truth" and p.dataset in ("", dataset)]
     published = {name: value for values in figures for name, value in values.items()}
     doubt = next((m.doubt for m in ordered if m.doubt), "")
     scores: list[Score] = []

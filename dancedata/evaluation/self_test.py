@@ -103,9 +103,9 @@ def self_test(
     protocols = (
         [protocol_named(protocol)] if protocol is not None else [PROTOCOLS.get(n)() for n in PROTOCOLS.names()]
     )
-    rows = [(p, row) for p in protocols for row in p.published if row.dataset == reader.name]
+    rows = [(p, row) for p in protocols for row in p.published if row.dataset == reader.name and row.splits]
     if not rows:
-        datasets = sorted({row.dataset for p in protocols for row in p.published if row.dataset})
+        datasets = sorted({row.dataset for p in protocols for row in p.published if row.splits})
         raise UsageError("no row of this dataset was published under the protocol", where=source, found=reader.name,
                          allowed=listed(datasets) or "none")  # fmt: skip
     reader = _with(reader, music="optional")
@@ -121,7 +121,7 @@ def self_test(
         inputs = Inputs(
             protocol=tested, clip_set=_clip_set(reader, truth, source), numbers=numbers,
             pool=_clip_set(reader, everything, source) if pool_numbers else None, pool_numbers=pool_numbers,
-            music=MusicSources(files=_music_files(tested, truth)), draws=draws,
+            music=MusicSources(files=_music_files(tested, truth)), draws=draws, dataset=reader.name,
         )  # fmt: skip
         reports.append((evaluate_inputs(inputs, jobs=jobs, cache=cache, progress=progress), published))
     return SelfTest(reader.name, str(source), tuple(reports), tuple(skipped))

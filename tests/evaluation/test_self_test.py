@@ -22,6 +22,9 @@ def test_every_published_row_of_aistpp(folder: Path) -> None:
     assert fid["pool"] >= 8  # of all splits, and of none
     assert rows["edge-aistpp", "pfc"]["pool"] is None
     assert rows["edge-aistpp", "bas"]["measured"] is None  # its code was not released
+    assert {row.source: of["pfc"].published for of, row in found.reports if of.protocol.name == "edge-aistpp"} == {
+        "EDGE, table 1": 1.332
+    }
     text = str(found)
     assert "published in EDGE, table 1: only PFC has code" in text
     assert "clips of val and test, 60 frames per second" in text

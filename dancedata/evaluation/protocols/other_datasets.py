@@ -147,7 +147,11 @@ class Popdg(Protocol):
     music = MusicRule(("librosa35",), 30, about="the last of EDGE's 35 columns; the original reads files of 150 rows")
     published = (
         PaperResult(
-            "ground truth", {"pfc": 1.5824, "pbc": 8.7365}, "POPDG, PopDanceSet", "PBC is printed as PFC by its code"
+            "ground truth",
+            {"pfc": 1.5824, "pbc": 8.7365},
+            "POPDG, PopDanceSet",
+            "PBC is printed as PFC by its code",
+            dataset="popdanceset",
         ),
     )
     notes = (
