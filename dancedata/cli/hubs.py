@@ -14,7 +14,7 @@ LINK_HELP = "Hard links in place of files with equal bytes."
 SOURCE_MUSIC_HELP = "Folder with the songs; default: the source of the dataset."
 SET_HELP = "Set a parameter of the target; repeatable."
 PULL_HELP = "hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files."
-RECIPE_ONLY_HELP = "Publish what rebuilds the dataset from a user's own source, and no data."
+RECIPE_ONLY_HELP = "Publish what rebuilds it from a user's own source, manifest.csv too, and no data."
 
 
 @command

@@ -10,9 +10,11 @@ from typing import Any
 
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import require
+from dancedata.core.registry import DATASETS
 from dancedata.core.text import counted, size_text
 from dancedata.execution.addresses import is_address, require_whole
 from dancedata.execution.progress import Progress
+from dancedata.files.listing import MANIFESTS
 from dancedata.formats.hub_head import Publication
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
@@ -20,8 +22,8 @@ from dancedata.remote.card import Pictures
 from dancedata.remote.contents import contents
 from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
-from dancedata.store import open_store
-from dancedata.store.queries import require_intact
+from dancedata.store import Store, open_store
+from dancedata.store.queries import require_intact, source_folder
 
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
@@ -97,15 +99,15 @@ def push(
     private, gated
         Only its owners read it; users accept the terms of the source before they read it.
     recipe_only
-        Publish no row of the data: the recipe, the clips with splits and hashes of their sources, the scaler, and the
-        hashes of the dataset. `build` of the address makes the dataset from the user's own source.
+        Publish no row of the data: the recipe, the clips with splits and hashes of their sources, the scaler, the
+        hashes of the dataset, and the source's manifest. `build` of the address makes the dataset from the user's own
+        source.
     rights
         Statement by which you may pass the data on although a licence does not allow it. It is published.
     tag
         Name of the tag. Default: "dataset-" or "recipe-", and the first digits of the dataset's hash.
     beside
-        With `recipe_only`: files that a build needs in addition to the source's, such as manifest.csv or a local
-        plug-in.
+        With `recipe_only`: further files that a build needs, such as a local plug-in.
     pictures
         Draws the pictures of the card: `dancedata.plot.card_pictures`. Default: there are none.
     dry_run
@@ -152,7 +154,8 @@ def push(
         read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
-        files = contents(opened, place, [Path(path).expanduser() for path in beside], pictures, reporter)
+        more = [*_manifests(opened), *(Path(path).expanduser() for path in beside)] if recipe_only else []
+        files = contents(opened, place, list(dict.fromkeys(more)), pictures, reporter)
         total = sum(file.size for file in files)
         if dry_run:
             return Pushed(str(read_at), "", len(files), total, 0, recipe_only)
@@ -160,6 +163,14 @@ def push(
         message = f"Publish {opened.info.get('name', 'dataset')} {digits} with dancedata"
         at, uploaded = HubUpload(address, name, private, gated, overwrite).run(files, message, reporter)
     return Pushed(str(read_at), at.revision, len(files), total, uploaded, recipe_only)
+
+
+def _manifests(store: Store) -> list[Path]:
+    """Return the list of clips that was written for the dataset's reader, where its source is on this machine."""
+    source, (name, *_) = source_folder(store), store.info["recipe"]["dataset"]
+    if source is None or name not in DATASETS.names() or not DATASETS.get(name).has_listing(source):
+        return []
+    return [source / manifest for manifest in MANIFESTS if (source / manifest).is_file()]
 
 
 def _check_options(

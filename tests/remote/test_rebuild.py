@@ -154,14 +154,20 @@ def test_opening_it_says_how_to_build(published_fine: UploadHub) -> None:
 
 
 def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_path: Path, cache: Path) -> None:
-    manifest = tmp_path / "manifest.csv"
-    manifest.write_text("id,motion\n")
-    push(fine, WHERE, recipe_only=True, beside=[manifest], progress=False)
-    assert uploads.files()["manifest.csv"] == manifest.read_bytes()
+    """The manifest of a folder goes along by itself."""
+    source, recipe = tmp_path / "source", {**FINE, "dataset": {"folder": {}}, "motion": {"joints": {}}, "audio": {}}
+    DATASETS.get("folder")().make_example(source)
+    built = dancedata.build(recipe, source, tmp_path / "built", jobs=1, cache=cache, progress=False).path
+    more = tmp_path / "notes.csv"
+    more.write_text("id\n")
+    push(built, WHERE, recipe_only=True, beside=[more, source / "manifest.csv"], progress=False)
+    assert uploads.files()["manifest.csv"] == (source / "manifest.csv").read_bytes()
     published = Published.at(WHERE)
     assert published is not None
-    assert "manifest.csv" in next(published.missing_beside(fine_source))
-    assert not list(published.missing_beside(tmp_path))
+    assert "notes.csv" in "".join(published.missing_beside(source))
+    assert "manifest.csv" in "".join(published.missing_beside(fine_source))
+    shutil.copy(more, source)
+    assert not list(published.missing_beside(source))
     with raises_message(UsageError, "publication", where="out/dataset.json"):
         push(fine, WHERE, recipe_only=True, beside=[fine / "dataset.json"], progress=False)
     with raises_message(UsageError, "directory", where="nothing.csv"):
