@@ -30,6 +30,7 @@ from dancedata.cli.options import (
     betas_of,
     option,
 )  # fmt: skip
+from dancedata.core.text import counted, listed
 
 WHAT_HELP = "Samples (a folder or a file) or datasets; scores for each."
 POOL_HELP = "What FID and Div compare with: a dataset, a folder, an .npz of --out, or splits; default train."
@@ -129,7 +130,9 @@ def decode(
         scaler=scaler, clamp=clamp, body_model=body_model, betas=betas_of(betas), frames=frames,
     )  # fmt: skip
     paths = [str(path) for path in written]
-    return Output(lambda: {"files": paths}, lambda: "\n".join(paths))
+    text = f"{out}: {counted(len(paths), f'{to} file')} of {listed(files, 3)}"
+    text += f", such as {written[0].name}" if written else ""
+    return Output(lambda: {"files": paths}, lambda: text)
 
 
 @command

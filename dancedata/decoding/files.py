@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -17,7 +18,7 @@ from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_yo
 from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
-from dancedata.core.text import listed, shown
+from dancedata.core.text import counted, listed, shown
 from dancedata.decoding.decoder import Decoder, Like, ScalerLike
 from dancedata.files import atomic
 from dancedata.files.listing import named_files
@@ -37,9 +38,28 @@ FORMATS = (*MOTION_FILES, "obj")
 _SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
 
 
-def decode_files(
-    path: Any,
+def decode_files(path: Any, field: str | None, *, to: str, out: Path, **options: Any) -> list[Path]:
+    """Decode the files that a trainer wrote into motion files; see `dancedata.decode`."""
+    if to not in FORMATS:
+        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
+    named = [path] if isinstance(path, str | Path) else list(path)
+    paths = named_files([Path(p).expanduser() for p in named], _SUFFIXES)
+    stems = Counter(p.stem for p in paths)
+    if twice := sorted(stem for stem, n in stems.items() if n > 1):
+        raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
+    written: list[Path] = []
+    lost: Counter[str] = Counter()
+    for file in paths:
+        written += _decode_file(file, field, lost, to=to, out=out.expanduser(), **options)
+    for sentence, n in lost.items():
+        _log.warning("%s (%s)", sentence, counted(n, "motion"))
+    return written
+
+
+def _decode_file(
+    path: Path,
     field: str | None,
+    lost: Counter[str],
     *,
     to: str,
     out: Path,
@@ -55,25 +75,7 @@ def decode_files(
     frames: str | None,
     **parameters: Any,
 ) -> list[Path]:
-    """Decode the files that a trainer wrote into motion files; see `dancedata.decode`."""
-    out = out.expanduser()
-    if to not in FORMATS:
-        raise UsageError(f"unknown format {to!r}", fix=did_you_mean(to, FORMATS))
-    given = [path] if isinstance(path, str | Path) else list(path)
-    paths = named_files([Path(p).expanduser() for p in given], _SUFFIXES)
-    if len(paths) > 1:
-        stems = [p.stem for p in paths]
-        if twice := sorted({stem for stem in stems if stems.count(stem) > 1}):
-            raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
-        written: list[Path] = []
-        for one in paths:
-            written += decode_files(
-                one, field, to=to, out=out, like=like, fps=fps, key=key, overwrite=overwrite,
-                normalized=normalized, scaler=scaler, clamp=clamp, body_model=body_model, betas=betas, frames=frames,
-                **parameters,
-            )  # fmt: skip
-        return written
-    (path,) = paths
+    """Decode a file, and count what its motions lose on a body model."""
     from dancedata.formats.arrays import stated_normalized
     from dancedata.formats.stated import stated_grid
     from dancedata.kernel import saved_samples
@@ -99,8 +101,7 @@ def decode_files(
         error.where = f"{path}, {error.where}" if error.where else path
         raise
     if mesh is not None:
-        for sentence in dict.fromkeys(filter(None, map(mesh.lost, motions.values()))):
-            _log.warning(sentence)
+        lost.update(filter(None, map(mesh.lost, motions.values())))
     files = {
         out / name: data
         for end, motion in motions.items()

@@ -125,4 +125,4 @@ def test_joints_that_the_model_lacks_are_named_once(tmp_path: Path, caplog: pyte
     options: dict[str, Any] = {"to": "glb", "fps": 30, "body_model": model}
     assert len(dancedata.decode(tmp_path / "x.npy", "edge151", out=tmp_path / "out", **options)) == 2
     messages = [record.getMessage() for record in caplog.records]
-    assert messages == ["the body model has no left_hand, right_hand, which turn in the motion"]
+    assert messages == ["the body model has no left_hand, right_hand, which turn in the motion (2 motions)"]
