@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import os
 import tempfile
 import time
 from pathlib import Path
@@ -23,9 +24,8 @@ import numpy as np
 FRAMES, WINDOWS, STRIDE, LENGTH = 350, 11, 20, 150
 
 
-def write(folder: Path, n: int) -> None:
-    """Write a small store, and put the tables of n clips into the place of its own."""
-    from dancedata.core.hashing import json_sha256, sha256_bytes
+def lay_out(folder: Path, n: int) -> dict[str, Any]:
+    """Write a small store, and a sparse shard of the rows of n clips; return its dataset.json, to be sealed."""
     from dancedata.store import hdf5
     from dancedata.store.hdf5 import SparseFile
     from dancedata.testing.stores import random_fields, write_random_store
@@ -35,20 +35,30 @@ def write(folder: Path, n: int) -> None:
         folder, clips={"train": 10}, fields=fields, n_frames=(FRAMES, FRAMES), length=LENGTH, stride=STRIDE,
         clips_per_song=10,
     )  # fmt: skip
-    info = json.loads((folder / "dataset.json").read_text())
-    shard = folder / info["shards"][0]["file"]
+    info: dict[str, Any] = json.loads((folder / "dataset.json").read_text())
+    entry, rows = info["shards"][0], n * FRAMES
     layout = SparseFile()
-    rows = n * FRAMES
     with hdf5.create_file(layout) as file:
         for name, path, width in (("pose", "motion/pose", 3), ("music", "audio/music", 2)):
             dataset = hdf5.create_dataset(file, path, (rows, width), "<f4")
-            info["shards"][0]["fields"][name] = [int(dataset.id.get_offset()), rows]
+            entry["fields"][name] = [int(dataset.id.get_offset()), rows]
+    shard = folder / entry["file"]
     with open(shard, "wb") as target:
         layout.copy_to(target)
-    size = shard.stat().st_size
+    os.truncate(shard, max(shard.stat().st_size, entry["fields"]["music"][0] + rows * 8))
+    info["shards"][0] |= {"size": shard.stat().st_size, "clips": n, "windows": n * WINDOWS}
+    return info
+
+
+def write(folder: Path, n: int) -> None:
+    """Write a small store, and put the tables of n clips into the place of its own."""
+    from dancedata.store import hdf5
+    from dancedata.store.hdf5 import SparseFile
+
+    info = lay_out(folder, n)
     numbers = np.arange(n)
     texts = {"id": [f"clip{k:07d}" for k in range(n)], "genre": ["break"] * n, "music": ["songaaaa"] * n}
-    texts |= {"split": ["train"] * n, "file": [shard.name] * n}
+    texts |= {"split": ["train"] * n, "file": [info["shards"][0]["file"]] * n}
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
         hdf5.write_attributes(file, format=info["format"], fps=info["fps"])
@@ -63,9 +73,16 @@ def write(folder: Path, n: int) -> None:
         hdf5.write_array(file, "windows/start", np.tile(np.arange(WINDOWS) * STRIDE, n).astype(np.int32))
     with open(folder / "tables.h5", "wb") as target:
         layout.copy_to(target)
-    info["shards"][0] |= {"size": size, "clips": n, "windows": n * WINDOWS}
-    data = (folder / "tables.h5").read_bytes()
-    info["files"]["tables.h5"] = {"size": len(data), "sha256": sha256_bytes(data)}
+    seal(folder, info, "tables.h5")
+
+
+def seal(folder: Path, info: dict[str, Any], tables: str) -> None:
+    """Write dataset.json with size and hash of the file of tables."""
+    from dancedata.core.hashing import json_sha256, sha256_bytes
+
+    data = (folder / tables).read_bytes()
+    files = info["files"] if tables in info["files"] else info["splits"]["train"]
+    files["tables" if files is not info["files"] else tables] |= {"size": len(data), "sha256": sha256_bytes(data)}
     del info["self_sha256"]
     (folder / "dataset.json").write_text(json.dumps({**info, "self_sha256": json_sha256(info)}))
 

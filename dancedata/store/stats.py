@@ -1,7 +1,7 @@
 """stats.json: statistics of the rows that train windows cover, per field and column, in one pass over the shards."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from hashlib import sha256
 from itertools import groupby, pairwise
@@ -73,30 +73,29 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
         length, shards = header.grid.rows(header.length, of=f.grid), (_windows_and_rows(plan, f) for plan in train)
-        numbers = field_stats(f, length, shards, partial(_opened, out, train, f))
-        result["fields"] |= {f.name: numbers} if numbers is not None else {}
+        numbers = row_stats(f, _rows(covered(shards, length), partial(_opened, out, train, f)))
+        result["fields"] |= {f.name: numbers} if numbers else {}
     return result
 
 
-def field_stats(f: Field, length: int, shards: Iterable[ShardRows], opened: OpenShard) -> dict[str, Any] | None:
-    """Return the entry of a field; None of one that no window has. `length` is that of windows, rows."""
-    blocks = covered(shards, length)
-    if not any(block.counts.any() for block in blocks):
-        return None
-    rows = _rows(blocks, opened)
+def row_stats(f: Field, rows: Iterable[npt.NDArray[Any]]) -> dict[str, Any]:
+    """Return the entry of a field by blocks of its rows (n, D), n > 0; empty without any."""
     return _column_stats(rows, f.columns.width) if f.codebook is None else _code_stats(rows, f.codebook)
 
 
-def stored_stats(store: RowQueries, f: Field) -> dict[str, Any]:
-    """Return the entry of a field by the rows of a dataset: of shared ones what does not depend on their times."""
-    readers, length = store._shards("train"), store.grid.rows(store._tables.window_length, of=f.grid)
-    numbers = field_stats(f, length, train_rows(store, f), lambda k: nullcontext(partial(readers[k].rows, f.name)))
-    # How often equal rows of several songs count is not stored.
-    return {key: value for key, value in (numbers or {}).items() if f.per_clip or key in ("min", "max", "scaler")}
+def train_masks(store: RowQueries, f: Field) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
+    """Yield the numbers of the shards of train, and which of their rows of a field windows cover."""
+    length, splits = store.grid.rows(store._tables.window_length, of=f.grid), store._description.splits
+    for number, (starts, n_rows, _) in enumerate(train_rows(store, f, hashed=False) if "train" in splits else ()):
+        [block] = covered([(starts, n_rows, [(number, 0, n_rows)])], length)
+        yield splits["train"].shards.start + number, block.counts > 0
 
 
-def train_rows(store: RowQueries, f: Field) -> Iterator[ShardRows]:
-    """Yield what `covered` takes of the train shards of a dataset: timelines of several shards by a hash of rows."""
+def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[ShardRows]:
+    """Yield what `covered` takes of the train shards of a dataset.
+
+    Timelines have the hash of their rows as key, as several shards may hold one; without `hashed` a shard is one key.
+    """
     tables, train = store._tables, store._rows_of_split("train")
     has_rows = tables.having(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][has_rows]
@@ -107,7 +106,7 @@ def train_rows(store: RowQueries, f: Field) -> Iterator[ShardRows]:
     for number, reader in enumerate(store._shards("train")):
         n_rows = reader.layout(f.name).n_rows
         keyed: list[KeyedRows] = [(number, 0, n_rows)]
-        if timelines is not None:
+        if timelines is not None and hashed:
             begins = np.unique(timelines[clip_shard == number]).tolist()
             keyed = [
                 (sha256(reader.rows(f.name, first, end - first).tobytes()).digest(), first, end - first)
@@ -172,6 +171,8 @@ def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, A
         mean += apart * (len(rows) / total)
         n = total
         del values  # before the next ones are made
+    if not n:
+        return {}
     low, high = low + 0.0, high + 0.0  # -0.0 and 0.0 are equal, and either may be found
     constant = low == high
     scaler = Scaler("minmax", low.astype(np.float32), high.astype(np.float32))
@@ -197,6 +198,8 @@ def _code_stats(blocks: Iterable[npt.NDArray[Any]], codebook: Codebook) -> dict[
         for level, size in enumerate(codebook.sizes):
             codes = rows[rows[:, level] != codebook.pad, level]
             counts[level] += np.bincount(codes, minlength=size)
+    if not n:
+        return {}
     used = [np.flatnonzero(level) for level in counts]
     summary: dict[str, Any] = {
         "n": n,

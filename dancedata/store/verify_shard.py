@@ -1,10 +1,11 @@
 """Checks of tables and shards whose bytes match dataset.json: layout, bounds, references, values."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
@@ -15,6 +16,7 @@ from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
 from dancedata.store.schema import ALIGNMENT, FORMAT, TABLES_FILE, Field
 from dancedata.store.shard_reader import ShardReader
+from dancedata.store.stats import train_masks
 from dancedata.store.tables import Tables
 
 #: Most characters of a path and of a message.
@@ -73,16 +75,40 @@ def verify_tables(store: Store, description: Description) -> Iterator[Problem]:
         yield Problem("error", where, f"it cannot be read: {error}")
 
 
-def verify_shard(store: Store, description: Description, tables: Tables | None, number: int) -> Iterator[Problem]:
-    """Yield the problems of a shard; without tables, which name the clips, those of its layout."""
-    reader, entry = store._shard_readers[number], description.shards[number]
+def verify_shard(store: Store, description: Description, number: int) -> Iterator[Problem]:
+    """Yield the problems of a shard's layout."""
+    reader = store._shard_readers[number]
     try:
-        messages = list(_check_layout(reader, description, entry))
-        if tables is not None and not messages:
-            messages = [m for f in description.fields for m in _check_values(reader, tables, number, f)]
+        messages = list(_check_layout(reader, description, description.shards[number]))
     except _UNREADABLE as error:
         messages = [f"it cannot be read: {error}"]
     yield from (Problem("error", str(reader.path), message) for message in messages)
+
+
+def verify_values(
+    store: Store, f: Field, shards: Sequence[int], problems: list[Problem]
+) -> Iterator[npt.NDArray[Any]]:
+    """Yield the rows of a field that train windows cover, a piece at a time; add values that are wrong to `problems`.
+
+    `shards` are the numbers of those that are read, ascending.
+    """
+    masks = train_masks(store, f)
+    for number in shards:
+        reader, is_train = store._shard_readers[number], store._description.shards[number].split == "train"
+        try:
+            mask = next((mask for k, mask in masks if k == number), None) if is_train else None
+            layout = reader.layout(f.name)
+            step = max(1, _CHUNK_VALUES // layout.width)
+            for begin in range(0, layout.n_rows, step):
+                rows = reader.rows(f.name, begin, min(step, layout.n_rows - begin))
+                message = _value_problem(store._tables, number, f, begin, rows)
+                if message:
+                    problems.append(Problem("error", str(reader.path), message))
+                    break
+                if mask is not None and (chosen := mask[begin : begin + step]).any():
+                    yield rows if chosen.all() else rows[chosen]
+        except _UNREADABLE as error:
+            problems.append(Problem("error", str(reader.path), f"it cannot be read: {error}"))
 
 
 def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
@@ -278,28 +304,22 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     return f"/windows: rows of {f.name} are outside the field, in windows {_places(bad)}" if bad.any() else ""
 
 
-def _check_values(reader: ShardReader, tables: Tables, number: int, f: Field) -> Iterator[str]:
-    """Check that all values are finite, or codes; read by position, a piece at a time."""
-    layout = reader.layout(f.name)
-    step = max(1, _CHUNK_VALUES // layout.width)
-    for begin in range(0, layout.n_rows, step):
-        rows = reader.rows(f.name, begin, min(step, layout.n_rows - begin))
-        good = np.isfinite(rows)
-        if f.codebook is not None:
-            good = ((rows >= 0) & (rows < np.array(f.codebook.sizes))) | (rows == f.codebook.pad)
-        if not good.all():
-            row, column = (int(i) for i in np.argwhere(~good)[0])
-            clip = ""
-            if f.per_clip:
-                first, stop = (int(k) for k in tables.shard_begin[number : number + 2])
-                starts = tables.spans[f.name].first[first:stop]
-                clip = f" (clip {tables.ids[first + int(np.searchsorted(starts, begin + row, side='right')) - 1]})"
-            problem = "not finite" if f.codebook is None else "not codes of their codebook"
-            yield (
-                f"/{f.path}: {int((~good).sum())} values are {problem}, first row {begin + row}"
-                f"{clip}, column {f.columns.labels[column]}"
-            )
-            return
+def _value_problem(tables: Tables, number: int, f: Field, begin: int, rows: npt.NDArray[Any]) -> str:
+    """Return which rows, from row `begin` of a shard on, have values that are not finite, or no codes; "" if none."""
+    good = np.isfinite(rows)
+    if f.codebook is not None:
+        good = ((rows >= 0) & (rows < np.array(f.codebook.sizes))) | (rows == f.codebook.pad)
+    if good.all():
+        return ""
+    row, column = (int(i) for i in np.argwhere(~good)[0])
+    clip = ""
+    if f.per_clip:
+        first, stop = (int(k) for k in tables.shard_begin[number : number + 2])
+        starts = tables.spans[f.name].first[first:stop]
+        clip = f" (clip {tables.ids[first + int(np.searchsorted(starts, begin + row, side='right')) - 1]})"
+    problem = "not finite" if f.codebook is None else "not codes of their codebook"
+    place = f"first row {begin + row}{clip}, column {f.columns.labels[column]}"
+    return f"/{f.path}: {int((~good).sum())} values are {problem}, {place}"
 
 
 def _places(bad: Any) -> str:

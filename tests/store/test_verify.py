@@ -87,7 +87,7 @@ def test_changed_file_is_not_parsed(make_store: Any, name: str, keep: int | None
     path, data = made.path / name, (made.path / name).read_bytes()
     path.write_bytes(bytes(8) + data[8:] if keep is None else data[:keep])
 
-    def verify(store: Any, description: Any, tables: Any, number: int) -> Any:
+    def verify(store: Any, description: Any, number: int) -> Any:
         assert name == TRAIN
         assert description.shards[number].file != TRAIN
         return ()
