@@ -74,7 +74,7 @@ class SampleId:
     draw
         Seed, epoch and index of the draw of these changes: ``~draw0.2.17``; None without one.
     dancer
-        Number of a dancer of a group: ``~p0``; None: all.
+        Number in the source of a dancer of a group, its `member`: ``~p0``; None: all.
     take
         Number of the model's sample of the same window: ``~s3``; 0: the first.
 

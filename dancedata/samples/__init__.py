@@ -10,6 +10,7 @@ from typing import Any
 from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.sample_id import SampleId, safe_name
+from dancedata.core.text import listed
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
@@ -92,7 +93,11 @@ class Samples:
                 return (self.store[name],)
             members = self._groups.get(name, [])
             if of.dancer is not None:
-                members = [clip for clip in members if clip.member == of.dancer] or members[of.dancer :][:1]
+                numbers = [f"~p{clip.member}" for clip in members]
+                members = [clip for clip in members if clip.member == of.dancer]
+                if numbers and not members:
+                    raise DataError("the group has no such dancer", reason="no_clip", where=str(of),
+                                    found=f"~p{of.dancer}", allowed=listed(numbers))  # fmt: skip
             if members:
                 return tuple(members)
         return ()

@@ -203,7 +203,8 @@ class GroupDataset(WindowDataset):
     def _metadata(
         self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
-        values = super()._metadata(request, windows, changes)
+        drawn = ("dancers",) if self.choose == "seed" else ()
+        values = super()._metadata(request, windows, (*drawn, *changes))
         tables = self.store._tables
         chosen = self._reader_of_groups().chosen(request)
         first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()

@@ -131,13 +131,14 @@ def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Pa
 
 def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
     pytest.importorskip("torch")
-    from dancedata.torch import ClipDataset, GroupDataset, Mix, WindowDataset, Windows
+    from dancedata.torch import ClipDataset, Dancers, GroupDataset, Mix, WindowDataset, Windows
 
     noisy: Any = {"augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}}, "seed": 3, "fields": ("edge151",)}
     plain: Any = {"fields": ("edge151",)}
     mix = Mix({"a": WindowDataset(copies, "train", **noisy), "b": WindowDataset(copies, "val", **plain)})
     readers = (
         mix, mix.datasets[0], mix.datasets[1], GroupDataset(duets, "train", **plain),
+        GroupDataset(duets, "train", dancers=Dancers(persons=1, choose="seed"), **plain),
         ClipDataset(copies, "train", windows=Windows(length_s=3), **noisy),
     )  # fmt: skip
     for reader in readers:
@@ -158,6 +159,17 @@ def test_samples_resolve(copies: Store) -> None:
     copy = next(c for c in copies.clips() if c.source)
     assert Samples(copies).require(copy.id).recording == copy.source
     assert Samples(copies).find("nobody") is None
+
+
+def test_dancers_have_the_numbers_of_the_source(tmp_path: Path) -> None:
+    dancers = [replace(clip, member=clip.member + 1) for clip in stored({"train": (2,)}) if clip.group]
+    write_store(tmp_path, HEADER, dancers)
+    with dancedata.open(tmp_path) as ds:
+        numbers = {clip.id: clip.member for clip in ds}
+        for clip, number in numbers.items():
+            assert [found.id for found in Samples(ds).require(f"train0@0+20~p{number}").clips] == [clip]
+        with raises_message(DataError, "~p1, ~p2", reason="no_clip"):
+            Samples(ds).require("train0@0+20~p0")
 
 
 def test_a_clip_whose_name_looks_like_an_id(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def _require_all_dancers(clip: ClipInput, sample: Sample) -> None:
     files = clip.dancer_files
     if files and len(files) < len(sample.clips) and all(SampleId.parse(f.stem).dancer is not None for f in files):
         raise UsageError("not all dancers of a group are here", where=clip.id, found=listed([f.stem for f in files]),
-                         allowed=listed([f"{clip.id}~p{k}" for k in range(len(sample.clips))]),
+                         allowed=listed([f"{clip.id}~p{dancer.member}" for dancer in sample.clips]),
                          fix="write all, or take a protocol of single dancers")  # fmt: skip
 
 
