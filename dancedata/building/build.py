@@ -259,7 +259,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
                 *recipe.notes({ref.split for ref in sources.scan.clips}),
             ],
             "clips": dict(left_out),
-            "content": sources.content,
+            "content": sources.named_files,
         },
         "licence": recipe.dataset.licence,
         "citation": recipe.dataset.citation,

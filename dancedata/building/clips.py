@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from dancedata.building.groups import Groups, groups_of
+from dancedata.building.identity import content_hashes
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import STARTS
 from dancedata.building.sources import Sources, identify, scan_source
@@ -29,7 +31,10 @@ def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress
     """Identify the files of a source, see `identify`; find the offsets of music that it leaves to the build."""
     scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
     fields = recipe.parts.fields
-    return identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
+    sources = identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
+    of_plugins = {name: content_hashes(plugin, cache.file_sha256) for name, plugin in recipe.plugins.items()}
+    named = {f"{name} {key}": sha256 for name, files in of_plugins.items() for key, sha256 in files.items()}
+    return replace(sources, of_plugins=named)
 
 
 def compute_clips(

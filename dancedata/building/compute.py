@@ -14,7 +14,7 @@ from dancedata.building.plugins import Ask, Loadable, Maker
 from dancedata.building.rejects import reject_of
 from dancedata.building.result import Nothing, Result, Rows
 from dancedata.core.clip import Reject
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import DataError, UsageError, noted
 from dancedata.execution.cache import DURABLE_FROM_S, Cache, CachedArray
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
@@ -151,7 +151,8 @@ def _made(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Seque
     """Make results of one maker and scene and publish them; a Reject of each that cannot be made."""
     started = time.monotonic()
     try:
-        results = maker.make(loaded, [ask.part for ask in asks])
+        with noted(f"dancedata: while {maker.id} was made of {source.path}"):
+            results = maker.make(loaded, [ask.part for ask in asks])
         source.check(cache)
     except DataError as error:
         return {ask.key: reject_of(error, file=source.path) for ask in asks}

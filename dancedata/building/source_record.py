@@ -46,7 +46,7 @@ class SourceRecord:
         return cls(
             clips={clip.ref.id: clip.made_of for clip in sources.clips},
             left_out=sources.rejects,
-            content=sources.content,
+            content=sources.named_files,
             about={ref.id: {name: getattr(ref, name) for name in _ABOUT} for ref in refs},
             files={ref.id: _files(ref, source) for ref in refs},
         )

@@ -77,12 +77,19 @@ class Sources:
     `clips`: Clips with a motion file that can be read, in the order of the scan.
     `rejects`: Everything that is left out so far, clips without usable music included.
     `content`: SHA-256 of the files that the dataset's parameters name, such as a body model.
+    `of_plugins`: The same of the recipe's other plug-ins.
     """
 
     scan: Scan
     clips: tuple[SourceClip, ...]
     rejects: tuple[Reject, ...]
     content: Mapping[str, str]
+    of_plugins: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def named_files(self) -> dict[str, str]:
+        """SHA-256 of all files that the recipe names."""
+        return {**self.content, **self.of_plugins}
 
     @property
     def sha256(self) -> str:
@@ -90,7 +97,7 @@ class Sources:
         left_out = sorted([r.reason, r.clip, Path(r.file).name] for r in self.rejects)
         inputs = [clip.inputs() for clip in self.clips]
         numbers = {"genre_ids": dict(self.scan.genre_ids)} if self.scan.genre_ids else {}
-        return json_sha256({"clips": inputs, "left_out": left_out, "content": self.content, **numbers})
+        return json_sha256({"clips": inputs, "left_out": left_out, "content": self.named_files, **numbers})
 
 
 def scan_source(dataset: Dataset, fields: Sequence[Field], source: Path) -> Scan:

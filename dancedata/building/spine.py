@@ -13,7 +13,7 @@ from dancedata.building.segments import annotated
 from dancedata.building.stored import Clips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut_windows
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import SourceError, UsageError, noted
 from dancedata.core.grid import WindowSpec
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -56,7 +56,8 @@ def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]
     SourceError if two dancers have one id, or two groups one name; UsageError if a step follows the one that copies.
     """
     for transform in transforms:
-        takes = [expanded for take in takes for expanded in transform.expand(take)]
+        with noted(f"dancedata: while the transform {transform.name} expanded takes"):
+            takes = [expanded for take in takes for expanded in transform.expand(take)]
     named: dict[str, Take] = {}
     for take in takes:
         if take.parent is not None and (take.parent.parent, len(take.steps)) != (None, len(take.parent.steps) + 1):

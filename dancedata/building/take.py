@@ -14,6 +14,7 @@ from dancedata.building.identity import clip_identity, content_hashes
 from dancedata.building.inputs import Music, RowsFile
 from dancedata.building.rejects import changed, require_same
 from dancedata.core.clip import ClipRef
+from dancedata.core.errors import noted
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
 from dancedata.core.motion import Motion
@@ -354,9 +355,10 @@ class Scenes:
         self._made = {done: scene for done, scene in self._made.items() if done == wanted[: len(done)]}
         scene = self._made[()]
         self._last = None, scene
-        for n, step in enumerate(steps, 1):
-            if wanted[:n] not in self._made:
-                self._made[wanted[:n]] = step.scene(scene)
-            scene = self._made[wanted[:n]]
-        self._last = wanted, scene.remembered()
+        with noted(f"dancedata: after the transforms {', '.join(step.name for step in steps)}"):
+            for n, step in enumerate(steps, 1):
+                if wanted[:n] not in self._made:
+                    self._made[wanted[:n]] = step.scene(scene)
+                scene = self._made[wanted[:n]]
+            self._last = wanted, scene.remembered()
         return self._last[1]

@@ -3,7 +3,8 @@
 import difflib
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 from dancedata.core.text import counted, listed, printable, shown
@@ -148,6 +149,18 @@ class DataError(DanceDataError):
     ) -> None:
         super().__init__(problem, where=where, found=found, allowed=allowed, fix=fix)
         self.reason = reason
+
+
+@contextmanager
+def noted(what: str) -> Iterator[None]:
+    """Add to an error of another kind, such as a mistake in a plug-in, what was being done."""
+    try:
+        yield
+    except DanceDataError:
+        raise
+    except Exception as error:
+        error.add_note(what)
+        raise
 
 
 def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:

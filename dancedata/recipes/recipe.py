@@ -74,14 +74,18 @@ class Recipe:
         return [note for part in parts for note in part.notes(splits)]
 
     @property
-    def plugin_files(self) -> dict[str, PluginFile]:
-        """Files of its local plug-ins, by the kind and name of each, as "motion edge151"."""
-        used: dict[str, Plugin] = {f"dataset {self.dataset.name}": self.dataset}
-        used |= {name: plugin for field in self.fields for name, plugin in field.plugins.items()}
+    def plugins(self) -> dict[str, Plugin]:
+        """Its plug-ins other than the dataset, by the kind and name of each, as "motion edge151"."""
+        used: dict[str, Plugin] = {name: plugin for field in self.fields for name, plugin in field.plugins.items()}
         used |= {f"transform {step.name}": step for step in self.transforms}
         used |= {f"augment {copy.name}": copy.augmentation for copy in self.augment}
         used |= {f"annotator {annotator.name}": annotator for annotator in self.annotators}
-        used |= {f"rule {rule.name}": rule.parameters for rule in self.rules}
+        return used | {f"rule {rule.name}": rule.parameters for rule in self.rules}
+
+    @property
+    def plugin_files(self) -> dict[str, PluginFile]:
+        """Files of its local plug-ins, by the kind and name of each."""
+        used = {f"dataset {self.dataset.name}": self.dataset, **self.plugins}
         files = {name: plugin_file(type(plugin)) for name, plugin in used.items()}
         return {name: file for name, file in files.items() if file is not None}
 

@@ -20,7 +20,7 @@ from dancedata.cli.plugins import catalogue
 from dancedata.core.clip import ClipRef
 from dancedata.core.codebook import Codebook
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import RecipeError, UsageError
+from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import FILE_KEY
 from dancedata.core.registry import DATASETS, REPRESENTATIONS
@@ -142,6 +142,14 @@ def test_nothing_follows_the_step_that_copies(transforms: list[Transform]) -> No
         expand([take], transforms)
 
 
+def _naming_a_file(named: Path) -> str:
+    """Return the plug-ins, each with a parameter that names a file."""
+    parameter = f'field(default=Path({str(named)!r}), metadata={{"path": True, "content": True}})'
+    text = LEAPS.read_text().replace("import dataclass,", "import dataclass, field,")
+    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: Path = {parameter}\n")
+    return text.replace("\nimport numpy", "\nfrom pathlib import Path\nimport numpy", 1)
+
+
 @pytest.mark.parametrize("changed", ["plugin", "file"])
 @pytest.mark.parametrize(
     ("registry", "name"), [(TRANSFORMS, "moving-average"), (ANNOTATORS, "leaps"), (FIELDS, "apart")]
@@ -151,11 +159,9 @@ def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed
 ) -> None:
     """Transforms whatever their key."""
     named = tmp_path / "number.txt"
-    parameter = f'field(default=Path({str(named)!r}), metadata={{"path": True, "content": True}})'
-    text = LEAPS.read_text().replace("import dataclass,", "import dataclass, field,")
-    text = text.replace("ClassVar[int] = 1\n", f"ClassVar[int] = 1\n    file: Path = {parameter}\n")
-    text = text.replace("    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1)
-    text = text.replace("\nimport numpy", "\nfrom pathlib import Path\nimport numpy", 1)
+    text = _naming_a_file(named).replace(
+        "    def scene(", "    def key(self):\n        return ['mine']\n\n    def scene(", 1
+    )
     hashes = []
     for number in (1, 2, 2):
         file = tmp_path / "leaps.py"
@@ -166,6 +172,45 @@ def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed
         hashes.append((plugin.on(FrameGrid.of(30)) if registry is FIELDS else plugin).sha256)
     assert hashes[0] != hashes[1] == hashes[2]
     assert str(named) in json.dumps(catalogue("plugins"))
+
+
+def test_a_build_notices_that_a_file_of_a_transform_has_changed(tmp_path: Path) -> None:
+    (tmp_path / "number.txt").write_text("1")
+    (tmp_path / "leaps.py").write_text(_naming_a_file(tmp_path / "number.txt"))
+    DATASETS.get("aioz-gdance")().make_example(tmp_path / "source")
+    recipe = {**RECIPE, "plugins": [str(tmp_path / "leaps.py")], "transforms": ["moving-average"], "augment": {}}
+    places = {"source": tmp_path / "source", "out": tmp_path / "out", "cache": tmp_path / "cache"}
+    built = dancedata.build(recipe, progress=False, **places).open()
+    (name,) = built.info["source"]["content"]
+    dancedata.build(recipe, progress=False, **places)  # nothing to do
+    (tmp_path / "number.txt").write_text("2")
+    with raises_message(StoreError, f"other content: {name}", where=str(tmp_path / "out")):
+        dancedata.build(recipe, progress=False, **places)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "key", "where"),
+    [("scene", "transforms", "01_0_180.pkl"), ("expand", "transforms", ""), ("judge", "rules", "clip ")],
+)
+def test_an_error_in_a_plugin_names_it_and_what_was_made(tmp_path: Path, plugin: str, key: str, where: str) -> None:
+    (tmp_path / "none.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from dancedata.building.plugins import RULES, TRANSFORMS, WindowRule\n"
+        "from dancedata.building.take import Transform\n"
+        f"@{key.upper()}.register('nothing')\n@dataclass(frozen=True)\n"
+        f"class Nothing({'Transform' if key == 'transforms' else 'WindowRule'}):\n"
+        f"    version = 1\n    def {plugin}(self, *_):\n        return None\n"
+    )
+    DATASETS.get("aioz-gdance")().make_example(tmp_path / "source")
+    named: Any = {"nothing": {}} if key == "rules" else ["nothing"]
+    recipe = {**RECIPE, "plugins": [str(tmp_path / "none.py")], key: named, "augment": {}}
+    with pytest.raises((AttributeError, TypeError)) as error:
+        dancedata.build(
+            recipe, tmp_path / "source", tmp_path / "out", cache=tmp_path / "cache", progress=False, jobs=1
+        )
+    notes = "\n".join(error.value.__notes__)
+    assert "nothing" in notes
+    assert where in notes
 
 
 def test_equal_plugins_of_two_kinds_have_results_of_their_own() -> None:
