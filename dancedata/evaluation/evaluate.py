@@ -53,7 +53,7 @@ def _report(resources: Resources, inputs: Inputs) -> Report:
         numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
         warnings=[*clip_set.warnings, *problems, *_short_music(measured, music)], matched=clip_set.matched,
         truth=_truth(resources, inputs), truth_source="" if inputs.truth is None else inputs.truth.source,
-        in_pool=_in_pool(inputs), dataset=inputs.dataset,
+        in_pool=_in_pool(inputs), dataset=inputs.dataset, cache=resources.cache,
     )  # fmt: skip
     return replace(report, inputs=clip_set.clips, music=music)
 
@@ -67,9 +67,9 @@ def _truth(resources: Resources, inputs: Inputs) -> list[MeasuredClip]:
     return measure_clips(resources, inputs.protocol, inputs.truth, inputs.numbers, music)[0]
 
 
-def pool_for(request: EvaluationOptions, *, jobs: int = 1, cache: Path | None = None) -> Pool | None:
+def pool_for(request: EvaluationOptions, root: Cache, *, jobs: int = 1) -> Pool | None:
     """Measure or read the pool of a request; None if its protocol needs none, or none exists."""
-    root, progress = Cache((cache or default_cache()).absolute()), Progress(quiet=True)
+    progress = Progress(quiet=True)
     pool, numbers = request.pool_input()
 
     def measured(cache: Cache) -> Pool | None:

@@ -23,7 +23,7 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
-from dancedata.kernel import Reader, Sample, Scaler, Store, as_numpy
+from dancedata.kernel import Cache, Reader, Sample, Scaler, Store, as_numpy, default_cache
 from dancedata.samples import Samples
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
@@ -140,7 +140,8 @@ class Evaluator:
             normalized=scaling.normalized,
             scaler=scaling.scaler if scaling.normalized else None,
         )
-        self.pool = pool_for(request, jobs=jobs, cache=None if cache is None else Path(cache))
+        self._cache = Cache(Path(cache or default_cache()).absolute())
+        self.pool = pool_for(request, self._cache, jobs=jobs)
         if self.pool is not None:
             self.pool.require(rules, str(rules.motion.grid or self.reader.grid))
         self._samples = Samples(self.store)
@@ -337,7 +338,7 @@ class Evaluator:
             self.protocol, clips, self.pool, role="generated", source="samples of a model",
             draws=DRAWS if intervals else 0, warnings=self._about_music(), left_out=sorted(self._left_out.items()),
             truth=self._truth(), truth_source=f"the same dances of {self.store.path.name}",
-            dataset=reader_name(self.store),
+            dataset=reader_name(self.store), cache=self._cache,
         )  # fmt: skip
 
     def _truth(self) -> list[MeasuredClip]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
@@ -33,7 +34,7 @@ from dancedata.scene.poses import Pose
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
-_STAGE = "evaluate"
+STAGE = "evaluate"
 
 #: Before the note that says why the scaling of columns is doubtful.
 _DOUBT = "scaling: "
@@ -220,7 +221,7 @@ def measure_clips(
             continue
         readable.append(clip)
         calls.append((cache, keys, clip, protocol, role, beats))
-        entries = {number: cache.json(_STAGE, key) for number, key in keys.items()}
+        entries = {number: cache.json(STAGE, key) for number, key in keys.items()}
         cached.append(entries if None not in entries.values() else None)
     results = run_units(
         measure_clip, calls, cached=cached, jobs=resources.jobs, label="measuring", progress=resources.progress
@@ -247,22 +248,29 @@ def measure_clip(
     except DataError as error:
         return reject_of(error, clip=clip.id)
     for number, result in results.items():
-        cache.put_json(_STAGE, keys[number], result)
+        cache.put_json(STAGE, keys[number], result)
     return results
 
 
 def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
     """Return the hash of what a measure's numbers of all clips depend on."""
-    metric = measure.metric
-    return Cache.key(
-        _STAGE,
-        version=EVALUATE_STAGE,
+    return metric_key(
+        measure.metric,
         motion=repr(protocol.motion),
         pieces=protocol.pieces(role).identity,
-        metric=[metric.name, metric.version, document_of(metric)],
         measured=[measure.fps, measure.frames(role), *(["steady"] if measure.steady else [])],
+    )
+
+
+def metric_key(metric: Metric, **what: Any) -> str:
+    """Return the key of numbers of a metric that depend on `what`, and on the packages and the machine."""
+    return Cache.key(
+        STAGE,
+        version=EVALUATE_STAGE,
+        metric=[metric.name, metric.version, document_of(metric)],
         packages={name: package_version(name) for name in ("numpy", "scipy")},
         arithmetic=expected(),
+        **what,
     )
 
 
@@ -279,7 +287,7 @@ def _keys(
         if metric.needs_music and music is None:
             continue
         beats = music.identity(instants=metric.needs_instants) if metric.needs_music and music is not None else None
-        keys[number] = Cache.key(_STAGE, common=shared, clip=identity, beats=beats, **crossing)
+        keys[number] = Cache.key(STAGE, common=shared, clip=identity, beats=beats, **crossing)
     return keys
 
 

@@ -21,6 +21,7 @@ from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
 from dancedata.execution.cache import package_version
+from dancedata.kernel import Cache
 from dancedata.scene.inputs.clip import ClipInput, MemoryClip
 from dancedata.scene.poses import Pose
 
@@ -278,13 +279,14 @@ def report_of(
     truth_source: str = "",
     in_pool: int = 0,
     dataset: str = "",
+    cache: Cache | None = None,
 ) -> Report:
     """Compare measured clips with a pool, by all measures or by `numbers` of them, and judge the scores.
 
     Scores are computed again for intervals at most `draws` times. `truth` are the real dances beside generated ones,
-    and `in_pool` is the number of clips that the pool has too. `dataset` is the reader of the real dances: figures
-    that were published of others are left out. UsageError if rates are mixed, or the pool is of another protocol,
-    version or rate.
+    `in_pool` is the number of clips that the pool has too, and `cache` keeps distances of real dances. `dataset` is
+    the reader of the real dances: figures that were published of others are left out. UsageError if rates are mixed,
+    or the pool is of another protocol, version or rate.
     """
     ordered = sorted(measured, key=lambda m: m.id)
     fps = one_rate(ordered, source)
@@ -305,7 +307,7 @@ def report_of(
             of_truth, _ = scores_of(metric, rows_of(truth, number, metric), of_pool, draws=alone)
         same_n = {}
         if pool is not None and metric.needs_pool and number in pool.rows:
-            same_n = same_n_of(pool, number, metric, len(np.unique(rows.clips)), len(rows.rows))
+            same_n = same_n_of(pool, number, metric, len(np.unique(rows.clips)), len(rows.rows), cache)
         circumstances = Circumstances(
             metric=metric, rows=rows, pool=of_pool, generated=role == "generated",
             truth={score.name: score for score in of_truth}, same_n=same_n, in_pool=in_pool,

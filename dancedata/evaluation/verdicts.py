@@ -1,17 +1,21 @@
 """Verdicts: whether a score means something, and if not, why."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from dancedata.core.dance import Undefined
+from dancedata.core.errors import StoreError
+from dancedata.core.hashing import sha256_bytes
 from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted
+from dancedata.evaluation.measuring import STAGE, metric_key
 from dancedata.evaluation.pool import MetricRows, Pool
 from dancedata.evaluation.scores import MAX_VECTORS, SameN, Score, Why, describe_outcome, number_text, summary_of
+from dancedata.kernel import Cache
 from dancedata.metrics.intervals import MIN_CLIPS
 
 #: Least recordings of a distance or diversity: AIST++'s test split, the smallest that tables are made of.
@@ -134,15 +138,34 @@ def _beside_real(score: Score, of: Circumstances) -> list[Why]:
     return why
 
 
-@lru_cache(maxsize=64)
-def same_n_of(pool: Pool, number: int, metric: Metric, recordings: int, vectors: int) -> dict[str, SameN]:
+def same_n_of(
+    pool: Pool, number: int, metric: Metric, recordings: int, vectors: int, cache: Cache | None = None
+) -> dict[str, SameN]:
     """Return the distances of as many real dances from the others of a pool, by the names of the scores.
 
-    Of 20 draws of so many recordings, at most half of them, with so many of their vectors.
+    Of 20 draws of so many recordings, at most half of them, with so many of their vectors. A cache keeps them.
     """
+    if not recordings or not any(better == "lower" for better in metric.better.values()):
+        return {}
     rows, clips = pool.rows[number], pool.clips[number]
+    content = sha256_bytes(rows.tobytes() + clips.tobytes())
+    limits = [DRAWS, LEAST_OF_POOL, MAX_VECTORS]
+    key = metric_key(metric, same_n=limits, pool=content, recordings=recordings, vectors=vectors)
+    stored = None if cache is None else cache.json(STAGE, key)
+    if stored is None:
+        stored = _same_n(rows, clips, metric, recordings, vectors)
+        if cache is not None:
+            with suppress(StoreError):  # they are drawn again where the cache cannot be written
+                cache.put_json(STAGE, key, stored)
+    return {name: SameN(*ends) for name, ends in stored.items()}
+
+
+def _same_n(
+    rows: Float64Array, clips: Float64Array, metric: Metric, recordings: int, vectors: int
+) -> dict[str, list[float]]:
+    """Return least, median and greatest distance, by the name of the score."""
     ids = np.unique(clips)
-    if len(ids) < LEAST_OF_POOL or not recordings:
+    if len(ids) < LEAST_OF_POOL:
         return {}
     random = np.random.default_rng(0)
     distances: dict[str, list[float]] = {}
@@ -156,4 +179,4 @@ def same_n_of(pool: Pool, number: int, metric: Metric, recordings: int, vectors:
         for name in (name for name, better in metric.better.items() if better == "lower" and name in values):
             distances.setdefault(name, []).append(values[name])
     finite = {name: values for name, values in distances.items() if np.isfinite(values).all()}
-    return {name: SameN(min(of), float(np.median(of)), max(of)) for name, of in finite.items()}
+    return {name: [min(of), float(np.median(of)), max(of)] for name, of in finite.items()}

@@ -37,7 +37,9 @@ from dancedata.files.locks import (
 )
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
-STAGES = ("features", "motion", "segments", "times", "signals", "files")
+STAGES = (
+    "features", "motion", "segments", "times", "signals", "onsets", "rhythm", "offsets", "evaluate", "files",
+)  # fmt: skip
 TEMPORARY, LOCKS = "tmp", "locks"
 #: Folder of datasets that were fetched from addresses: <self_sha256>/ with the files of each.
 DATASETS = "datasets"

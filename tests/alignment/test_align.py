@@ -26,6 +26,7 @@ from dancedata.building.part import Part, build_part
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
+from dancedata.execution.cache_admin import entries
 from dancedata.metrics.offsets import Offset
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
@@ -136,6 +137,7 @@ def test_json_has_all_numbers(planted: Path, cache: Path) -> None:
     ]
     assert float(Fraction(unit["clips"][0]["audio_start_s"])) == pytest.approx(0.08, abs=FRAME_S)
     assert document["shared_s"] is None  # of four
+    assert {"onsets", "rhythm", "offsets"} <= {entry.stage for entry in entries(cache)}
     other = align(planted, dataset="folder", cache=cache, seed=1, progress=False).to_json()
     assert [u["offset_s"] for u in other["units"]] == [u["offset_s"] for u in document["units"]]
     assert [u["width_s"] for u in other["units"]] != [u["width_s"] for u in document["units"]]

@@ -311,7 +311,7 @@ def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_pa
 
 def test_the_pool_is_of_the_field_that_is_generated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str | None] = []
-    monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda request, **_: asked.append(request.field))
+    monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda ask, *_, **__: asked.append(ask.field))
     Evaluator(store, "lodge139", normalized=True)
     Evaluator(store, normalized=True)
     assert asked == ["lodge139", "edge151"]
