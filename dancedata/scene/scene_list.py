@@ -287,6 +287,10 @@ class SceneList(ABC):
     def about(self) -> dict[str, Any]:
         """Return the head of the page: name, numbers and licence, as JSON data."""
 
+    def second(self, item: Item) -> Fraction:
+        """Return the second of its song at an item's first frame."""
+        return item.clip.audio_start + self.grid.seconds(item.start)
+
     def windows_of(self, item: Item) -> tuple[tuple[int, int], ...]:
         """Return first frame and length of the windows of an item, frames from the item's first."""
         return ()

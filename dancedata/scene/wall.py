@@ -56,8 +56,10 @@ class Wall(SceneList):
         self._name = name or str(scenes.about()["name"])
         self._left_out = [c.name for c in comparisons[MOST - 1 :]]
         if not self.items:
+            begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in scenes.items]
             raise UsageError(
-                "a wall needs two motions to one music", where=scenes.place,
+                "a wall needs two motions to one music, at the same seconds of it", where=scenes.place,
+                found=listed(begins),
                 fix="name others with --compare, or show a dataset in which several clips have one song",
             )  # fmt: skip
 
@@ -86,37 +88,33 @@ class Wall(SceneList):
         seen = Counter(name for name, _ in walls)
         return [
             (
-                name if seen[name] == 1 else f"{name} {float(min(map(self._second, items))):g} s",
+                name if seen[name] == 1 else f"{name} {float(min(map(self.second, items))):g} s",
                 [(item, item.clip.dancer or item.id) for item in items],
             )
             for name, items in walls
         ]
 
-    def _second(self, item: Item) -> Fraction:
-        """Return the second of its song at an item's first frame."""
-        return item.clip.audio_start + self.grid.seconds(item.start)
-
     def _together(self, items: Sequence[Item]) -> list[list[Item]]:
         """Return the items of a song that share time: windows and slices that begin together, clips that overlap."""
         begins: dict[Fraction, list[Item]] = {}
         for item in items:
-            begins.setdefault(self._second(item), []).append(item)
+            begins.setdefault(self.second(item), []).append(item)
         if (items[0].window is not None or items[0].clip.slice_of) and max(map(len, begins.values())) > 1:
             return list(begins.values())
         walls: list[list[Item]] = []
         end = Fraction(0)
-        for item in sorted(items, key=self._second):
-            if not walls or self._second(item) >= end:
+        for item in sorted(items, key=self.second):
+            if not walls or self.second(item) >= end:
                 walls.append([])
             walls[-1].append(item)
-            end = max(end, self._second(item) + self.grid.seconds(item.n_frames))
+            end = max(end, self.second(item) + self.grid.seconds(item.n_frames))
         return [sorted(wall, key=lambda item: item.number) for wall in walls]
 
     def _late(self, wall: Item) -> list[float]:
         """Return how many seconds after the wall each dancer begins."""
         items = [item for item, _ in self._takes[wall.number][1][:MOST]]
         first = self.first(wall)
-        return [float(self._second(item) - self._second(first)) for item in items]
+        return [float(self.second(item) - self.second(first)) for item in items]
 
     @override
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
@@ -175,7 +173,7 @@ class Wall(SceneList):
 
     def first(self, wall: Item) -> Item:
         """Return the clip of `scenes` that begins first in the song of a wall."""
-        return min((item for item, _ in self._takes[wall.number][1][:MOST]), key=self._second)
+        return min((item for item, _ in self._takes[wall.number][1][:MOST]), key=self.second)
 
     def wall_of(self, item: Item) -> Item:
         """Return the wall that a clip of `scenes` stands on; UsageError if it stands on none."""
@@ -186,8 +184,8 @@ class Wall(SceneList):
 
     def _wall(self, number: int, name: str, takes: list[tuple[Item, str]]) -> Item:
         members, items = [], [item for item, _ in takes[:MOST]]
-        begin = min(map(self._second, items))
-        end = max(self._second(item) + self.grid.seconds(item.n_frames) for item in items)
+        begin = min(map(self.second, items))
+        end = max(self.second(item) + self.grid.seconds(item.n_frames) for item in items)
         n_frames = self.grid.frames_up(end - begin)
         for k, (item, called) in enumerate(takes[:MOST]):
             name_of_clip = f"{item.sample or item.clip.id} {called}" if self.comparisons else item.clip.id

@@ -150,10 +150,15 @@ def shown_figures(
     grid, begin = systems[first].grid, begin_of(items, systems)
     late = {n: float(begin - begins_after(items[n], systems[n].grid, items[first], grid)) for n in figures}
     length = min(seconds, *(f.n_frames / float(f.grid.rate) - late[n] for n, f in figures.items()))
+    if length < LEAST_S and any(late.values()):
+        begins = [f"{n} from its {float(systems[n].second(items[n])):g} s" for n in figures]
+        raise DataError("the dancers share too little of their song", reason="mixed_starts", where=trial.clip,
+                        found=f"{', '.join(begins)}: {max(0.0, length):.2f} s in common",
+                        allowed=f"{LEAST_S:g} s or more",
+                        fix="name samples of the same windows, or watch them apart: dancedata view")  # fmt: skip
     if length < LEAST_S:
         raise DataError("the clip is too short for a trial", reason="too_short", where=trial.clip,
-                        found=f"{max(0.0, length):.2f} s" + (" in common" if any(late.values()) else ""),
-                        allowed=f"{LEAST_S:g} s or more")  # fmt: skip
+                        found=f"{length:.2f} s", allowed=f"{LEAST_S:g} s or more")  # fmt: skip
     grid = next(iter(figures.values())).grid
     cut = {name: figure.part(late[name], length).resampled(grid, length) for name, figure in figures.items()}
     if trial.is_check:
