@@ -89,7 +89,7 @@ def evaluate(
         "body": body, "metrics": metric or (), "save_pool": files.pool, "jobs": jobs, "cache": cache,
         "scheduler": cluster, "progress": not quiet,
     }  # fmt: skip
-    reports = [run_evaluate(path, **how) for path in paths]
+    reports = run_evaluate([*paths], **how)
     files.write(reports)
     return Output(
         lambda: {"reports": [report.to_json() for report in reports]},

@@ -35,8 +35,8 @@ def _line(cells: Sequence[object]) -> str:
 _TEXTS: dict[str, Callable[[Sequence[Report]], str]] = {
     ".csv": clips_csv,
     ".json": lambda reports: json_text({"reports": [report.to_json() for report in reports]}) + "\n",
-    ".md": lambda reports: "\n\n".join(map(markdown, reports)) + "\n",
-    ".tex": lambda reports: "\n\n".join(map(latex, reports)) + "\n",
+    ".md": lambda reports: markdown(reports) + "\n",
+    ".tex": lambda reports: latex(reports) + "\n",
 }
 
 

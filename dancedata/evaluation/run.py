@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 import numpy.typing as npt
 
@@ -28,19 +28,49 @@ if TYPE_CHECKING:
 
 __all__ = ["evaluate", "self_test"]
 
+#: A dataset, a folder or a file of motion, or motions by the id of a clip.
+MotionSet: TypeAlias = "str | Path | Store | Mapping[str, npt.ArrayLike | Motion]"
+#: What samples are like, and what normalises their columns.
+Like: TypeAlias = "str | Path | Store | Reader"
+ScalerLike: TypeAlias = "str | Path | Scaler | None"
+
+
+@overload
+def evaluate(
+    what: MotionSet, *, protocol: str | Protocol = ..., pool: MotionSet | None = ..., split: str | None = ...,
+    pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ..., like: Like | None = ...,
+    field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
+    fps: Number | None = ..., up: str | None = ..., unit: str | None = ..., body: str | None = ...,
+    music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ..., save_pool: str | Path | None = ...,
+    jobs: int | None = ..., cache: str | Path | None = ..., backend: str | None = ..., scheduler: str | None = ...,
+    progress: bool = ...,
+) -> Report: ...  # fmt: skip
+
+
+@overload
+def evaluate(
+    what: list[MotionSet] | tuple[MotionSet, ...], *, protocol: str | Protocol = ..., pool: MotionSet | None = ...,
+    split: str | None = ..., pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ...,
+    like: Like | None = ..., field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ...,
+    clamp: bool = ..., fps: Number | None = ..., up: str | None = ..., unit: str | None = ...,
+    body: str | None = ..., music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ...,
+    save_pool: str | Path | None = ..., jobs: int | None = ..., cache: str | Path | None = ...,
+    backend: str | None = ..., scheduler: str | None = ..., progress: bool = ...,
+) -> list[Report]: ...  # fmt: skip
+
 
 def evaluate(
-    what: str | Path | Store | Mapping[str, npt.ArrayLike | Motion],
+    what: MotionSet | list[MotionSet] | tuple[MotionSet, ...],
     *,
     protocol: str | Protocol = "dancedata",
-    pool: str | Path | Store | Mapping[str, npt.ArrayLike | Motion] | None = None,
+    pool: MotionSet | None = None,
     split: str | None = None,
     pool_split: str | None = None,
     role: Literal["truth", "generated"] | None = None,
-    like: str | Path | Store | Reader | None = None,
+    like: Like | None = None,
     field: str | None = None,
     normalized: bool | None = None,
-    scaler: str | Path | Scaler | None = None,
+    scaler: ScalerLike = None,
     clamp: bool = False,
     fps: Number | None = None,
     up: str | None = None,
@@ -55,14 +85,14 @@ def evaluate(
     backend: str | None = None,
     scheduler: str | None = None,
     progress: bool = False,
-) -> Report:
+) -> Report | list[Report]:
     """Evaluate motion under a named protocol, as ``dancedata evaluate`` does.
 
     Parameters
     ----------
     what
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
-        a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement.
+        a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement. Or a list of them.
     protocol
         Name of a protocol, a YAML file with one, or an object of one.
     pool
@@ -109,7 +139,8 @@ def evaluate(
     -------
     Report
         ``report["fid_k"]`` is a score with its verdict: ``float`` of one that means nothing is an error with the
-        reason. ``str(report)`` is the table, ``report.numbers()`` for loggers, ``report.to_json()`` all of it.
+        reason. ``str(report)`` is the table, ``report.numbers()`` for loggers, ``report.to_json()`` all of it. Of a
+        list the list of their reports.
 
     Raises
     ------
@@ -126,6 +157,9 @@ def evaluate(
     >>> 0 < report["bas"].value < 1
     True
     """
+    if isinstance(what, list | tuple):
+        options = {name: value for name, value in locals().items() if name != "what"}
+        return [evaluate(of, **options) for of in what]
     named, saved = None if like is None else opened(like), saved_samples(what)
     if saved is not None:
         of = saved.like(None if named is None else store_of(named))

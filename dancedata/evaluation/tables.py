@@ -1,5 +1,6 @@
 """Tables of scores for papers: Markdown and LaTeX, in which a score that means nothing is a dash."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from dancedata.core.text import shown
@@ -14,37 +15,60 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
 }  # fmt: skip
 
 
-def markdown(report: Report) -> str:
-    """Return the scores as a Markdown table of two lines, values with their intervals; of a path, its last part.
+def markdown(reports: Sequence[Report]) -> str:
+    """Return the scores as a Markdown table, a row a report, values with their intervals; notes have the reasons.
 
-    A score that means nothing is a dash; a note has the reasons.
+    A score that means nothing is a dash.
     """
-    head = " | ".join(LABELS.get(s.name, s.name) for s in report.scores)
-    values = " | ".join(_in_table(s, " [{}, {}]", "†") for s in report.scores)
-    rule = "|".join("---:" for _ in report.scores)
-    name, note = _escaped(Path(report.source).name), _escaped(_note(report, "†"))
-    return f"| {report.protocol.name} | {head} |\n|---|{rule}|\n| {name} | {values} |\n\n{note}"
+    scores, rows = _scores(reports), []
+    for report, name in zip(reports, _sources(reports), strict=True):
+        values = " | ".join(_in_table(_of(report, score), " [{}, {}]", "†") for score in scores)
+        rows.append(f"| {_escaped(name)} | {values} |")
+    head = " | ".join(LABELS.get(name, name) for name in scores)
+    lines = [f"| {reports[0].protocol.name} | {head} |", f"|---|{'|'.join('---:' for _ in scores)}|", *rows]
+    return "\n".join(lines) + "".join(f"\n\n{_escaped(note)}" for note in _notes(reports, "†"))
 
 
-def latex(report: Report) -> str:
-    """Return the scores as a LaTeX table with the protocol as its caption; a score that means nothing is a dash."""
+def latex(reports: Sequence[Report]) -> str:
+    """Return the scores as a LaTeX table, a row a report; the caption has protocol and reasons."""
     arrows = {"higher": r"$\uparrow$", "lower": r"$\downarrow$", "closer": r"$\rightarrow$"}
-    head = " & ".join(f"{_latex_name(s.name)} {arrows[s.better]}" for s in report.scores)
-    values = " & ".join(_in_table(s, r" {{\scriptsize [{}, {}]}}", r"\dag") for s in report.scores)
-    return "\n".join(
-        [
-            r"\begin{table}",
-            f"\\begin{{tabular}}{{l{'r' * len(report.scores)}}}",
-            rf"\hline & {head} \\ \hline",
-            rf"{_escaped(Path(report.source).name, latex=True)} & {values} \\ \hline",
-            r"\end{tabular}",
-            rf"\caption{{{_escaped(_note(report, '+'), latex=True).replace('+ ', chr(92) + 'dag{} ')}}}",
-            r"\end{table}",
-        ]
-    )
+    scores, rows = _scores(reports), []
+    for report, name in zip(reports, _sources(reports), strict=True):
+        values = " & ".join(_in_table(_of(report, s), r" {{\scriptsize [{}, {}]}}", r"\dag") for s in scores)
+        rows.append(rf"{_escaped(name, latex=True)} & {values} \\")
+    head = " & ".join(f"{_latex_name(name)} {arrows[score.better]}" for name, score in scores.items())
+    caption = _escaped(" ".join(_notes(reports, "+")), latex=True).replace("+ ", r"\dag{} ")
+    return "\n".join([
+        r"\begin{table}", rf"\begin{{tabular}}{{l{'r' * len(scores)}}}", rf"\hline & {head} \\ \hline", *rows,
+        r"\hline", r"\end{tabular}", rf"\caption{{{caption}}}", r"\end{table}",
+    ])  # fmt: skip
 
 
-def _in_table(score: Score, form: str, mark: str) -> str:
+def _scores(reports: Sequence[Report]) -> dict[str, Score]:
+    """Return a score of each name that a report has, in their order."""
+    return {score.name: score for report in reports for score in report.scores}
+
+
+def _of(report: Report, name: str) -> Score | None:
+    return next((score for score in report.scores if score.name == name), None)
+
+
+def _sources(reports: Sequence[Report]) -> list[str]:
+    """Return the last part of each path; the whole ones where two are alike."""
+    names = [Path(report.source).name for report in reports]
+    return names if len(set(names)) == len(names) else [report.source for report in reports]
+
+
+def _notes(reports: Sequence[Report], mark: str) -> list[str]:
+    """Return the note of a report, or of each by its name."""
+    names = _sources(reports) if len(reports) > 1 else [""]
+    return [f"{name}: {note}" if name else note
+            for name, note in zip(names, [_note(report, mark) for report in reports], strict=True)]  # fmt: skip
+
+
+def _in_table(score: Score | None, form: str, mark: str) -> str:
+    if score is None:
+        return ""
     if score.verdict != "ok" or score.interval is None:
         return {"void": "-", "weak": number_text(score.value) + mark, "ok": number_text(score.value)}[score.verdict]
     return number_text(score.value) + form.format(number_text(score.interval.low), number_text(score.interval.high))

@@ -4,6 +4,7 @@ import csv
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,13 +25,26 @@ from tests.messages import raises_message
 def test_names_in_tables() -> None:
     report = dancedata.evaluate(dances(), fps=30, metrics=["pfc"], intervals=False)
     hostile = replace(report, source="/home/me/~a^b_<c>\\|%")
-    assert r"\textasciitilde{}a\textasciicircum{}b\_\textless{}c\textgreater{}" in latex(hostile)
-    assert r"\textbackslash{}\textbar{}\%" in latex(hostile)
-    assert r"| ~a^b_\<c>\\\|% |" in markdown(hostile)
+    assert r"\textasciitilde{}a\textasciicircum{}b\_\textless{}c\textgreater{}" in latex([hostile])
+    assert r"\textbackslash{}\textbar{}\%" in latex([hostile])
+    assert r"| ~a^b_\<c>\\\|% |" in markdown([hostile])
     protocol = BailandoAistpp()
     object.__setattr__(protocol, "name", "my_protocol")
     one = replace(report, protocol=protocol, clips=("d0",), recordings=1)
-    assert r"\caption{Protocol my\_protocol, version 1; 1 clip, 30 frames" in latex(one)
+    assert r"\caption{Protocol my\_protocol, version 1; 1 clip, 30 frames" in latex([one])
+
+
+def test_several_sets_have_a_row_each(store: Store) -> None:
+    how: dict[str, Any] = {"fps": 30, "intervals": False, "pool": store}
+    reports = dancedata.evaluate([dances(), store], metrics=["pfc", "kinetic"], **how)
+    alone = dancedata.evaluate(store, metrics=["pfc", "kinetic"], **how)
+    assert reports[1].to_json() == alone.to_json()
+    of_one = dancedata.evaluate(dances(), metrics=["pfc"], **how)
+    lines = markdown([of_one, reports[1]]).split("\n")
+    assert {line.count("|") for line in (lines[0], *lines[2:4])} == {5}
+    assert [line.split(" | ")[0] for line in lines[2:4]] == ["| clips in memory", "| small, split test"]
+    assert sum("Protocol" in line for line in lines) == 2
+    assert latex(reports).count(r"\begin{table}") == 1
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")

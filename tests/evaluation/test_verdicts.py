@@ -1,6 +1,7 @@
 """Verdicts: each rule by numbers that are made for it, and what toys of a first day look like."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,14 @@ import pytest
 
 import dancedata
 from dancedata.core.plugins import Metric
+from dancedata.evaluation import verdicts
 from dancedata.evaluation.pool import MetricRows, Pool
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.scores import MeaninglessScore, SameN, Score, scores_of
 from dancedata.evaluation.tables import latex, markdown
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
+from dancedata.execution.cache import Cache
+from dancedata.execution.cache_admin import entries, prune
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.intervals import Interval
 from dancedata.metrics.kinetic_features import Kinetic
@@ -110,6 +114,21 @@ def test_real_dances_at_this_n_are_drawn_by_recordings() -> None:
     assert same_n_of(pool, 0, Pfc(), 0, 0) == {}
 
 
+def test_distances_of_real_dances_are_kept_until_they_are_pruned(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pool = Pool("p", 1, "30", (), {0: POOL}, "", {}, "", {0: np.repeat(np.arange(50.0), 4)})
+    cache = Cache(tmp_path)
+    drawn = same_n_of(pool, 0, KINETIC, 20, 80, cache)
+    monkeypatch.setattr(verdicts, "summary_of", None)  # would be called
+    assert same_n_of(pool, 0, KINETIC, 20, 80, cache) == drawn
+    assert [entry.stage for entry in entries(tmp_path)] == ["evaluate"]
+    assert prune(tmp_path, max_bytes=0).removed == 1
+    for of, recordings in ((replace(pool, rows={0: POOL + 1}), 20), (pool, 21), (pool, 20)):
+        with pytest.raises(TypeError):
+            same_n_of(of, 0, KINETIC, recordings, 80, cache)
+
+
 # ------------------------------------------------------------------------------------------------- a first day's toys
 
 RECIPE = {
@@ -165,7 +184,7 @@ def test_what_toys_look_like(toys: Store, tmp_path: Path, what: str, is_void: li
         "n_clips",
         *(s.name for s in report.scores if s.verdict != "void" and s.value is not None),
     }
-    for table in (markdown(report), latex(report)):
+    for table in (markdown([report]), latex([report])):
         for name in is_void:
             value = report[name].value
             assert not value or f"{value:.4f}" not in table
