@@ -1,12 +1,18 @@
 """Samples named by their ids have the same numbers everywhere: in a folder, an evaluator, and in numpy."""
 
-from collections.abc import Mapping
+import html
+import re
+import shutil
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import find_peaks
 from typer.testing import CliRunner
 
 import dancedata
@@ -15,16 +21,18 @@ from dancedata.cli.app import app
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.sample_id import safe_name
 from dancedata.evaluation.report import Report
-from dancedata.metrics.beats import beat_alignment, motion_beat_times
+from dancedata.pages.samples import write_samples_report
 from dancedata.samples import Samples
 from dancedata.samples.saved import save_samples
 from dancedata.scene.comparisons import comparison_payload
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store, write_store
-from dancedata.study.trials import begin_of, common_clips
+from dancedata.study.trials import Trial, begin_of, common_clips, shown_figures
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
+#: Beat alignment and PFC by the id of a sample.
+Numbers = dict[str, list[float]]
 OPTIONS: Mapping[str, Any] = {"normalized": False, "intervals": False}
 RECIPE = {
     "recipe": 1, "name": "late", "dataset": {"synthetic": {"songs": 3, "clips_per_song": 2, "clip_s": 9}}, "fps": 30,
@@ -54,79 +62,136 @@ def rows_of(store: Store, name: str) -> np.ndarray:
     return np.asarray(mirror.apply(rows) if sample.id.mirrored and mirror else rows)
 
 
-def by_hand(store: Store, name: str) -> float:
-    """Return the alignment of one window's beats by numpy alone."""
-    sample, step = Samples(store).require(name), 1 / 6
-    joints = dancedata.decode(rows_of(store, name), "edge151", fps=30).joints()[:, :22]
+def of_piece(joints: np.ndarray, beats: np.ndarray) -> tuple[float, float]:
+    """Return beat alignment and PFC of joints (150, 22, 3), 30 frames per second, by numpy and scipy alone."""
+    fine = CubicSpline(np.arange(150), joints)(np.arange(4 * 149 + 1) / 4)
+    padded = np.pad(fine, ((10, 10), (0, 0), (0, 0)), "reflect", reflect_type="odd")
+    fine = gaussian_filter1d(padded, 120 / 50, axis=0)[10:-10]
+    speed = gaussian_filter1d(120 * np.linalg.norm(np.diff(fine, axis=0), axis=2).mean(axis=1), 120 / 12)
+    lows = find_peaks(-speed, prominence=1e-4)[0]
+    before, low, after = speed[lows - 1], speed[lows], speed[lows + 1]
+    dance = (lows + 0.5 + (before - after) / (2 * (before - 2 * low + after))) / 120
+    heard = beats[(beats >= 1 / 6) & (beats <= 149 / 30 - 1 / 6)]
+    nearest = np.abs(heard[:, None] - dance).min(axis=1)
+    push = np.diff(fine[:, 0], n=2, axis=0).clip(min=[-np.inf, 0, -np.inf])
+    force = np.linalg.norm(push, axis=1)
+    feet = np.linalg.norm(np.diff(fine[:, [7, 8, 10, 11]], axis=0)[1:, :, [0, 2]], axis=2)
+    products = feet[:, [0, 2]].min(axis=1) * feet[:, [1, 3]].min(axis=1) * force / force.max()
+    return float(np.exp(-(nearest**2) / (2 * 0.05**2)).mean()), float(10_000 * 4**2 * products.mean())
+
+
+def by_hand(store: Store, name: str, joints: np.ndarray | None = None) -> list[float]:
+    """Return the means of both over the pieces of a sample, 5 s every 2.5 s."""
+    sample = Samples(store).require(name)
+    if joints is None:
+        joints = dancedata.decode(rows_of(store, name), "edge151", fps=30).joints()
     beats = store[sample.clip.id].beats() - sample.start / 30
-    beats = beats[(beats >= step) & (beats <= (sample.length - 1) / 30 - step)]
-    return beat_alignment(beats, motion_beat_times(joints, 30), sigma=0.05)
+    starts = range(0, len(joints) - 149, 75)
+    return np.mean([of_piece(joints[k : k + 150, :22], beats - k / 30) for k in starts], axis=0).tolist()
 
 
-def numbers_of(report: Report) -> dict[str, list[float]]:
+def numbers_of(report: Report) -> Numbers:
     """Return the beat alignment and PFC of each sample."""
     rows: dict[str, list[dict[str, Any]]] = {}
     for row in report.per_clip:
-        rows.setdefault(row["clip"].rpartition("=")[2], []).append(dict(row))
+        rows.setdefault(row["clip"].removeprefix("a="), []).append(dict(row))
     return {name: [float(np.mean([row[k] for row in of])) for k in ("bas", "pfc")] for name, of in rows.items()}
 
 
-def test_every_command_has_the_numbers_of_numpy(copies: Store, tmp_path: Path) -> None:
-    """Windows, whole clips, mirrored samples, copies at another tempo, takes, and samples of a source of a `Mix`."""
-    ids = ids_of(copies)
-    evaluator = Evaluator(copies, "edge151", normalized=False)
-    for folder, source in (("gen", ""), ("mix", "a=")):
-        (tmp_path / folder).mkdir()
+def of_folder(store: Store, folder: Path) -> Numbers:
+    return numbers_of(dancedata.evaluate(folder / "gen", like=store, **OPTIONS))
+
+
+def of_evaluator(store: Store, folder: Path) -> Numbers:
+    evaluator = Evaluator(store, "edge151", normalized=False)
+    for file in sorted((folder / "gen").iterdir()):
+        evaluator.update(np.load(file)[None], [file.stem])
+    return numbers_of(evaluator.compute(intervals=False))
+
+
+def of_mix(store: Store, folder: Path) -> Numbers:
+    """Return those of samples of the source ``a`` of a `Mix`."""
+    (folder / "mix").mkdir(exist_ok=True)
+    for file in (folder / "gen").iterdir():
+        shutil.copy(file, folder / "mix" / f"a={file.name}")
+    return numbers_of(dancedata.evaluate(folder / "mix", like=store, **OPTIONS))
+
+
+def of_wall(store: Store, folder: Path) -> Numbers:
+    request = ViewRequest(store.path, compare=(folder / "gen",), field="edge151", normalized=False, wall=True)
+    walls = ViewSelection.of(request).scenes
+    dancers = {item.members[1].sample: walls.scene(item).members[1] for item in walls.items}
+    return {name: [float(dict(of.numbers)[key]) for key in ("BAS", "PFC")] for name, of in dancers.items()}
+
+
+def of_page(store: Store, folder: Path) -> Numbers:
+    """Return the numbers that the page of samples shows."""
+    page = folder / "page.html"
+    scores = dancedata.evaluate(folder / "gen", like=store, **OPTIONS)
+    write_samples_report(scores, store.path, page, clips=1, overwrite=True)
+    text = page.read_text().partition('id="r-samples"')[2].partition("</figure>")[0].replace("−", "-")
+    head, *rows = ([re.sub("<[^>]*>", "", cell) for cell in re.findall(r"<t[hd].*?</t[hd]>", row)]
+                   for row in text.split("</tr>")[:-1])  # fmt: skip
+    return {html.unescape(row[0]): [float(row[head.index(key)]) for key in ("BAS", "PFC")] for row in rows}
+
+
+def of_study(store: Store, folder: Path) -> Numbers:
+    """Return those of the dancers of trials, who begin at the second of the music at which their samples do."""
+    views = {"truth": ViewRequest(store.path, compare=(folder / "gen",), field="edge151", normalized=False),
+             "gen": ViewRequest(folder / "gen", like=store.path, field="edge151", normalized=False)}  # fmt: skip
+    systems = {name: ViewSelection.of(view).scenes for name, view in views.items()}
+    numbers = {}
+    for name, items in common_clips(systems).items():
+        _, dancer = shown_figures(Trial(0, "", name, *views), items, systems, 60)
+        seconds = {systems[view].second(item) for view, item in items.items()}
+        assert (begin_of(items, systems), seconds) == (0, {Samples(store).require(name).music_start_s})
+        numbers[name] = by_hand(store, name, dancer.joints)
+    return numbers
+
+
+@pytest.fixture(scope="module")
+def written(copies: Store, duets: Store, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Store, Path]]:
+    """Samples of a dataset with copies, and of one with groups, under their ids."""
+    group = safe_name(next(clip.group for clip in duets.clips() if clip.group))
+    folders = {}
+    for store, ids in ((copies, ids_of(copies)), (duets, [f"{group}@15+150~p0", f"{group}@15+150~p1"])):
+        folders[store.path.name] = store, tmp_path_factory.mktemp("samples")
+        (folders[store.path.name][1] / "gen").mkdir()
         for name in ids:
-            np.save(tmp_path / folder / f"{source}{name}.npy", rows_of(copies, name))
-    for name in ids:
-        evaluator.update(rows_of(copies, name)[None], [name])
-    request = ViewRequest(copies.path, compare=(tmp_path / "gen",), field="edge151", normalized=False)
-    walls = ViewSelection.of(replace(request, wall=True)).scenes
-    wall = {
-        item.members[1].sample: [float(dict(walls.scene(item).members[1].numbers)[name]) for name in ("BAS", "PFC")]
-        for item in walls.items
-    }
-    folder = dancedata.evaluate(tmp_path / "gen", like=copies, **OPTIONS)
-    found = {
-        "folder": numbers_of(folder), "evaluator": numbers_of(evaluator.compute(intervals=False)),
-        "wall": wall,
-        "mix": numbers_of(dancedata.evaluate(tmp_path / "mix", like=copies, **OPTIONS)),
-    }  # fmt: skip
-    for name in ids:
-        bas, pfc = found["folder"][name]
-        hand = [by_hand(copies, name) if "@" in name else bas, pfc]
-        for command, numbers in found.items():
-            assert numbers[name] == pytest.approx(hand, rel=5e-3 if command == "wall" else 1e-6), (command, name)
-    assert {command: set(numbers) for command, numbers in found.items()} == {command: set(ids) for command in found}
-    # All begin at the same second of the music, a study too.
-    seconds = {name: Samples(copies).require(name).music_start_s for name in ids}
-    shown = ViewSelection.of(request).scenes
-    assert {item.sample: item.clip.audio_start + copies.grid.seconds(item.start) for item in shown.items} == seconds
-    of_files = ViewSelection.of(
-        ViewRequest(tmp_path / "gen", like=copies.path, field="edge151", normalized=False)
-    ).scenes
-    assert {item.id: item.clip.audio_start for item in of_files.items} == seconds
-    chosen = common_clips({"truth": shown, "gen": of_files})
-    assert set(chosen) == {name for name in ids if not Samples(copies).require(name).clip.source}
-    assert all(begin_of(items, {"truth": shown, "gen": of_files}) == 0 for items in chosen.values())
-    assert folder.clips == tuple(sorted(ids))
-    assert "windows of" in folder.matched
-    originals = {Samples(copies).require(name).recording for name in ids}
-    assert originals == {clip.id for clip in copies.clips() if not clip.source}
+            np.save(folders[store.path.name][1] / "gen" / f"{name}.npy", rows_of(store, name))
+    return folders
 
 
-def test_dancers_of_a_group_have_the_numbers_of_numpy(duets: Store, tmp_path: Path) -> None:
-    group = next(clip.group for clip in duets.clips() if clip.group)
-    ids = [f"{safe_name(group)}@15+150~p{k}" for k in range(2)]
-    evaluator = Evaluator(duets, "edge151", normalized=False)
-    for name in ids:
-        np.save(tmp_path / f"{name}.npy", rows_of(duets, name))
-        evaluator.update(rows_of(duets, name)[None], [name])
-    folder = dancedata.evaluate(tmp_path, like=duets, **OPTIONS)
-    numbers = numbers_of(folder)
-    assert [numbers[name][0] for name in ids] == pytest.approx([by_hand(duets, name) for name in ids], rel=1e-6)
-    assert numbers_of(evaluator.compute(intervals=False)) == {name: pytest.approx(numbers[name]) for name in ids}
+@pytest.mark.parametrize(
+    ("name", "command", "tolerance"),
+    [
+        *(("copies", command, 1e-6) for command in (of_folder, of_evaluator, of_mix)),
+        *(("copies", command, 5e-3) for command in (of_wall, of_page, of_study)),  # three digits, or float32
+        *(("duets", command, 1e-6) for command in (of_folder, of_evaluator, of_mix)), ("duets", of_page, 5e-3),
+    ],
+)  # fmt: skip
+def test_every_command_has_the_numbers_of_numpy(
+    written: dict[str, tuple[Store, Path]], name: str, command: Callable[..., Numbers], tolerance: float
+) -> None:
+    """Windows, whole clips, mirrored samples, copies at another tempo, takes, dancers of groups, and a `Mix`."""
+    store, folder = written[name]
+    ids = {file.stem for file in (folder / "gen").iterdir()}
+    if command is of_study:  # shows no copies
+        ids = {name for name in ids if not Samples(store).require(name).clip.source}
+    numbers = command(store, folder)
+    assert set(numbers) == ids
+    for sample, found in numbers.items():
+        assert found == pytest.approx(by_hand(store, sample), rel=tolerance), sample
+
+
+def test_samples_are_of_recordings(written: dict[str, tuple[Store, Path]]) -> None:
+    store, folder = written["copies"]
+    report = dancedata.evaluate(folder / "gen", like=store, **OPTIONS)
+    assert report.clips == tuple(sorted(ids_of(store)))
+    assert "windows of" in report.matched
+    originals = {clip.id for clip in store.clips() if not clip.source}
+    assert {Samples(store).require(name).recording for name in report.clips} == originals
+    assert report.recordings == len(originals)
 
 
 def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
@@ -185,7 +250,7 @@ def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:
     rows, name = clip.read("edge151")[20:170], f"{clip.id}@20+150"
     np.savez(tmp_path / "x.npz", samples=rows, id=name)
     stated = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
-    assert stated["bas"].value == pytest.approx(by_hand(store, name), rel=1e-6)
+    assert stated["bas"].value == pytest.approx(by_hand(store, name)[0], rel=1e-6)
 
 
 def test_a_sample_of_another_length_than_its_id_states_is_left_out(store: Store, tmp_path: Path) -> None:
