@@ -45,7 +45,8 @@ __all__ = [
 if TYPE_CHECKING:
     from dancedata import metrics, plot, torch
     from dancedata.building.arrays import encode
-    from dancedata.building.commands import build, check
+    from dancedata.building.check import check
+    from dancedata.building.commands import build
     from dancedata.cache import FeatureCache
     from dancedata.calls import report, view
     from dancedata.core.audio_signal import AudioSignal
@@ -78,7 +79,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Skeleton": "dancedata.core.skeleton",
             "Store": "dancedata.store.dataset",
             "build": "dancedata.building.commands",
-            "check": "dancedata.building.commands",
+            "check": "dancedata.building.check",
             "decode": "dancedata.decoding.decode",
             "encode": "dancedata.building.arrays",
             "evaluate": "dancedata.evaluation.run",

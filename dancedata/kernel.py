@@ -70,13 +70,14 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from dancedata.building.arguments import RecipeLike, folder_of, jobs_of
     from dancedata.building.check import scan_folder
-    from dancedata.building.commands import RecipeLike, folder_of, jobs_of
-    from dancedata.building.documents import document_differences, document_of, shaping
+    from dancedata.building.differences import document_differences, shaping, source_differences
+    from dancedata.building.documents import document_of
     from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS, Annotator, WindowRule
     from dancedata.building.signals import SignalId, identify_audio
     from dancedata.building.source_music import SourceMusic, is_source
-    from dancedata.building.source_record import SourceRecord, source_differences
+    from dancedata.building.source_record import SourceRecord
     from dancedata.building.take import Scene, Take, Transform
     from dancedata.execution.addresses import local_folder
     from dancedata.execution.cache import Cache, default_cache, with_lost_entries
@@ -84,7 +85,8 @@ if TYPE_CHECKING:
     from dancedata.execution.progress import Progress
     from dancedata.execution.units import as_in_builds, run_units
     from dancedata.music.kernels import compiling
-    from dancedata.music.signal import audio_length, load_audio, pcm16, resample, resampled_length
+    from dancedata.music.samples import pcm16, resample, resampled_length
+    from dancedata.music.signal import audio_length, load_audio
     from dancedata.recipes.parse import load_recipe
     from dancedata.recipes.plugins import make_named
     from dancedata.recipes.recipe import Recipe
@@ -117,7 +119,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Progress": "dancedata.execution.progress",
             "Reader": "dancedata.store.normalize",
             "Recipe": "dancedata.recipes.recipe",
-            "RecipeLike": "dancedata.building.commands",
+            "RecipeLike": "dancedata.building.arguments",
             "Sample": "dancedata.samples",
             "Scaler": "dancedata.store.normalize",
             "Scene": "dancedata.building.take",
@@ -134,12 +136,12 @@ else:  # type checkers take the imports above, and so find misspelt names
             "check_name": "dancedata.store.schema",
             "compiling": "dancedata.music.kernels",
             "default_cache": "dancedata.execution.cache",
-            "document_differences": "dancedata.building.documents",
+            "document_differences": "dancedata.building.differences",
             "document_of": "dancedata.building.documents",
-            "folder_of": "dancedata.building.commands",
+            "folder_of": "dancedata.building.arguments",
             "identify_audio": "dancedata.building.signals",
             "is_source": "dancedata.building.source_music",
-            "jobs_of": "dancedata.building.commands",
+            "jobs_of": "dancedata.building.arguments",
             "joined_sets": "dancedata.store.songs",
             "load_audio": "dancedata.music.signal",
             "load_recipe": "dancedata.recipes.parse",
@@ -148,18 +150,18 @@ else:  # type checkers take the imports above, and so find misspelt names
             "network_weights": "dancedata.store.queries",
             "open_store": "dancedata.store.dataset",
             "optional_fields": "dancedata.store.queries",
-            "pcm16": "dancedata.music.signal",
+            "pcm16": "dancedata.music.samples",
             "require_intact": "dancedata.store.queries",
-            "resample": "dancedata.music.signal",
-            "resampled_length": "dancedata.music.signal",
+            "resample": "dancedata.music.samples",
+            "resampled_length": "dancedata.music.samples",
             "run_units": "dancedata.execution.units",
             "saved_samples": "dancedata.samples.saved",
             "scan_folder": "dancedata.building.check",
-            "shaping": "dancedata.building.documents",
+            "shaping": "dancedata.building.differences",
             "slice_length": "dancedata.store.queries",
             "slice_name": "dancedata.store.schema",
             "songs_of": "dancedata.store.songs",
-            "source_differences": "dancedata.building.source_record",
+            "source_differences": "dancedata.building.differences",
             "with_lost_entries": "dancedata.execution.cache",
         },
     )

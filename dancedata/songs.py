@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from dancedata.building.compute import made
 from dancedata.building.fields.music import MusicField
+from dancedata.building.implausible import implausible_problems
 from dancedata.building.inputs import Music
-from dancedata.building.left_out import implausible_problems
 from dancedata.building.plugins import Loadable
 from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal

@@ -132,7 +132,8 @@ def _no_ffmpeg() -> str:
 def _read_audio(path: Path) -> None:
     from dancedata.core.packages import install
     from dancedata.music import ffmpeg
-    from dancedata.music.signal import audio_length, load_audio, resample
+    from dancedata.music.samples import resample
+    from dancedata.music.signal import audio_length, load_audio
 
     install("video")  # loads what an error's text needs, before anything is watched
     ffmpeg.find_ffmpeg = _no_ffmpeg  # ffmpeg reads in a process of its own; this hunts what is read here

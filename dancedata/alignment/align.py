@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
-from dancedata.building.commands import recipe_of
+from dancedata.building.arguments import recipe_of
 from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to
 from dancedata.building.rejects import missing_music

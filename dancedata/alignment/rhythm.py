@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.alignment.onsets import onset_strength
-from dancedata.building.identity import clip_identity, content_hashes
+from dancedata.building.documents import clip_identity, content_hashes
 from dancedata.building.plugins import STARTS, StartFinder
 from dancedata.building.rejects import changed, reject_of
 from dancedata.building.signals import decode_again, known_signal

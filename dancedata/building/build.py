@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dancedata.building.card import dataset_card
 from dancedata.building.clips import compute_clips, scan_of, sources_of
-from dancedata.building.describe import dataset_card, describe_built, describe_unchanged, reasons
-from dancedata.building.documents import document_differences, shaping
-from dancedata.building.left_out import nothing_left, relative_to, stop_if_implausible, stop_if_strict
+from dancedata.building.left_out import nothing_left, reasons, relative_to, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
-from dancedata.building.source_record import SourceRecord, source_differences
+from dancedata.building.source_record import SourceRecord
 from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.hashing import recipe_hash
-from dancedata.core.text import counted, shown
+from dancedata.core.errors import UsageError
+from dancedata.core.text import counted
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
 from dancedata.execution.cache_files import running, sweep
-from dancedata.execution.engines import engine_at
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import start_workers
+from dancedata.execution.units import engine_of, start_workers
 from dancedata.files.atomic import write_json
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
@@ -84,6 +80,7 @@ class BuildResult:
     @cached_property
     def summary(self) -> str:
         """The text that the command line prints."""
+        from dancedata.building.describe import describe_built, describe_unchanged
         from dancedata.building.leaks import checked_lines
 
         checked = [] if self.shared is None else checked_lines(self.counts, self.shared)
@@ -119,7 +116,7 @@ def build(
     With `published`, the source and the result are compared with those of a publication.
     """
     progress = progress or Progress(quiet=True)
-    engine_at(backend, scheduler)
+    engine_of(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):
         raise UsageError(
             "cannot replace the current working directory", where=out, fix="build from another working folder"
@@ -180,15 +177,17 @@ class _Build:
         if self.published is not None:
             self.published.warn(sources.sha256, record, self.progress)
         if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            _require_same(self.out, self.recipe, sources.sha256, record)
+            from dancedata.building.differences import require_same
+
+            require_same(self.out, self.recipe, sources.sha256, record)
             with open_store(self.out) as store:
                 stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
-                stop_if_implausible(self.strict, store.quality)
+                self._stop_if_implausible(store.quality)
             return False
         stop_if_strict(self.strict, sources.rejects, self.scan)
         computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
         stop_if_strict(self.strict, computed.rejects, self.scan)
-        stop_if_implausible(self.strict, computed.quality)
+        self._stop_if_implausible(computed.quality)
         computed = computed._replace(rejects=[relative_to(r, self.source) for r in computed.rejects])
         if not computed.clips:
             raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
@@ -199,6 +198,12 @@ class _Build:
             place = os.path.relpath(self.source.absolute(), self.out.absolute())
             write_json(folder / LOCAL_FILE, {"source": Path(place).as_posix()})
         return True
+
+    def _stop_if_implausible(self, quality: Sequence[Mapping[str, Any]]) -> None:
+        if self.strict:
+            from dancedata.building.implausible import require_plausible
+
+            require_plausible(quality)
 
 
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
@@ -283,31 +288,6 @@ def _local_plugins(recipe: Recipe) -> dict[str, Any]:
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return the statements of audio fields on their networks, by field."""
     return {field.name: dict(field.about) for field in recipe.fields if field.about}
-
-
-def _require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
-    """Raise StoreError with the differences if `out` was built from another recipe or source."""
-    store = open_store(out)
-    meta = store.info
-    old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
-    differences = [
-        f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
-        for key, a, b in document_differences(old, new)
-    ]
-    if recipe_hash(meta.get("recipe", {})) != recipe.sha256:
-        listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
-        raise StoreError("this folder holds a dataset built from a different recipe", where=out,
-                         found=f"these differences:\n{listed}\n",
-                         fix="choose another --out, or --overwrite to replace it")  # fmt: skip
-    if meta.get("source", {}).get("sha256") != source_sha256:
-        changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
-        listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"
-        raise StoreError(
-            "the dataset there was made from another source",
-            where=out,
-            found=f"these differences:\n{listed}\n",
-            fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
-        )
 
 
 def _reject_order(reject: Reject) -> tuple[str, int, str, str]:

@@ -11,28 +11,31 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.building.arguments import RecipeLike, jobs_of, recipe_of
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.fields.motion import RepresentationField
+from dancedata.building.implausible import implausible_problems
 from dancedata.building.leaks import alike_between, leaks, sound_field
-from dancedata.building.left_out import NOTED, implausible_problems, relative_to
+from dancedata.building.left_out import NOTED, relative_to
 from dancedata.building.rejects import attempt
 from dancedata.building.signals import SignalId
 from dancedata.building.stored import Clips
 from dancedata.building.word_check import word_notes
 from dancedata.core.clip import ClipRef, Reject, Scan
-from dancedata.core.errors import DanceDataError, SourceError
+from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import counted, listed
+from dancedata.execution.addresses import local_folder
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files.atomic import PREFIX
 from dancedata.music.silence import noted
-from dancedata.recipes.parse import parse_recipe
+from dancedata.recipes.parse import Overrides, parse_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
@@ -45,28 +48,72 @@ _LENGTHS = 8
 
 
 def check(
-    path: Path,
-    *,
+    path: str | Path,
+    *others: str | Path,
     dataset: str | None = None,
-    recipe: Recipe | None = None,
-    jobs: int = 1,
-    progress: Progress | None = None,
+    recipe: RecipeLike | None = None,
+    overrides: Overrides = (),
+    jobs: int | None = 1,
+    progress: bool = True,
 ) -> list[Problem]:
-    """Check a built dataset or a source folder, as `building.commands.check`.
+    """Check a built dataset or a source folder, as ``dancedata check`` does.
 
-    With a recipe, a source is examined as its build does: with the same clips left out, for the same reasons.
+    Parameters
+    ----------
+    path
+        Folder that `build` wrote or the address of one, or a folder to build from.
+    others
+        Further folders that `build` wrote: each is checked, and then what any two of them share, such as a song that
+        train of one and test of another have.
+    dataset
+        Reader of a source folder, such as "aist++". Default: the first one that recognises it.
+    recipe, overrides
+        Read a source folder as this recipe does. Default: recipe.yaml in the folder, if `dataset` is not given.
+    jobs
+        Worker processes for a source folder; None: one per core.
+    progress
+        As in `build`.
+
+    Returns
+    -------
+    list of Problem
+        Each with `severity` ("error" or "note"), `where` and `message`. Without an error the folder is sound.
+
+    Raises
+    ------
+    UsageError
+        For an unknown dataset or recipe.
+    SourceError
+        If the folder is neither a built dataset nor a source of a known one.
+
+    Examples
+    --------
+    >>> import dancedata
+    >>> [problem for problem in dancedata.check("data/aistpp") if problem.severity == "error"]
+    []
     """
-    if dataset is None and recipe is None and path.is_dir() and any(_is_built(p.name) for p in path.iterdir()):
-        return _check_built(path)
-    _require_folder(path)
-    reporter = progress or Progress(quiet=True)
-    if recipe is not None:
-        return _check_as_built(recipe, path, jobs, reporter)
+    folder, *further = [local_folder(p) for p in (path, *others)]
+    reporter, jobs = Progress(quiet=not progress), jobs_of(jobs)
+    if further:
+        if recipe is not None or dataset is not None or overrides:
+            raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
+        return _check_several([folder, *further])
+    parsed = recipe_of(path, recipe, dataset, overrides)
+    if dataset is None and parsed is None and folder.is_dir() and any(_is_built(p.name) for p in folder.iterdir()):
+        return _check_built(folder)
+    _require_folder(folder)
+    if parsed is not None:
+        return _check_as_built(parsed, folder, jobs, reporter)
+    return _check_source(folder, dataset, jobs, reporter)
+
+
+def _check_source(path: Path, dataset: str | None, jobs: int, progress: Progress) -> list[Problem]:
+    """Check a source file by file, as its reader scans it."""
     reader, scan = scan_folder(path, dataset)
     problems = [Problem("note", str(path), note) for note in scan.notes]
     problems += [_problem(r) for r in scan.rejects]
     calls = [(reader, ref) for ref in scan.clips]
-    checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=reporter)
+    checked = run_units(_check_clip, calls, jobs=jobs, label="checking", progress=progress)
     problems += _lengths_note(path, [length for _, length in checked if length is not None])
     problems += [_problem(reject) for rejects, _ in checked for reject in rejects]
     left_out = [reject for rejects, _ in checked for reject in rejects if reject.reason not in NOTED]
@@ -130,7 +177,7 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     return problems + _nothing_usable(path, usable, rejects)
 
 
-def check_several(paths: Sequence[Path]) -> list[Problem]:
+def _check_several(paths: Sequence[Path]) -> list[Problem]:
     """Check built datasets, and find what they share, pair by pair: songs, recordings and dancers.
 
     Songs are compared by samples, by sound (`alike_between`) and by name; recordings and dancers by name. Music that

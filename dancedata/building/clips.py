@@ -6,8 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.documents import content_hashes
 from dancedata.building.groups import Groups, groups_of
-from dancedata.building.identity import content_hashes
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import STARTS
 from dancedata.building.sources import Sources, identify, scan_source

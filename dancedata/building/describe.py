@@ -1,4 +1,4 @@
-"""Text and JSON about built datasets: the summary of a build, its card, the output of `info` and `check`."""
+"""Text and JSON about built datasets: the summary of a build, the output of `info` and `check`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.building.free_columns import free_columns
-from dancedata.building.left_out import NOTED, describe_implausible, left_out_lines
+from dancedata.building.implausible import describe_implausible
+from dancedata.building.left_out import NOTED, left_out_lines, reasons
 from dancedata.core.clip import Reject
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.licence import Licence
@@ -20,12 +21,8 @@ from dancedata.execution.addresses import path_text
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
 from dancedata.store.queries import network_weights, slice_length
-from dancedata.store.schema import sort_splits
 
-if TYPE_CHECKING:  # `info` needs neither stages nor recipes
-    from dancedata.building.stored import Clips
-    from dancedata.core.clip import Scan
-    from dancedata.recipes.recipe import Recipe
+if TYPE_CHECKING:
     from dancedata.store import Problem
 
 #: Notes of one kind that `check` prints.
@@ -37,18 +34,6 @@ _NOTE = 2000
 #: The end of a window's music: slices differ where the music ends within the last frame of a window.
 _MUSIC_OF_WINDOWS = "a frame is an instant: a window has music up to its last frame, not up to the next one after it"
 _MUSIC_OF_SLICES = "clips are slices: each has music for its whole length, in samples, as EDGE counts"
-_FIRST_LOOK = """## How to read it
-
-```python
-import dancedata
-
-ds = dancedata.open("PATH OF THIS FOLDER")
-window = ds.windows("{split}")[0]
-ds.read(window, "{field}").shape
-```
-
-It is plain HDF5: any tool that reads HDF5 reads it.
-"""
 
 
 def windows_text(length: int, stride: int) -> str:
@@ -113,11 +98,6 @@ def _splits(counts: Mapping[str, Mapping[str, Any]]) -> list[str]:
     )  # fmt: skip
 
 
-def reasons(store: Store) -> dict[str, int]:
-    """Return how many were left out for each reason."""
-    return dict(sorted(Counter(row["reason"] for row in store.rejects).items()))
-
-
 def _bytes(store: Store) -> int:
     return sum(int(shard["size"]) for shard in store.info["shards"])
 
@@ -141,65 +121,6 @@ def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapp
     for row in rows:
         groups.setdefault(row[key], []).append(row)
     return groups
-
-
-# The card
-
-
-def dataset_card(
-    recipe: Recipe, scan: Scan, computed: Clips, songs: Mapping[str, str], networks: Mapping[str, Any]
-) -> str:
-    """Return the card's Markdown: content, source, terms, and what was left out.
-
-    `songs` are by clip, `networks` the statements of audio fields on their networks, by field.
-    """
-    splits = sort_splits({c.split for c in computed.clips})
-    notes = "\n".join(f"- {note}" for note in scan.notes)
-    counts = Counter(r.reason for r in computed.rejects)
-    reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
-    flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
-    changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
-    if changed:
-        flags = f"{len(computed.quality)} quality flags among the segments, {changed} of them of repaired frames."
-    parts = [
-        f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
-        _splits_table(recipe, computed, splits, songs),
-        _fields_list(recipe, networks),
-        _FIRST_LOOK.format(split=splits[0], field=recipe.fields[0].name),
-        f"## Source\n\nDataset `{recipe.dataset.name}`, layout {scan.layout}.\n\n{notes}\n\n"
-        f"Licence: {recipe.dataset.licence}\n\nCite: {recipe.dataset.citation}\n{_terms_list(computed)}",
-        "\n".join(["## Left out (rejects.jsonl)", "", *reasons, "", flags, ""]),
-    ]
-    return "\n".join(parts)
-
-
-def _terms_list(computed: Clips) -> str:
-    counts = Counter(c.terms for c in computed.clips if not c.source)
-    if set(counts) <= {None}:
-        return ""
-    terms = {k: counts[k] for k in sorted(counts, key=lambda k: (k is None, k or Licence("")))}
-    return "\nClips have terms of their own:\n\n" + "".join(f"- {line}\n" for line in terms_text(terms))
-
-
-def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
-    rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
-    for split in splits:
-        clips = [c for c in computed.clips if c.split == split]
-        minutes = float(recipe.grid.seconds(sum(c.n_frames for c in clips)) / 60)
-        n_songs = len({songs[c.id] for c in clips if c.id in songs})
-        rows.append(f"| {split} | {len(clips)} | {sum(len(c.starts) for c in clips)} | {n_songs} | {minutes:.1f} |")
-    windows = f"Windows of {recipe.windows.length_s:g} s every {recipe.windows.stride_s:g} s"
-    text = f"{windows} at {recipe.grid} frames per second."
-    return "\n".join(["## Splits", "", *rows, "", text, ""])
-
-
-def _fields_list(recipe: Recipe, networks: Mapping[str, Any]) -> str:
-    lines = ["## Fields", ""]
-    for field in recipe.fields:
-        about = networks.get(field.name, {})
-        origin = f", by {about['model']}, licence of its weights: {about['licence']}" if "licence" in about else ""
-        lines.append(f"- `{field.name}`: {field.description}{origin}")
-    return "\n".join([*lines, ""])
 
 
 # info

@@ -1,11 +1,14 @@
-"""The parameters of plug-ins as JSON: for recipes, keys of the cache and dataset.json."""
+"""The parameters of plug-ins as JSON, and hashes of files that they name: for recipes, keys and dataset.json."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+from dancedata.core.clip import ClipRef
 from dancedata.core.plugin_files import FILE_KEY, plugin_file
+from dancedata.files.regular_file import sha256_file
 
 
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
@@ -23,18 +26,28 @@ def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
     return document if file is None else document | {FILE_KEY: file.sha256}
 
 
-def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield (key, old value, new value) for every key in which two JSON documents differ."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        for key in sorted({*old, *new}):
-            yield from document_differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
-    elif old != new:
-        yield at, old, new
+def clip_identity(ref: ClipRef) -> list[Any]:
+    """Return all of a clip that `load` reads, except its file."""
+    return [ref.id, ref.declared, str(ref.source_start), str(ref.source_end), ref.revision]
 
 
-def shaping(recipe: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a recipe that affect a dataset: all except its name and description."""
-    return {key: value for key, value in recipe.items() if key not in ("name", "description")}
+def content_hashes(plugin: Any, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
+    """Return the hashes of the files that a plug-in's parameters name, such as a body model.
+
+    These are the fields with the metadata ``{"content": True}``; of a folder all files. `hash_file` returns the
+    SHA-256 of a file, such as `Cache.file_sha256`.
+    """
+    hashes: dict[str, str] = {}
+    for f in dataclasses.fields(plugin):
+        path = getattr(plugin, f.name)
+        if f.metadata.get("content") and path is not None:
+            root = Path(path).expanduser()
+            files = sorted(p for p in root.rglob("*") if p.is_file()) if root.is_dir() else [root]
+            for file in files:
+                if file.exists():
+                    named = file.relative_to(root if root.is_dir() else root.parent).as_posix()
+                    hashes[f"{f.name}/{named}"] = hash_file(file)
+    return hashes
 
 
 @lru_cache(maxsize=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
-from dancedata.building.identity import clip_identity
+from dancedata.building.documents import clip_identity
 from dancedata.building.inputs import Music
 from dancedata.building.rejects import attempt
 from dancedata.building.sources import SourceClip, Sources

@@ -10,16 +10,19 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.arguments import BuildArguments, RecipeLike, folder_of, jobs_of
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of, with_found_starts
-from dancedata.building.left_out import stop_if_implausible, stop_if_strict
+from dancedata.building.implausible import require_plausible
+from dancedata.building.left_out import stop_if_strict
 from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
-from dancedata.recipes.recipe import Recipe, resolve
+from dancedata.recipes.parse import Overrides
+from dancedata.recipes.recipe import resolve
 
 
 @dataclass(frozen=True)
@@ -86,42 +89,48 @@ class PartResult:
 
 
 def build_part(
-    recipe: Recipe,
-    source: Path,
+    recipe: RecipeLike,
+    source: str | Path | None,
     part: Part,
     *,
-    jobs: int = 1,
+    out: str | Path | None = None,
+    overrides: Overrides = (),
+    jobs: int | None = 1,
     strict: bool = False,
-    cache: Path | None = None,
-    progress: Progress | None = None,
+    cache: str | Path | None = None,
+    progress: bool = True,
 ) -> PartResult:
     """Compute a part's units of work into the cache; other parameters and errors as of `building.commands.build`.
 
     Parts may run at the same time, on any machines that share the cache and the source, in any order and more
     than once. A build of the whole then finds the results in the cache, and computes only missing ones.
+
+    `out`: Only names the source of a dataset that is generated.
     """
-    progress = progress or Progress(quiet=True)
-    source = source.absolute()
-    store_cache = Cache((cache or default_cache()).absolute())
+    arguments = BuildArguments.of(recipe, source, out, overrides)
+    reporter, source, jobs = Progress(quiet=not progress), arguments.source.absolute(), jobs_of(jobs)
+    reporter.announce(f"computing part {part} of {arguments.recipe.name} from {arguments.source}")
+    store_cache = Cache((folder_of(cache) or default_cache()).absolute())
     # As in the build that collects: what depends on the machine is in the keys.
-    recipe = resolve(recipe, store_cache.file_sha256)
+    recipe = resolve(arguments.recipe, store_cache.file_sha256)
     scanned = scan_of(recipe, source)
     clips = part.of(scanned.clips)
     with workers_for(recipe, source, store_cache, jobs) as workers:
 
         def run(cache: Cache) -> tuple[Sources, Clips]:
             # Of all clips: offsets are compared with those of other songs.
-            scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=progress)
+            scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=reporter)
             ids = {clip.id for clip in clips}
             share = replace(scan, clips=tuple(clip for clip in scan.clips if clip.id in ids), rejects=())
-            sources = sources_of(cache, recipe, share, jobs=workers, progress=progress)
+            sources = sources_of(cache, recipe, share, jobs=workers, progress=reporter)
             stop_if_strict(strict, sources.rejects, scan)
-            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+            computed = compute_clips(cache, recipe, sources, jobs=workers, progress=reporter)
             stop_if_strict(strict, computed.rejects, scan)
-            stop_if_implausible(strict, computed.quality)
+            if strict:
+                require_plausible(computed.quality)
             return sources, computed
 
-        sources, computed_part = with_lost_entries(store_cache, run, progress)
+        sources, computed_part = with_lost_entries(store_cache, run, reporter)
     left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
     return PartResult(part, len(scanned.clips), len(clips), len(songs), dict(sorted(left_out.items())))

@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.annotators.vitals import VITALS, Vitals
+from dancedata.building.arguments import BuildArguments, RecipeLike, folder_of, jobs_of
 from dancedata.building.build import header_of
 from dancedata.building.clips import scan_of, source_groups, sources_of
 from dancedata.building.compute import compute
 from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
-from dancedata.building.left_out import describe_implausible, left_out_lines, nothing_left, relative_to
+from dancedata.building.implausible import describe_implausible
+from dancedata.building.left_out import left_out_lines, nothing_left, relative_to
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Field
 from dancedata.building.rejects import attempt
@@ -29,6 +31,7 @@ from dancedata.core.quality import IMPLAUSIBLE
 from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.execution.cache import Cache, default_cache, with_lost_entries
 from dancedata.execution.progress import Progress
+from dancedata.recipes.parse import Overrides
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -166,22 +169,37 @@ class Plan:
 
 
 def make_plan(
-    recipe: Recipe, source: Path, *, jobs: int = 1, cache: Path | None = None, progress: Progress | None = None
+    recipe: RecipeLike,
+    source: str | Path | None = None,
+    out: str | Path | None = None,
+    *,
+    overrides: Overrides = (),
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = True,
 ) -> Plan:
-    """Plan a build of a source, and look up its units of work in the cache."""
+    """Plan a build, as ``dancedata build --dry-run`` does; parameters and errors as of `building.commands.build`.
+
+    A dataset that is generated writes its source if that is missing. `Plan.problem` is the error of a build that no
+    clip is left for.
+    """
+    arguments = BuildArguments.of(recipe, source, out, overrides)
+    reporter, jobs = Progress(quiet=not progress), jobs_of(jobs)
+    recipe, source = arguments.recipe, arguments.source
+    if not source.exists() and recipe.dataset.generates:
+        reporter.write(f"the dataset {recipe.dataset.name} writes its own source: {source}")
     source = source.absolute()  # as in a build, so that messages are the same
-    progress = progress or Progress(quiet=True)
-    store_cache = Cache((cache or default_cache()).absolute())
+    store_cache = Cache((folder_of(cache) or default_cache()).absolute())
     scan = scan_of(recipe, source)
 
     def run(cache: Cache) -> Plan:
         ready = replace(recipe, fields=tuple(_resolved(cache, field) for field in recipe.fields))
         parts = ready.parts
         groups = source_groups(ready, parts, scan)
-        sources = sources_of(cache, ready, scan, jobs=jobs, progress=progress, listen=_length, hash_rows=_known_hash)
-        takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=progress)
+        sources = sources_of(cache, ready, scan, jobs=jobs, progress=reporter, listen=_length, hash_rows=_known_hash)
+        takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=reporter)
         results = cut_windows(expand(takes, parts.transforms), parts.fields, parts.windows)
-        results = whole(_examined(cache, results, jobs, progress), groups)
+        results = whole(_examined(cache, results, jobs, reporter), groups)
         rejects = (*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects))
         kept = [result for result in results if result.starts]
         cached = {field.name: _in_cache(cache, field, kept) for field in parts.fields}
@@ -195,7 +213,7 @@ def make_plan(
         ]
         return Plan(recipe, source, sources.scan, tuple(kept), rejects, cached, tuple(flags))
 
-    return with_lost_entries(store_cache, run, progress)
+    return with_lost_entries(store_cache, run, reporter)
 
 
 def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Progress) -> list[Result]:

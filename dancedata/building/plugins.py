@@ -8,13 +8,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_of
-from dancedata.building.identity import content_hashes
+from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
 from dancedata.building.take import RecipePart, Scene, Take, Transform
@@ -26,11 +25,13 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.registry import Registry
 from dancedata.core.segments import Segment
-from dancedata.core.sided_words import ENGLISH, Lexicon
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
+
+if TYPE_CHECKING:
+    from dancedata.core.sided_words import Lexicon
 
 
 class Loadable(Protocol):
@@ -294,7 +295,7 @@ class Annotator(Plugin, Maker):
     suffix = "json"
     copies: ClassVar[Literal["own", "parent", "none"]] = "parent"
     stored: ClassVar[bool] = True
-    lexicons: ClassVar[tuple[Lexicon, ...]] = (ENGLISH,)
+    lexicons: ClassVar[tuple[Lexicon, ...]] = ()
 
     @property
     def id(self) -> str:

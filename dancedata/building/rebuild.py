@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.source_record import SourceRecord, source_differences
+from dancedata.building.differences import source_differences
+from dancedata.building.source_record import SourceRecord
 from dancedata.core.clip import Reject
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import self_hash, sha256_bytes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from dancedata.building.plugins import Annotator
 from dancedata.building.result import Result
@@ -11,8 +12,10 @@ from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Layer, Segment
-from dancedata.core.sided_words import Lexicon, lexicon_of, unread_word, with_mirrored_words
 from dancedata.core.text import counted, quoted
+
+if TYPE_CHECKING:
+    from dancedata.core.sided_words import Lexicon
 
 #: Layer of quality flags, which are of the source and its frames.
 _QUALITY = "quality"
@@ -31,10 +34,21 @@ def annotated(results: Sequence[Result], annotators: Sequence[Annotator], grid: 
                 for r in of_round
                 for k in r.stay
             ]
-            words = iter(with_mirrored_words(segments, annotator.lexicons))
+            words = iter(_with_words(segments, annotator.lexicons))
             of_round = [_with(r, annotator, {k: next(words) for k in r.stay}) for r in of_round]
         done |= {r.take.id: r for r in of_round}
     return list(done.values())
+
+
+def _with_words(
+    of_dancers: Sequence[Sequence[Segment]], lexicons: Sequence[Lexicon]
+) -> Sequence[tuple[Segment, ...]]:
+    """Return the segments of dancers with mirrored words, see `with_mirrored_words`."""
+    if not any(of_dancers):
+        return [()] * len(of_dancers)
+    from dancedata.core.sided_words import with_mirrored_words  # many sources state no segments
+
+    return with_mirrored_words(of_dancers, lexicons)
 
 
 def all_segments(
@@ -80,6 +94,8 @@ def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> li
 
 def _unmirrored(layer: Layer, clips: Sequence[str], said: Sequence[Segment], lexicons: Sequence[Lexicon]) -> Reject:
     """Return the reject of a layer of which segments of these clips have no mirrored words."""
+    from dancedata.core.sided_words import lexicon_of, unread_word
+
     lost = f"{counted(len(clips), 'segment')} of {counted(len(set(clips)), 'clip')}"
     language = f"language {layer.language}" if layer.language else "without a language"
     detail = f"mirrored copies go without {lost}: layer {layer.name}, {language}, has no mirrored words for them"

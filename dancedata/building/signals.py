@@ -19,7 +19,6 @@ from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.execution.arithmetic import expected
 from dancedata.execution.cache import Cache, package_version
-from dancedata.music.ffmpeg import ffmpeg_version
 from dancedata.music.silence import Level, levels, without_sound
 
 #: Raised by hand when the stage gives other numbers for the same input.
@@ -151,6 +150,7 @@ def row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     """Decode a file and hash its samples; the result is cached until the file changes."""
+    from dancedata.music.ffmpeg import ffmpeg_version
     from dancedata.music.signal import load_audio
 
     try:
@@ -190,7 +190,11 @@ def _known(cache: Cache, key: str) -> SignalInfo | None:
     """Return cached facts; None if there are none, or if another version of ffmpeg decoded the file."""
     entry = cache.json("signals", key)
     info = None if entry is None else SignalInfo(*entry)
-    return None if info is None or info.ffmpeg not in ("", ffmpeg_version()) else info
+    if info is not None and info.ffmpeg:
+        from dancedata.music.ffmpeg import ffmpeg_version  # finding it takes a process
+
+        return info if info.ffmpeg == ffmpeg_version() else None
+    return info
 
 
 def _signal_key(file: str) -> str:

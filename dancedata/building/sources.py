@@ -6,8 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.documents import document_of
-from dancedata.building.identity import content_hashes
+from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Field
 from dancedata.building.rejects import missing_music

@@ -9,8 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from dancedata.building.documents import document_of
-from dancedata.building.identity import clip_identity, content_hashes
+from dancedata.building.documents import clip_identity, content_hashes, document_of
 from dancedata.building.inputs import Music, RowsFile
 from dancedata.building.rejects import changed, require_same
 from dancedata.core.clip import ClipRef

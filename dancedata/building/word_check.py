@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from dancedata.core.segments import Segment
-from dancedata.core.sided_words import ENGLISH, lexicon_of
+from dancedata.core.sided_words import lexicon_of
 from dancedata.core.text import counted, quoted
 from dancedata.store import Problem, Store
 
@@ -79,7 +79,7 @@ def _findings(store: Store, kinds: set[str]) -> Iterator[tuple[str, str]]:
         segments = store.segments(clip.id)
         facts = [segment for segment in segments if segment.layer.name == "facts"]
         for segment in segments:
-            if segment.layer.name == "facts" or lexicon_of(segment.layer.language, [ENGLISH]) is None:
+            if segment.layer.name == "facts" or lexicon_of(segment.layer.language) is None:
                 continue
             for text in segment.texts:
                 claims = [c for c in _CLAIMS if c.kind in kinds and _contradicted(c, text, segment, facts)]

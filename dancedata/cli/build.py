@@ -114,13 +114,15 @@ def build(
         result = set_segments(recipe, set_file=segments)
         return Output(result.to_json, lambda: str(result))
     if dry_run:
-        plan = commands.plan(recipe, source, out, **options)
+        plan = commands.build(recipe, source, out, dry_run=True, **options)
         text = plan.describe(out or Path("data") / plan.recipe.name)
         return Output(plan.to_json, lambda: text, error=plan.problem)
     if part is not None:
         if cluster is not None or overwrite:
             raise UsageError("--part goes with neither --cluster nor --overwrite")
-        share = commands.build_part(recipe, source, part, out=out, strict=strict, **options)
+        from dancedata.building.part import Part, build_part
+
+        share = build_part(recipe, source, Part.parse(part), out=out, strict=strict, **options)
         return Output(share.to_json, lambda: str(share))
     started = time.monotonic()
     built = commands.build(recipe, source, out, overwrite=overwrite, strict=strict, scheduler=cluster, **options)
@@ -189,7 +191,7 @@ def check(
         return Output(tested.to_json, lambda: str(tested))
     if same_as is not None:
         return _same(Path(paths[0]), same_as, atol)
-    from dancedata.building.commands import check as run_check
+    from dancedata.building.check import check as run_check
     from dancedata.building.describe import describe_problems
 
     problems = run_check(*paths, **how)

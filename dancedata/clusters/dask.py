@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 from uuid import uuid4
 
@@ -17,7 +18,7 @@ from dancedata.core.typing import override
 from dancedata.execution import arithmetic
 from dancedata.execution.engines import ENGINES, HOST, Engine
 from dancedata.execution.executors import Start, lost
-from dancedata.execution.requirements import Requirements
+from dancedata.execution.requirements import Requirements, check_worker
 from dancedata.kernel import Executor
 
 #: Seconds to wait for a cluster to answer, and for a first worker.
@@ -98,7 +99,7 @@ class Dask(Engine):
             yield Executor(
                 engine="the Dask cluster",
                 deaths=(KilledWorker,),
-                required=required,
+                check=partial(check_worker, required),
                 starting=starting,
             )
         finally:

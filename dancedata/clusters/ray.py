@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar
 
 from dancedata.core.errors import DanceDataError, UsageError
@@ -19,7 +20,7 @@ from dancedata.core.typing import override
 from dancedata.execution import arithmetic
 from dancedata.execution.engines import ENGINES, HOST, Engine
 from dancedata.execution.executors import Start, run_packed
-from dancedata.execution.requirements import Requirements
+from dancedata.execution.requirements import Requirements, check_worker
 from dancedata.kernel import Executor
 
 
@@ -94,7 +95,9 @@ class Ray(Engine):
 
         try:
             deaths = (WorkerCrashedError, OutOfMemoryError, NodeDiedError)
-            yield Executor(engine="the Ray cluster", deaths=deaths, required=required, starting=starting)
+            yield Executor(
+                engine="the Ray cluster", deaths=deaths, check=partial(check_worker, required), starting=starting
+            )
         finally:
             if not was_connected:
                 ray.shutdown()

@@ -159,14 +159,14 @@ def _both_ways(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
     return exchanged
 
 
-def lexicon_of(language: str, lexicons: Iterable[Lexicon]) -> Lexicon | None:
-    """Return the lexicon of a language, or of the one that it is a variety of; None without one."""
+def lexicon_of(language: str, lexicons: Iterable[Lexicon] = ()) -> Lexicon | None:
+    """Return the lexicon of a language, or of the one that it is a variety of, `ENGLISH` last; None without one."""
     tag = language.lower()
-    return next((known for known in lexicons if tag == known.language or tag.startswith(f"{known.language}-")), None)
+    return next((e for e in (*lexicons, ENGLISH) if tag == e.language or tag.startswith(f"{e.language}-")), None)
 
 
 def with_mirrored_words(
-    clips: Sequence[Sequence[Segment]], lexicons: Sequence[Lexicon] = (ENGLISH,)
+    clips: Sequence[Sequence[Segment]], lexicons: Sequence[Lexicon] = ()
 ) -> list[tuple[Segment, ...]]:
     """Return the segments of clips with the words of mirrored dancers, and layers that tell whether they name sides.
 

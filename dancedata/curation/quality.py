@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.commands import recipe_of
+from dancedata.building.arguments import recipe_of
 from dancedata.building.compute import compute
 from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.building.left_out import left_out_lines, relative_to

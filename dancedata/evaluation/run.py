@@ -17,7 +17,7 @@ from dancedata.evaluation.report import Report
 from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
-from dancedata.execution.engines import engine_at
+from dancedata.execution.units import engine_of
 from dancedata.kernel import Progress, Store, folder_of, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import opened, store_of
@@ -187,7 +187,7 @@ def evaluate(
         intervals=intervals,
         save_pool=folder_of(save_pool),
     )
-    engine_at(backend, scheduler)
+    engine_of(backend, scheduler)
     return evaluate_inputs(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),

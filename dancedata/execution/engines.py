@@ -44,8 +44,6 @@ def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
 
     Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
     """
-    if backend is None and scheduler is None:
-        return None
     engines = {name: ENGINES.make(name, {}) for name in ENGINES.names()}
     if backend not in (None, "loky", *engines):
         raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *engines)))

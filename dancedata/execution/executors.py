@@ -14,6 +14,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import socket
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -31,7 +32,6 @@ from dancedata.core.errors import DanceDataError
 from dancedata.core.system import shielded
 from dancedata.core.text import shown
 from dancedata.execution import arithmetic
-from dancedata.execution.requirements import Requirements, check_worker, worker_name
 
 #: Arguments of a unit of work.
 Call = tuple[Any, ...]
@@ -55,7 +55,7 @@ class Executor:
     `n`: Number of processes at most; a cluster has others.
     `engine`: Whose workers these are, for messages.
     `deaths`: Errors of a future whose worker died.
-    `required`: Requirements of a cluster's workers, each checked before its first unit: workers may join at any time.
+    `check`: Checks a cluster's worker before its first unit; raises DanceDataError. Workers may join at any time.
     `starting`: Yields, for the name of a stage, what starts a function with arguments on a cluster; cancels where the
         context raises.
     """
@@ -63,7 +63,7 @@ class Executor:
     n: int = 1
     engine: str = "this machine"
     deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
-    required: Requirements | None = None
+    check: Callable[[], None] | None = None
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
     def is_here(self, n_calls: int, exact: bool) -> bool:
@@ -95,7 +95,7 @@ class Executor:
                 for number, call in calls.items():
                     message = cloudpickle.dumps((function, call))
                     try:
-                        futures[start(run_packed, self.required, message)] = number
+                        futures[start(run_packed, self.check, message)] = number
                     except self.deaths as error:
                         dead[number] = error
                     except Exception as error:
@@ -189,13 +189,13 @@ def _kill(pool: Any) -> None:
 _running = threading.Lock()
 
 
-def run_packed(required: Requirements | None, message: bytes) -> bytes:
-    """Run a unit in a worker that meets the requirements; return, pickled, (False, result) or (True, error).
+def run_packed(check: Callable[[], None] | None, message: bytes) -> bytes:
+    """Run a unit in a worker that passes the check; return, pickled, (False, result) or (True, error).
 
     The worker is checked before it imports the unit's modules.
     """
     try:
-        return bytes(cloudpickle.dumps((False, _run(required, message))))
+        return bytes(cloudpickle.dumps((False, _run(check, message))))
     except Exception as error:  # noqa: BLE001  (it is raised in the process that builds)
         try:
             return bytes(cloudpickle.dumps((True, error)))
@@ -203,14 +203,14 @@ def run_packed(required: Requirements | None, message: bytes) -> bytes:
             return pickle.dumps((True, _not_sendable(cause)))
 
 
-def _run(required: Requirements | None, message: bytes) -> Any:
+def _run(check: Callable[[], None] | None, message: bytes) -> Any:
     if not _running.acquire(blocking=False):
         # They would undo each other's limit on BLAS, and change last digits.
         fix = "start workers with one thread each (dask worker --nthreads 1), and more of them"
         raise DanceDataError("a worker runs several units at once in threads", where=worker_name(), fix=fix)
     try:
-        if required is not None:
-            check_worker(required)
+        if check is not None:
+            check()
         try:
             function, call = pickle.loads(message)  # noqa: S301  (from the process that builds)
         except DanceDataError:
@@ -220,6 +220,11 @@ def _run(required: Requirements | None, message: bytes) -> Any:
         return function(*call)
     finally:
         _running.release()
+
+
+def worker_name() -> str:
+    """Return a name of this process for messages."""
+    return f"worker on {socket.gethostname()}, process {os.getpid()}"
 
 
 def _unpacked(message: bytes) -> Any:

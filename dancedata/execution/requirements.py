@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected, here
 from dancedata.execution.cache import Cache, package_version
 from dancedata.execution.cache_files import TEMPORARY, locked_file, temporary_name
+from dancedata.execution.executors import worker_name
 from dancedata.files.locks import is_abandoned
 
 _FIX = "workers need the cache, the source and the same paths: a shared file system"
@@ -87,11 +87,6 @@ def check_worker(required: Requirements) -> None:
             fix="use on all workers the environment of the machine that builds; workers of Dask need a nanny, as by "
             "default, for the same arithmetic",
         )
-
-
-def worker_name() -> str:
-    """Return a name of this process for messages."""
-    return f"worker on {socket.gethostname()}, process {os.getpid()}"
 
 
 def versions_of(packages: set[str], arithmetic: str) -> tuple[tuple[str, str], ...]:

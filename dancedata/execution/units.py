@@ -7,15 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from dancedata.core.errors import DanceDataError
 from dancedata.execution import arithmetic
 from dancedata.execution.cache import Cache
-from dancedata.execution.engines import engine_at
 from dancedata.execution.executors import Call, Executor, OnResult, first_line
 from dancedata.execution.progress import Progress
-from dancedata.execution.requirements import requirements_of
+
+if TYPE_CHECKING:
+    from dancedata.execution.engines import Engine
 
 R = TypeVar("R")
 #: A number of processes on this machine, or an executor.
@@ -25,6 +26,15 @@ Jobs = int | Executor
 DEATHS_ALONE = 2
 #: Consecutive deaths of workers that have not run a unit, after which a stage ends.
 BLIND_DEATHS = 3
+
+
+def engine_of(backend: str | None, scheduler: str | None) -> "Engine | None":
+    """Return the engine of a cluster, see `engine_at`; None without one."""
+    if backend is None and scheduler is None:
+        return None
+    from dancedata.execution.engines import engine_at
+
+    return engine_at(backend, scheduler)
 
 
 @contextmanager
@@ -39,13 +49,15 @@ def start_workers(
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
-    Raises UsageError: As for `engine_at`, and if the cluster's package is not installed.
+    Raises UsageError: As for `engine_of`, and if the cluster's package is not installed.
     Raises DanceDataError: if no cluster answers at the address, or it has no worker.
     """
-    engine = engine_at(backend, scheduler)
+    engine = engine_of(backend, scheduler)
     if engine is None or scheduler is None:
         yield Executor(n)
         return
+    from dancedata.execution.requirements import requirements_of
+
     with requirements_of(cache, source, packages) as required, engine.connect(scheduler, required) as executor:
         yield executor
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from dancedata.building.documents import document_of
 from dancedata.building.fields.motion import RepresentationField
@@ -15,12 +15,14 @@ from dancedata.building.fields.music import FeatureField
 from dancedata.building.plugins import Annotator, Field, WindowRule
 from dancedata.building.spine import Parts
 from dancedata.building.take import Transform
-from dancedata.building.transforms.copy import Copy
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
+
+if TYPE_CHECKING:
+    from dancedata.building.transforms.copy import Copy
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from dancedata.building.fields.files import FileField
-from dancedata.building.fields.motion import KeyMotionField, RepresentationField
+from dancedata.building.fields.motion import MotionField, RepresentationField
 from dancedata.building.fields.music import FeatureField, MusicField
 from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS, Annotator, Field, WindowRule
-from dancedata.building.rules.filtered import Filtered
 from dancedata.building.take import Transform
-from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugin_files import unknown_plugin
-from dancedata.core.plugins import CopyAugmentation, Dataset, FileFeature, Plugin, WindowFilter
+from dancedata.core.plugins import CopyAugmentation, Dataset, FileFeature, Plugin
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -32,6 +29,9 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
 from dancedata.recipes.plugins import ALWAYS, SLOT_KEYS, Problems, frame_grid, make_plugin, named_entries, one_of
 from dancedata.store.motion_fields import ORIGINAL
+
+if TYPE_CHECKING:
+    from dancedata.building.transforms.copy import Copy
 
 P = TypeVar("P", bound=Plugin)
 N = TypeVar("N", bound=Any)
@@ -78,8 +78,8 @@ def make_slots(
     augment = _copies(document.get("augment"), motion, problems)
     annotators = _annotators(document.get("annotators"), problems)
     rules = _rules(document.get("rules"), problems)
-    for slot, plugins in (("transforms", transforms), ("augment", augment), ("rules", rules)):
-        for plugin in plugins:
+    for slot, parts in (("transforms", transforms), ("augment", augment), ("rules", rules)):
+        for plugin in parts:
             problems.catch(partial(plugin.check, fields), f"{slot}.")
     problems += _optional_problems(motion)
     for lengths in filter(None, (windows, excerpts)):
@@ -159,6 +159,8 @@ def _feature_fields(
         if feature is not None and rows is not None:
             own_rate = rows != grid
             if isinstance(feature, FileFeature):
+                from dancedata.building.fields.files import FileField
+
                 fields.append(FileField(name, rows, feature, own_rate=own_rate))
             else:
                 fields.append(MusicField(name, rows, feature, own_rate, windows))
@@ -180,7 +182,11 @@ def _on(field: Field, grid: FrameGrid) -> Field:
     return field
 
 
-def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[KeyMotionField, ...]:
+def _key_motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[MotionField, ...]:
+    if not slot:
+        return ()
+    from dancedata.building.fields.key_motion import KeyMotionField
+
     return _by_name(
         [
             KeyMotionField(name, grid, finder, optional=_is_optional(f"keymotion.{name}", keys, problems))
@@ -222,6 +228,10 @@ def _transforms(slot: Any, problems: Problems) -> tuple[Transform, ...]:
 
 
 def _copies(slot: Any, motion: Sequence[RepresentationField], problems: Problems) -> tuple[Copy, ...]:
+    if slot is None:
+        return ()
+    from dancedata.building.transforms.copy import Copy
+
     body = max((field.representation.skeleton for field in motion), key=lambda s: s.n_joints, default=SMPL24)
     copies = []
     for name, augmentation in _switched((AUGMENTATIONS,), "augment", slot, problems, several=True):
@@ -246,46 +256,54 @@ def _annotators(slot: Any, problems: Problems) -> tuple[Annotator, ...]:
 
 
 def _rules(slot: Any, problems: Problems) -> tuple[WindowRule, ...]:
-    plugins = [plugin for _, plugin in _switched((RULES, FILTERS), "rules", slot, problems)]
-    return _by_name([Filtered(plugin) if isinstance(plugin, WindowFilter) else plugin for plugin in plugins])
+    if slot is None:
+        return ()
+    chosen = [plugin for _, plugin in _switched((RULES, FILTERS), "rules", slot, problems)]
+    return _by_name([rule if isinstance(rule, WindowRule) else _filtered(rule) for rule in chosen])
+
+
+def _filtered(window_filter: Any) -> WindowRule:
+    from dancedata.building.rules.filtered import Filtered
+
+    return Filtered(window_filter)
 
 
 def _switched(
-    registries: Sequence[Registry[Any]], slot: str, plugins: Any, problems: Problems, *, several: bool = False
+    registries: Sequence[Registry[Any]], slot: str, entries: Any, problems: Problems, *, several: bool = False
 ) -> Iterator[tuple[str, Any]]:
     """Yield name and plug-in of each entry: ``{NAME: {parameters}}``, or ``{NAME: true}`` for the defaults.
 
     Those with false are checked as well.
     """
-    if plugins is not None and not isinstance(plugins, dict | str):
-        problems.append(f"{slot}: must be a mapping such as {_EXAMPLES[slot]}; found {shown(repr(plugins))}")
+    if entries is not None and not isinstance(entries, dict | str):
+        problems.append(f"{slot}: must be a mapping such as {_EXAMPLES[slot]}; found {shown(repr(entries))}")
         return
-    for key, value in named_entries(plugins).items():
+    for key, value in named_entries(entries).items():
         name, parameters = str(key), {} if isinstance(value, bool) else value
         registry = next((r for r in registries if name in r), registries[0])
         if len(registries) > 1 and name not in registry:
             names = sorted(plugin for r in registries for plugin in r.names())
             problems.append(f"{slot}: {unknown_plugin(registry.kind, name, parameters, names)}")
             continue
-        plugin = make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=several)
+        plugin = make_plugin(registry, slot, name, parameters, problems, beside=entries, several=several)
         if plugin is not None and value is not False:
             yield name, plugin
 
 
 def _instances(
-    registry: Registry[P], slot: str, plugins: Any, problems: Problems
+    registry: Registry[P], slot: str, entries: Any, problems: Problems
 ) -> Iterator[tuple[str, P | None, dict[str, Any]]]:
     """Yield name, plug-in (None if it is wrong) and the values of the slot's keys for each entry of a slot."""
     also = SLOT_KEYS.get(slot, ())
-    if not isinstance(plugins, dict):
-        plugins = {str(plugins): {}} if plugins else {}
-    for key, parameters in plugins.items():
+    if not isinstance(entries, dict):
+        entries = {str(entries): {}} if entries else {}
+    for key, parameters in entries.items():
         name = str(key)  # in YAML a key may be a number
         keys: dict[str, Any] = {}
         if also and isinstance(parameters, dict):
             keys = {key: parameters[key] for key in also if key in parameters}
             parameters = {key: value for key, value in parameters.items() if key not in keys}
-        yield name, make_plugin(registry, slot, name, parameters, problems, beside=plugins, several=True), keys
+        yield name, make_plugin(registry, slot, name, parameters, problems, beside=entries, several=True), keys
 
 
 def _by_name(named: Sequence[N]) -> tuple[N, ...]:

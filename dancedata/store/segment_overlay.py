@@ -9,7 +9,6 @@ from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.segments import Layer, Segment
-from dancedata.core.sided_words import with_mirrored_words
 from dancedata.core.text import listed
 
 _log = logging.getLogger(__name__)
@@ -30,7 +29,8 @@ class SegmentOverlay:
 
         Raises SourceError: for a mistake in a file, and clips or partners that the dataset does not have.
         """
-        from dancedata.files.segment_files import read_segment_file  # few datasets are opened with files
+        from dancedata.core.sided_words import with_mirrored_words  # few datasets are opened with files
+        from dancedata.files.segment_files import read_segment_file
 
         by_clip: dict[str, list[Segment]] = defaultdict(list)
         notes = []

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.fields.motion import KeyMotionField, MotionField, RepresentationField
+from dancedata.building.fields.key_motion import KeyMotionField
+from dancedata.building.fields.motion import MotionField, RepresentationField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
 from dancedata.building.result import Result, Rows

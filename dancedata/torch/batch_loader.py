@@ -17,7 +17,7 @@ from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
 from dancedata.torch.batch_reader import Layout, MemoryPool, ReadBatch
-from dancedata.torch.clip_collate import collate_values
+from dancedata.torch.collate import collate_values
 from dancedata.torch.mix import Mix
 from dancedata.torch.sampler import EpochSampler
 from dancedata.torch.windows import WindowDataset

@@ -21,7 +21,6 @@ from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.execution.addresses import fetch_soon
-from dancedata.samples import Samples
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
@@ -37,11 +36,12 @@ from dancedata.torch.music_beats import StartAt, estimated_tempo
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
 from dancedata.torch.sample_items import SampleItems
 from dancedata.torch.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
-from dancedata.torch.segments import SegmentReader
 from dancedata.torch.selection import Choice, Selection, require_protocol, select, window_filter
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from dancedata.torch.segments import SegmentReader
 
 # 1 is the stream of orders, 4 that of augmentations.
 _MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
@@ -81,6 +81,7 @@ class SplitDataset(EpochDataset):
 
     windows: WindowList
     rejects: tuple[Reject, ...]
+    _words: "SegmentReader | None"
     #: Whether a sample has a list of values of each free column.
     _lists_columns: ClassVar[bool] = False
 
@@ -161,8 +162,10 @@ class SplitDataset(EpochDataset):
         )
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror else {}
         self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
-        self._words: SegmentReader | None = None
+        self._words = None
         if self._items.words is not None:
+            from dancedata.torch.segments import SegmentReader
+
             mirrors = any(step.mirrors and step.p for step in steps)
             self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
             self._is_random |= self._words.draws
@@ -256,6 +259,8 @@ class SplitDataset(EpochDataset):
 
         Raises UsageError: if this dataset does not read it.
         """
+        from dancedata.samples import Samples
+
         of = replace(SampleId.parse(name), take=0, source="")
         seed, epoch, place = of.draw or (self.seed, None, -1)
         if of.draw is None:

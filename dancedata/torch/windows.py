@@ -25,7 +25,7 @@ from dancedata.torch.batch_reader import (
     Request,
     shared_tensor,
 )
-from dancedata.torch.clip_collate import Batch, Sample, collate
+from dancedata.torch.collate import Batch, Sample, collate
 from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.primitives import PrimitiveSpec, primitive_spec

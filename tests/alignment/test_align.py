@@ -21,8 +21,8 @@ from dancedata.alignment import align as room
 from dancedata.alignment import rhythm
 from dancedata.alignment.align import Aligned, Alignment
 from dancedata.alignment.rhythm import Search
-from dancedata.building import commands
 from dancedata.building.part import Part, build_part
+from dancedata.building.plan import make_plan
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.datasets.aistpp import AistPP
@@ -210,7 +210,7 @@ def test_a_strict_build_stops_at_an_unknown_offset(auto: Path, tmp_path: Path, c
 def test_plan_check_and_parts_know_auto(
     auto: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    planned = commands.plan(RECIPE, auto, cache=cache, progress=False)
+    planned = make_plan(RECIPE, auto, cache=cache, progress=False)
     assert planned.to_json()["left_out"] == {"unknown_offset": 1}
     built = dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, progress=False)
     assert planned.to_json()["splits"]["train"]["windows"] == built.counts["train"]["windows"]

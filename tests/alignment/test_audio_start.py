@@ -12,9 +12,9 @@ import soundfile
 
 import dancedata
 from dancedata import comparison, plot
-from dancedata.building import commands
-from dancedata.building.describe import reasons
 from dancedata.building.leaks import alike_songs
+from dancedata.building.left_out import reasons
+from dancedata.building.plan import make_plan
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import StoreError, UsageError
@@ -238,7 +238,7 @@ def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build
     tempo = {"augment": {"tempo": {"speeds": [0.9, 1.1]}}}
     store = build(start, **tempo)
     places = {"jobs": 1, "cache": cache, "progress": False}
-    plan = commands.plan(store.info["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
+    plan = make_plan(store.info["recipe"], tmp_path / "source", tmp_path / "out", **places).to_json()
     counts = store.info["splits"]["train"]
     assert plan["splits"]["train"] == {name: counts[name] for name in plan["splits"]["train"]}
     assert plan["left_out"] == reasons(store)

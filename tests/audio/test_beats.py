@@ -321,7 +321,7 @@ def reference():
 def test_the_outputs_of_the_package(reference):
     from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
     from dancedata.audio.beats.weights import load_network
-    from dancedata.music.signal import resample
+    from dancedata.music.samples import resample
 
     song = synthesise_song("mLO3", length_s=34.0).signal
     spectrum = log_mel(torch.from_numpy(resample(song.samples, song.sample_rate, 22050).copy()))

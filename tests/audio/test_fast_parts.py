@@ -10,7 +10,7 @@ from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.fast import librosa_envelope
 from dancedata.audio.librosa35.spectra import mel_filters, onset_margins, onset_peaks
 from dancedata.audio.librosa35.windows import resampled_windows, shortest
-from dancedata.music.signal import resample
+from dancedata.music.samples import resample
 
 RATE = 15360
 RNG = np.random.default_rng(11)

@@ -15,7 +15,8 @@ import pytest
 
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.grid import FrameGrid
-from dancedata.music.signal import load_audio, pcm16
+from dancedata.music.samples import pcm16
+from dancedata.music.signal import load_audio
 from tests.features import assert_within
 
 FEATURE = Librosa35()

@@ -10,7 +10,8 @@ import soundfile
 from numpy.typing import NDArray
 
 from dancedata.core.errors import DataError
-from dancedata.music.signal import audio_length, load_audio, pcm16, resample, resampled_length
+from dancedata.music.samples import pcm16, resample, resampled_length
+from dancedata.music.signal import audio_length, load_audio
 from tests.messages import raises_message
 
 FORMATS = [

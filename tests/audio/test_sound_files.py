@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from dancedata.building.left_out import describe_implausible
+from dancedata.building.implausible import describe_implausible
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.quality import OF_MUSIC, music_flags

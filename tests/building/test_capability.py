@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 import dancedata
-from dancedata.building.fields.motion import KeyMotionField, RepresentationField, SceneField
+from dancedata.building.fields.key_motion import KeyMotionField
+from dancedata.building.fields.motion import RepresentationField, SceneField
 from dancedata.building.plugins import ANNOTATORS, FIELDS, TRANSFORMS, Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand

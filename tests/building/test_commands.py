@@ -10,8 +10,8 @@ import yaml
 
 import dancedata
 from dancedata import comparison
-from dancedata.building import commands
 from dancedata.building.describe import store_json
+from dancedata.building.plan import make_plan
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError
 from dancedata.core.resources import resource
 from dancedata.datasets.synthetic import Synthetic
@@ -65,17 +65,17 @@ def test_a_recipe_is_a_name_a_file_a_document_or_checked(demo: Any, tmp_path: Pa
     document = yaml.safe_load(path.read_text(encoding="utf-8"))
     before = json.dumps(document)
     ways: list[Any] = ["demo", path, str(path), document]
-    plans = [commands.plan(way, out=demo.path, overrides=CHANGED, progress=False) for way in ways]
-    plans.append(commands.plan(load_recipe("demo", SET), out=demo.path, progress=False))
+    plans = [make_plan(way, out=demo.path, overrides=CHANGED, progress=False) for way in ways]
+    plans.append(make_plan(load_recipe("demo", SET), out=demo.path, progress=False))
     assert len({plan.recipe.sha256 for plan in plans}) == 1
     assert json.dumps(document) == before, "the caller's dict is left alone"
     with raises_message(UsageError, "parsed"):
-        commands.plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
+        make_plan(load_recipe("demo"), out=demo.path, overrides=CHANGED)
 
 
 def test_plan_prints_the_same_as_the_command(demo: Any) -> None:
     words = [word for text in SET for word in ("--set", text)]
-    plan = commands.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    plan = make_plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     arguments = ("build", "--dry-run", "demo", "--out", demo.path, *words)
     assert as_json(*arguments) == json.loads(json.dumps(plan.to_json()))
     assert run(*arguments).stdout == f"{plan.describe(demo.path)}\n"
@@ -98,9 +98,9 @@ def test_overrides_are_values_or_texts() -> None:
 
 
 def test_progress_is_printed_or_not(demo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    commands.plan("demo", out=demo.path, overrides=CHANGED, cache=tmp_path)
+    make_plan("demo", out=demo.path, overrides=CHANGED, cache=tmp_path)
     assert "measuring motion: 4/4" in capsys.readouterr().err
-    commands.plan("demo", out=demo.path, overrides=CHANGED, progress=False)
+    make_plan("demo", out=demo.path, overrides=CHANGED, progress=False)
     assert capsys.readouterr() == ("", "")
 
 
@@ -109,8 +109,8 @@ def test_progress_is_printed_or_not(demo: Any, tmp_path: Path, capsys: pytest.Ca
     pytest.param(lambda: dancedata.build("demmo"), id="name"),
     pytest.param(lambda: dancedata.build("demo", jobs=0), id="jobs"),
     pytest.param(lambda: dancedata.build("demo", backend="slurm"), id="backend"),
-    pytest.param(lambda: commands.plan("aist++", "none"), id="no such source"),
-    pytest.param(lambda: commands.plan({"recipe": 1}), id="document"),
+    pytest.param(lambda: make_plan("aist++", "none"), id="no such source"),
+    pytest.param(lambda: make_plan({"recipe": 1}), id="document"),
     pytest.param(lambda: dancedata.check("x", dataset="a", recipe="b"), id="two readers"),
     pytest.param(lambda: dancedata.check("x", overrides=["fps=30"]), id="overrides"),
     pytest.param(lambda: comparison.diff("none", "none"), id="no dataset"),

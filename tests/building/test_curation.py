@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.building import commands
+from dancedata.building.plan import make_plan
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import recipe_hash
@@ -239,7 +239,7 @@ def test_check_finds_what_a_build_leaves_out(source: Path, tmp_path: Path, monke
         source, recipe={**DOCUMENT, "rules": {"curate": {"floor_drift": True}}}, progress=False
     )
     assert [(p.severity, p.where) for p in problems if p.message.startswith("curated")] == [("note", "sinks")]
-    plan = commands.plan({**DOCUMENT, "rules": {"curate": {"spikes": True}}}, source, cache=tmp_path, progress=False)
+    plan = make_plan({**DOCUMENT, "rules": {"curate": {"spikes": True}}}, source, cache=tmp_path, progress=False)
     assert any("counted before curate" in note for note in plan.to_json()["notes"])
 
 

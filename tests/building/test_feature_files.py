@@ -12,7 +12,7 @@ import pytest
 
 import dancedata
 from dancedata.audio.file import FileRows
-from dancedata.building.describe import reasons
+from dancedata.building.left_out import reasons
 from dancedata.building.plan import Plan, make_plan
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import ClipRef, Scan

@@ -12,8 +12,8 @@ import soundfile
 
 import dancedata
 from dancedata import comparison
-from dancedata.building import commands
 from dancedata.building.describe import describe_store
+from dancedata.building.plan import make_plan
 from dancedata.core.clip import ClipRef, Scan, member_id
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -306,7 +306,7 @@ def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomp
         "augment": {"tempo": {"speeds": [0.9, 1.1]}, "mirror": True}, "groups": {"incomplete": incomplete},
     }  # fmt: skip
     places = {"jobs": 1, "cache": cache, "progress": False}
-    plan = commands.plan(document, source, tmp_path / "out", **places)
+    plan = make_plan(document, source, tmp_path / "out", **places)
     store = dancedata.build(document, source, tmp_path / "out", **places).open()
     planned, counts = plan.to_json()["splits"]["train"], store.info["splits"]["train"]
     assert planned == {name: counts[name] for name in planned}
@@ -314,7 +314,7 @@ def test_a_plan_counts_the_groups_of_a_build(tmp_path: Path, cache: Path, incomp
     left_out = {(r["clip"], r["reason"]) for r in store.rejects if r["clip"] and r["reason"] != "unmirrored_words"}
     assert {(r.clip, r.reason) for r in plan.rejects if r.clip} == left_out
     assert {("a_p1", "nan"), ("c_p0", "length_mismatch"), ("c_p1", "length_mismatch")} <= left_out
-    again = commands.plan(document, source, tmp_path / "out", **places).to_json()["cached"]
+    again = make_plan(document, source, tmp_path / "out", **places).to_json()["cached"]
     assert all(units["cached"] == units["of"] > 0 for units in again.values())
 
 

@@ -199,7 +199,7 @@ def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
 @pytest.mark.nightly
 def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path, monkeypatch: Any) -> None:
     """Re-encoded, resampled, padded and trimmed copies are above the threshold; the closest songs are below."""
-    from dancedata.music.signal import resample
+    from dancedata.music.samples import resample
 
     first, second = (song(name) for name in CLOSE)
     ogg = io.BytesIO()

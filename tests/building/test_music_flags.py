@@ -60,6 +60,6 @@ def test_a_song_is_decoded_again_by_another_ffmpeg(
         assert isinstance(signal, SignalId)
         assert signal.ffmpeg == ffmpeg
         assert known_signal(cache, tmp_path / name) == signal
-    monkeypatch.setattr("dancedata.building.signals.ffmpeg_version", lambda: "another")
+    monkeypatch.setattr("dancedata.music.ffmpeg.ffmpeg_version", lambda: "another")
     assert known_signal(cache, tmp_path / "a.wav") is None
     assert known_signal(cache, tmp_path / "b.wav") is not None

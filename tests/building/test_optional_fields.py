@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.building import commands
 from dancedata.building.check import check
+from dancedata.building.plan import make_plan
 from dancedata.comparison import diff
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import Window
@@ -101,7 +101,7 @@ def test_rows_that_a_field_has_are_those_of_a_build_without_the_key(mixed: Path,
 
 
 def test_a_plan_finds_in_the_cache_that_there_are_no_rows(mixed: Path, captures: Path, cache: Path) -> None:
-    held = commands.plan(RECIPE, captures, cache=cache).to_json()["cached"]
+    held = make_plan(RECIPE, captures, cache=cache).to_json()["cached"]
     assert all(units["cached"] == units["of"] for units in held.values()), held
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 import dancedata
-from dancedata.building.source_record import MAX_CLIPS, SourceRecord, source_differences
+from dancedata.building.differences import source_differences
+from dancedata.building.source_record import MAX_CLIPS, SourceRecord
 from dancedata.comparison import diff
 from dancedata.core.errors import StoreError
 from dancedata.testing.stores import write_random_store

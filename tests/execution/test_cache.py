@@ -13,8 +13,8 @@ import pytest
 
 from dancedata.building import signals as audio_units
 from dancedata.building.compute import Unit, in_cache, make
+from dancedata.building.documents import content_hashes
 from dancedata.building.fields.music import MusicField
-from dancedata.building.identity import content_hashes
 from dancedata.building.inputs import Music
 from dancedata.building.signals import SignalId
 from dancedata.building.sources import identify

@@ -13,6 +13,7 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -142,8 +143,8 @@ def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, outpu
             "names_sha256": requirements.names_sha256(corpus),
             "versions": requirements.versions_of({"librosa"}, arithmetic.here()),
         }
-        required = requirements.Requirements(**{**right, **wrong})
-        is_error, result = pickle.loads(run_packed(required, pickle.dumps((abs, (-3,)))))
+        check = partial(requirements.check_worker, requirements.Requirements(**{**right, **wrong}))
+        is_error, result = pickle.loads(run_packed(check, pickle.dumps((abs, (-3,)))))
     assert is_error == (output is not None), result
     if output is None:
         assert result == 3
@@ -214,8 +215,8 @@ def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Pat
 CRASH = """
 import signal, sys
 from dancedata.__main__ import main
-from dancedata.building import commands
-commands.plan = lambda *args, **options: signal.raise_signal(signal.SIGSEGV)
+from dancedata.building import plan
+plan.make_plan = lambda *args, **options: signal.raise_signal(signal.SIGSEGV)
 sys.argv = ["dancedata", "build", "demo", "--dry-run"]
 main()
 """

@@ -23,7 +23,7 @@ from safetensors.torch import load_file, save_file
 from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
 from dancedata.audio.beats.network import BeatNetwork, Sizes
 from dancedata.audio.beats.weights import load_network
-from dancedata.music.signal import resample
+from dancedata.music.samples import resample
 from dancedata.synthetic import synthesise_song
 from dancedata.synthetic.plan import CATALOGUE
 

@@ -19,7 +19,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
-from dancedata.music.signal import pcm16, resample
+from dancedata.music.samples import pcm16, resample
 
 FPS = FrameGrid.of(30)
 LAYER = 6

@@ -56,7 +56,8 @@ def test_a_video_has_the_frames_and_the_sound_of_its_clip(demo: Path, tmp_path: 
     assert abs(len(samples) / 22050 - 2) < 0.06
     # The music is that of the same time; players and ffmpeg undo the delay of the encoder.
     wav = dancedata.AudioSignal
-    from dancedata.music.signal import load_audio, resample
+    from dancedata.music.samples import resample
+    from dancedata.music.signal import load_audio
 
     signal = load_audio(source / "wavs" / f"{clip.music}.wav")
     assert isinstance(signal, wav)

@@ -20,7 +20,7 @@ from torch.utils.data import DataLoader, Subset, default_collate
 from dancedata.store.dataset import Store
 from dancedata.torch import BatchLoader, ClipDataset, Scale, WindowDataset
 from dancedata.torch.batch_reader import MemoryPool, shared_tensor
-from dancedata.torch.clip_collate import collate
+from dancedata.torch.collate import collate
 from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 

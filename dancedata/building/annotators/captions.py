@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
 
@@ -14,10 +14,12 @@ from dancedata.building.plugins import ANNOTATORS, Annotator, Ask
 from dancedata.building.take import Scene, Take
 from dancedata.core.errors import UsageError
 from dancedata.core.segments import CLIP_END, Layer, Segment
-from dancedata.core.sided_words import ENGLISH, Lexicon
 from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.files.yaml import read_yaml
+
+if TYPE_CHECKING:
+    from dancedata.core.sided_words import Lexicon
 
 GENRE = Layer("genre", by="genre", sided="no")
 _ALLOWED = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], alone: [...], whole_words: true}"
@@ -51,13 +53,12 @@ class Captions(Stated):
     lexicon: Any = None
 
     def __post_init__(self) -> None:
-        is_lexicon = self.lexicon is None or isinstance(self.lexicon, Lexicon)
-        object.__setattr__(self, "lexicon", self.lexicon if is_lexicon else _lexicon(self.lexicon))
+        object.__setattr__(self, "lexicon", None if self.lexicon is None else _lexicon(self.lexicon))
 
     @property
     def lexicons(self) -> tuple[Lexicon, ...]:  # type: ignore[override]
-        """Its own, and that of the package."""
-        return (ENGLISH,) if self.lexicon is None else (self.lexicon, ENGLISH)
+        """Its own."""
+        return () if self.lexicon is None else (self.lexicon,)
 
     @override
     def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
@@ -79,6 +80,10 @@ class Genre(Stated):
 
 def _lexicon(value: Any) -> Lexicon:
     """Return the lexicon of a file, or of a mapping."""
+    from dancedata.core.sided_words import Lexicon  # few recipes name one
+
+    if isinstance(value, Lexicon):
+        return value
     where = ""
     if isinstance(value, str | Path):
         where = f"{shown(str(value))}: "

@@ -1,4 +1,4 @@
-"""Fields of motion: representations, key motions, and those that a plug-in makes of all dancers of a take."""
+"""Fields of motion: representations, and those that a plug-in makes of all dancers of a take."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_of
-from dancedata.building.identity import content_hashes
+from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.plugins import Ask, Field, Reach, maker_hash
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
@@ -22,7 +21,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import ContactRule, KeyMotionFinder, Plugin, Representation
+from dancedata.core.plugins import ContactRule, Plugin, Representation
 from dancedata.core.text import shown
 from dancedata.core.typing import override
 
@@ -33,7 +32,8 @@ if TYPE_CHECKING:
 _STAGE = 6
 _FINGERS = frozenset(SMPLX52.joints[22:])
 T = TypeVar("T")
-_Rows = npt.NDArray[np.float32] | Nothing
+#: Rows (T, D), or why a clip has none.
+Encoded = npt.NDArray[np.float32] | Nothing
 
 
 class MotionField(Field):
@@ -75,13 +75,15 @@ class MotionField(Field):
         return Reach(0, self.grid.rows_down(take.time.frames_on(self.grid), of=grid), beyond=beyond)
 
     @override
-    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[_Rows]:
+    def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[Encoded]:
         scene = loaded.after(parts[0][0])
-        motions = [self._try(partial(self._on_grid, motion)) for motion in scene.motions]
+        motions = [self.attempt(partial(self._on_grid, motion)) for motion in scene.motions]
         return self.encoded(motions, [k for _, k in parts], in_group=bool(scene.refs[0].group))
 
     @abstractmethod
-    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+    def encoded(
+        self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool
+    ) -> list[Encoded]:
         """Return the rows of some dancers of a scene, whose motions are at the field's rate."""
 
     def require(self, motion: Motion) -> None:
@@ -92,7 +94,7 @@ class MotionField(Field):
             self.require(motion)
         return motion.resampled(self.grid)
 
-    def _try(self, call: Callable[[], T]) -> T | Nothing:
+    def attempt(self, call: Callable[[], T]) -> T | Nothing:
         """Return the result of a call; Nothing where an optional field cannot take a motion."""
         try:
             return call()
@@ -137,10 +139,12 @@ class SceneField(MotionField):
         """
 
     @override
-    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+    def encoded(
+        self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool
+    ) -> list[Encoded]:
         lost = [motion for motion in motions if isinstance(motion, Nothing)]
         present = [motion for motion in motions if not isinstance(motion, Nothing)]
-        rows: Any = lost[0] if lost else self._try(partial(self.encode, present))
+        rows: Any = lost[0] if lost else self.attempt(partial(self.encode, present))
         if isinstance(rows, Nothing):
             return [rows for _ in dancers]
         if not isinstance(rows, Sequence | np.ndarray) or len(rows) != len(present):
@@ -239,68 +243,24 @@ class RepresentationField(MotionField):
                             reason="missing_joints", found=joints)  # fmt: skip
 
     @override
-    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
+    def encoded(
+        self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool
+    ) -> list[Encoded]:
         floor = self._floor(motions) if in_group else None
         return [self._encoded(motions[k], floor) for k in dancers]
 
-    def _encoded(self, motion: Motion | Nothing, floor: float | None) -> _Rows:
+    def _encoded(self, motion: Motion | Nothing, floor: float | None) -> Encoded:
         if isinstance(motion, Nothing):
             return motion
         plugin, rule = self.representation, self.contacts
         if floor is None:
-            return self._try(lambda: np.asarray(plugin.encode(motion, contacts=rule)))
-        return self._try(lambda: np.asarray(plugin.encode_above(motion, floor, contacts=rule)))
+            return self.attempt(lambda: np.asarray(plugin.encode(motion, contacts=rule)))
+        return self.attempt(lambda: np.asarray(plugin.encode_above(motion, floor, contacts=rule)))
 
     def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
         """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
         if not self.representation.grounded:
             return None
         present = [m for m in motions if not isinstance(m, Nothing)]
-        floors = [self._try(partial(self.representation.floor, m)) for m in present]
+        floors = [self.attempt(partial(self.representation.floor, m)) for m in present]
         return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)
-
-
-@dataclass(frozen=True)
-class KeyMotionField(MotionField):
-    """The key motions of each dancer."""
-
-    slot = "keymotion"
-    kind = "keymotion"
-
-    name: str  # type: ignore[misc]
-    grid: FrameGrid
-    finder: KeyMotionFinder
-    optional: bool = False
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return self.finder.columns
-
-    @property
-    @override
-    def plugins(self) -> Mapping[str, Plugin]:
-        return {f"keymotion {self.name}": self.finder}
-
-    @property
-    @override
-    def description(self) -> str:
-        return f"key motions, {', '.join(self.columns.labels)}"
-
-    @property
-    @override
-    def shaping(self) -> list[Any]:
-        return [self.finder.name, (self.finder.version, 0)]
-
-    @override
-    def document(self) -> dict[str, Any]:
-        return {**document_of(self.finder), "optional": self.optional}
-
-    @override
-    def encoded(self, motions: Sequence[Motion | Nothing], dancers: Sequence[int], *, in_group: bool) -> list[_Rows]:
-        return [self._analysed(motions[k]) for k in dancers]
-
-    def _analysed(self, motion: Motion | Nothing) -> _Rows:
-        if isinstance(motion, Nothing):
-            return motion
-        return self._try(lambda: np.asarray(self.finder.analyse(motion)))

@@ -10,8 +10,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_of
-from dancedata.building.identity import content_hashes
+from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.take import RecipeField, Scene, Take, Transform
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError

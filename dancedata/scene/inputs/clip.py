@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.identity import content_hashes
+from dancedata.building.documents import content_hashes
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef, Window
 from dancedata.core.errors import DataError
