@@ -185,7 +185,7 @@ class Clips(Sequence[Clip]):
     @property
     def ids(self) -> list[str]:
         """Ids of the clips."""
-        return [self._tables.ids[int(row)] for row in self._rows]
+        return self._tables.ids[list(self._rows)]
 
     def to_pandas(self) -> DataFrame:
         """Return the clips' rows of the table of clips as a pandas DataFrame, see `Store.to_pandas`."""

@@ -132,38 +132,40 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
         raise StoreError("a shard cannot be read", where=str(path), found=shown(str(error), 600), fix=fix) from error
 
 
-def find_object(file: Any, name: str) -> Any:
+def find_object(file: Any, name: str, opened: dict[str, Any] | None = None) -> Any:
     """Return the identifier of a group or dataset of a file; None if there is none of this name.
 
-    StoreError if it is reached by a link, which may lead out of the file, or in a circle.
+    `opened` remembers those of the same file, by path. StoreError if it is reached by a link, which may lead out of
+    the file, or in a circle.
     """
     # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
-    path, links = b"", file.id.links
+    path, item, opened = "", file.id, {} if opened is None else opened
     for part in name.strip("/").split("/"):
-        path += b"/" + part.encode()
-        try:
-            kind = _LINKS.get(links.get_info(path).type, "UserLink")
-        except (KeyError, RuntimeError):
-            parent = h5py.h5o.open(file.id, path.rpartition(b"/")[0] or b"/")
-            if isinstance(parent, h5py.h5g.GroupID) and parent.links.exists(part.encode()):
-                raise
-            return None
-        if kind != "HardLink":
-            raise _refused(
-                "a link is not followed", f"{file.filename}, {path.decode()}", kind, "a dataset in the file itself"
-            )
-    return h5py.h5o.open(file.id, path)
+        path += f"/{part}"
+        if path not in opened:
+            opened[path] = _child(item, part.encode(), f"{file.filename}, {path}")
+        item = opened[path]
+    return item
 
 
-def find_dataset(file: Any, name: str) -> Any:
-    """Return a dataset of a shard, if its size is plausible for the size of the file.
+def _child(parent: Any, name: bytes, where: str) -> Any:
+    if not isinstance(parent, h5py.h5g.GroupID) or not parent.links.exists(name):
+        return None
+    kind = _LINKS.get(parent.links.get_info(name).type, "UserLink")
+    if kind != "HardLink":
+        raise _refused("a link is not followed", where, kind, "a dataset in the file itself")
+    return h5py.h5o.open(parent, name)
+
+
+def find_dataset(file: Any, name: str, opened: dict[str, Any] | None = None) -> Any:
+    """Return a dataset of a file, if its size is plausible for the size of the file; `opened` as in `find_object`.
 
     StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
     fixed-length text, is larger than the file, or has a filter that this HDF5 lacks.
     """
     filename = file.filename
     where = f"{filename}, /{name.strip('/')}"
-    identifier = find_object(file, name)
+    identifier = find_object(file, name, opened)
     dataset = h5py.Dataset(identifier) if isinstance(identifier, h5py.h5d.DatasetID) else None
     shape = dataset.shape if dataset is not None else None
     if dataset is None or shape is None:

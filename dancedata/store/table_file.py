@@ -6,7 +6,7 @@ import mmap
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import h5py
@@ -34,6 +34,7 @@ class TableFile:
     file: Any
     listed: ListedFile
     memory: bytes | mmap.mmap
+    opened_objects: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     @contextmanager
@@ -45,7 +46,7 @@ class TableFile:
 
     def array(self, name: str, kinds: str) -> npt.NDArray[Any]:
         """Return a dataset of one of these numpy kinds, as a view of the file where it is one piece of it."""
-        dataset = hdf5.find_dataset(self.file, name)
+        dataset = hdf5.find_dataset(self.file, name, self.opened_objects)
         shape, dtype, offset = dataset.shape, dataset.dtype, dataset.id.get_offset()
         if len(shape) != 1 or dtype.kind not in kinds or (dtype.kind, dtype.itemsize) in _UNUSED:
             problem = "a column of a table has another shape or type"
@@ -61,7 +62,7 @@ class TableFile:
 
     def is_group(self, name: str) -> bool:
         """Return whether there is a group of this name."""
-        return isinstance(hdf5.find_object(self.file, name), h5py.h5g.GroupID)
+        return isinstance(hdf5.find_object(self.file, name, self.opened_objects), h5py.h5g.GroupID)
 
     def names(self, group: str) -> list[str]:
         """Return the names in a group; none without it."""

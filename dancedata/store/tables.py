@@ -94,15 +94,20 @@ class Tables:
         """Return the row of a clip, None if there is none of this id."""
         row = self._found.get(clip_id)
         if row is None:
-            values, key = self._id_values, clip_id.encode(errors="surrogatepass")
-            place = int(np.searchsorted(values, key, sorter=self._by_id)) if len(values) else 0
-            row = int(self._by_id[place]) if place < len(values) else None
-            if row is None or values[row] != key:
+            key = clip_id.encode(errors="surrogatepass")
+            row = next((row for row in self._places(key) if row < self.n_clips and self._id_values[row] == key), None)
+            if row is None:
                 return None
             if len(self._found) >= _REMEMBERED:
                 self._found.clear()
             self._found[clip_id] = row
         return row
+
+    def _places(self, key: bytes) -> Iterator[int]:
+        """Yield where an id may be: splits are sorted but for groups, so that rarely all ids have to be."""
+        for rows in self.splits.values():
+            yield rows.clips.start + int(np.searchsorted(self._id_values[rows.clips], key))
+        yield from self._by_id[np.searchsorted(self._id_values, key, sorter=self._by_id) :][:1].tolist()
 
     @cached_property
     def _id_values(self) -> npt.NDArray[Any]:
