@@ -144,10 +144,11 @@ def broken(where: str, problem: str, actual: object, allowed: object = None) -> 
 def require_within(where: str, columns: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> None:
     """Raise StoreError for a number of a table beyond the bounds of its column, and nan; not all have to be there."""
     for name, (least, most) in bounds.items():
-        low, high = (f(columns[name]) for f in (np.min, np.max)) if len(columns.get(name, ())) else (least, most)
-        if not least <= low <= high <= most:
-            number = low if not low >= least else high
-            raise broken(f"{where}/{name}", "a number is out of bounds", number, f"{least:.15g} to {most:.15g}")
+        column = columns.get(name, ())
+        for row in {int(np.argmin(column)), int(np.argmax(column))} if len(column) else ():
+            if not least <= column[row] <= most:
+                actual, allowed = f"{column[row]} in row {row}", f"{least:.15g} to {most:.15g}"
+                raise broken(f"{where}/{name}", "a number is out of bounds", actual, allowed)
 
 
 Column = Array | Texts | Lists

@@ -159,29 +159,26 @@ class ListedFile:
         before = self._id
         if opened.size != self._size and (before is None or not opened.same_file(before)):
             raise _another_size(self.path, opened.size, self._size)
-        if before is not None and opened.same_file(before) and opened.modified_ns != before.modified_ns:
-            self.require_bytes(sha256_file)  # touched, or overwritten in place
+        if before is not None and opened.same_file(before):
+            self.require_bytes(sha256_file)  # touched, linked, or overwritten in place
         self._id = opened
 
-    def require_unchanged(self, descriptor: int | None = None) -> None:
+    def require_unchanged(self, *, again: bool = False) -> None:
         """Raise StoreError if the file that was opened was written to since then, and has other bytes now.
 
-        Asks the system at most every 10 ms: reading a window takes no longer than asking a few times.
+        Asks the system at most every 10 ms: reading a window takes no longer than asking a few times. With `again` it
+        is asked before rows are read, and will be once more after that.
         """
         now = time.monotonic()
         if now < self._next_look:
             return
-        self._next_look = now + _PAUSE_S
-        try:
-            status = os.stat(self.path) if descriptor is None else os.fstat(descriptor)
-        except OSError:  # removed: the open file has its bytes
-            return
+        self._next_look = self._next_look if again else now + _PAUSE_S
+        present = _identity(self.path)
         opened = self._id
-        if opened is None or (status.st_mtime_ns, status.st_size) == (opened.modified_ns, opened.size):
-            return
-        if status.st_ino == opened.inode:  # else another file has its name
-            self.require_bytes(sha256_file)
-            self._id = FileId.of(status)
+        if opened is None or present is None or present == opened or not present.same_file(opened):
+            return  # one that was removed or replaced has its bytes as long as it is open
+        self.require_bytes(sha256_file)  # the time of change cannot be put back; that of the content can
+        self._id = present
 
     def open(self) -> int:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""

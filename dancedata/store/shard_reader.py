@@ -99,11 +99,14 @@ class WindowRows:
             self._seen[place] = True
             self._shards[number].read_ahead(self._field, int(self._first[place]), self._n_rows)
 
-    def require_unchanged(self, places: Sequence[int]) -> None:
-        """Raise StoreError if a mapped file was written to since it was opened: rows may be those of two datasets."""
+    def require_unchanged(self, places: Sequence[int], *, again: bool = False) -> None:
+        """Raise StoreError if a mapped file was written to since it was opened: rows may be those of two datasets.
+
+        `again`: whether this is asked before they are read; where a file was cut off, reading would end the process.
+        """
         for number in {int(self._shard[place]) for place in places}:
             if self._maps[number] is not None:
-                self._shards[number].file.require_unchanged()
+                self._shards[number].file.require_unchanged(again=again)
 
 
 @dataclass(frozen=True)
@@ -262,7 +265,7 @@ class _File:
             if n == 0:
                 raise _too_short(self.path, view.nbytes, position)
             view, position = view[n:], position + n
-        self._listed.require_unchanged(self._descriptor)
+        self._listed.require_unchanged()
 
     def __del__(self, close: Callable[[int], None] = os.close) -> None:  # at the interpreter's end `os` is gone
         if self._descriptor >= 0:

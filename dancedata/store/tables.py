@@ -210,10 +210,12 @@ class Tables:
 def check_references(tables: Tables, n_licences: int, where: str) -> Tables:
     """Raise StoreError for numbers of clips, groups and licences that do not exist; reads their columns once."""
     n, groups = tables.n_clips, {k: np.asarray(v, np.float64) for k, v in tables.groups.items() if k != "id"}
-    ends = groups["first"] + groups["count"] if groups else ()
+    groups |= {"last": groups["first"] + groups["count"]} if groups else {}
     frames = (0, MAX_ROWS)
+    sizes = {"first": (0, n), "count": (1, n), "last": (0, n), "n_source": (1, MAX_ROWS)}
     require_within(f"{where}, /windows", {"clip": tables.window_clip}, {"clip": (0, n - 1)})
-    require_within(f"{where}, /groups", groups | {"last": ends}, {"first": (0, n), "count": (1, n), "last": (0, n)})
+    require_within(f"{where}, /groups", groups, sizes)
+    require_within(f"{where}, /songs", tables.songs, {"sample_rate": (1, MAX_ROWS), "n_samples": (0, 2**53)})
     bounds = {"n_frames": frames, "trim_start": frames, "licence": (-1, n_licences - 1)}
     require_within(f"{where}, /clips", tables.columns, bounds)
     return tables

@@ -15,6 +15,7 @@ from dancedata.store.columns import Lists, Texts, text_problem
 from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
 from dancedata.store.schema import ALIGNMENT, FORMAT, TABLES_FILE, Field
+from dancedata.store.segments import QUALITY
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.stats import train_masks
 from dancedata.store.tables import Tables
@@ -157,15 +158,20 @@ def _check_clips(tables: Tables, description: Description) -> Iterator[str]:
         stated = [getattr(shard, name).encode() for shard in description.shards]
         bad = np.repeat(np.array(stated), np.diff(tables.shard_begin)) != tables.columns[name].values
         if bad.any():
-            yield f"/clips/{name}: not that of the clip in dataset.json, in rows {_places(bad)}"
+            yield f"/clips/{name}: not that of the clip in dataset.json, in rows {_places(bad, tables)}"
 
 
 def _check_references(tables: Tables) -> Iterator[str]:
-    """Check that songs that clips name exist; readers check numbers of clips, layers and licences."""
-    songs = ["", *tables.songs.get("id", ())]
-    bad = ~tables.columns["song"].isin(songs) if "song" in tables.columns else np.zeros(0, dtype=np.bool_)
-    if bad.any():
-        yield f"/clips/song: of songs that do not exist, in rows {_places(bad)}"
+    """Check that songs and clips that clips name exist; readers check numbers of clips, layers and licences."""
+    songs, source = tables.songs.get("id", ()), tables.columns.get("source")
+    originals = tables.ids.values[source.values == b""].tolist() if source is not None else []
+    for name, what, allowed in (
+        ("song", "songs that do not exist", songs),
+        ("source", "clips that do not exist, or are copies", [text.decode() for text in originals]),
+    ):
+        bad = ~tables.columns[name].isin(["", *allowed]) if name in tables.columns else np.zeros(0, dtype=np.bool_)
+        if bad.any():
+            yield f"/clips/{name}: {what}, in rows {_places(bad, tables)}"
 
 
 def _check_columns(tables: Tables) -> Iterator[str]:
@@ -193,7 +199,8 @@ def _check_groups(tables: Tables) -> Iterator[str]:
     stated = tables.columns["group"].values if "group" in tables.columns else np.zeros(tables.n_clips, dtype="S1")
     bad = stated != np.append(ids, [b""])[tables.group_of]
     if bad.any() or len(set(ids.tolist())) < len(ids):
-        yield f"/groups: not the groups that clips name, once each, as neighbours, in rows {_places(bad)} of /clips"
+        places = f", in rows {_places(bad, tables)} of /clips" if bad.any() else ""
+        yield f"/groups: not the groups that clips name, once each, as neighbours{places}"
         return
     both = sorted(set(tables.ids.values[stated == b""].tolist()) & set(ids.tolist())) if len(ids) else []
     if both:
@@ -232,8 +239,8 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
         yield "/segments/first: not the rows of the clips"
     bad = (start >= end) | (end > tables.n_frames[clip])
     if bad.any():
-        yield f"/segments: outside their clips, in rows {_places(bad)}"
-    unusable = list(_check_texts(columns))
+        yield f"/segments: outside their clips, in rows {_places(bad, tables, clip)}"
+    unusable = list(_check_contents(columns, tables, description))
     yield from unusable
     if unusable:
         return
@@ -244,17 +251,19 @@ def _check_segments(store: Store, tables: Tables, description: Description) -> I
                 return
 
 
-def _check_texts(columns: Mapping[str, Any]) -> Iterator[str]:
-    """Check that mirrored words and tokens are as many as the texts, and that no segment ends before it begins."""
-    n_texts = np.diff(columns["texts"].offset)
-    for name in ("texts_mirrored", "tokens"):
-        n_values = np.diff(columns[name].offset)
-        bad = (n_values != 0) & (n_values != n_texts)
+def _check_contents(columns: Mapping[str, Any], tables: Tables, description: Description) -> Iterator[str]:
+    """Check what a segment cannot be made of, and values and labels that say nothing."""
+    n_texts, clip = np.diff(columns["texts"].offset), columns["clip"]
+    flags = [number for number, layer in enumerate(description.layers) if layer.name == QUALITY]
+    n_values = {name: np.diff(columns[name].offset) for name in ("texts_mirrored", "tokens")}
+    checks = {name: ((n != 0) & (n != n_texts), "not as many as the texts") for name, n in n_values.items()} | {
+        "end_s": (np.asarray(columns["end_s"]) < np.asarray(columns["start_s"]), "before start_s"),
+        "value": (np.isinf(columns["value"]), "infinite"),
+        "label": (np.isin(columns["layer"], flags) & columns["label"].isin([""]), "a quality flag without its kind"),
+    }
+    for name, (bad, problem) in checks.items():
         if bad.any():
-            yield f"/segments/{name}: not as many as the texts, in rows {_places(bad)}"
-    bad = np.asarray(columns["end_s"]) < np.asarray(columns["start_s"])
-    if bad.any():
-        yield f"/segments/end_s: before start_s, in rows {_places(bad)}"
+            yield f"/segments/{name}: {problem}, in rows {_places(bad, tables, clip)}"
 
 
 def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
@@ -275,17 +284,17 @@ def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
         apart = np.abs(spans.available * frames - tables.n_frames.astype(np.int64) * rows_)
         bad = (apart >= max(frames, rows_)) & tables.having(f)
         if bad.any():
-            yield f"/clips/{f.path}: rows and frames do not match, in rows {_places(bad)}"
+            yield f"/clips/{f.path}: rows and frames do not match, in rows {_places(bad, tables)}"
 
 
 def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
     clip, start = (np.asarray(column, dtype=np.int64) for column in (tables.window_clip, tables.window_start))
     bad = (start < 0) | (start > np.asarray(tables.n_frames, dtype=np.int64)[clip] - description.length)
     if bad.any():
-        yield f"/windows: outside their clip: windows {_places(bad)}"
+        yield f"/windows: outside their clip: windows {_places(bad, tables, clip)}"
     later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))
     if not later.all():
-        yield f"/windows: not by clip and start: windows {_places(np.append(False, ~later))}"
+        yield f"/windows: not by clip and start: windows {_places(np.append(False, ~later), tables, clip)}"
     for f in description.fields:
         message = _check_rows(tables, f, description)
         if message:
@@ -301,7 +310,8 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     bad = (~whole | (inside + length > spans.available[clip])) & tables.having(f)[clip]
     if spans.offset is not None:
         bad |= inside + spans.offset[clip] < 0
-    return f"/windows: rows of {f.name} are outside the field, in windows {_places(bad)}" if bad.any() else ""
+    problem = f"/windows: rows of {f.name} are outside the field, in windows "
+    return problem + _places(bad, tables, clip) if bad.any() else ""
 
 
 def _value_problem(tables: Tables, number: int, f: Field, begin: int, rows: npt.NDArray[Any]) -> str:
@@ -322,5 +332,8 @@ def _value_problem(tables: Tables, number: int, f: Field, begin: int, rows: npt.
     return f"/{f.path}: {int((~good).sum())} values are {problem}, {place}"
 
 
-def _places(bad: Any) -> str:
-    return listed(np.flatnonzero(bad), _SHOWN)
+def _places(bad: Any, tables: Tables, clip: Any = None) -> str:
+    """Name rows of a table, and the clip of the first; `clip` are the rows of their clips, where it is no /clips."""
+    rows = np.flatnonzero(bad)
+    first = int(rows[0] if clip is None else clip[rows[0]])
+    return f"{listed(rows, _SHOWN)} (clip {tables.ids[first]})"

@@ -248,15 +248,16 @@ class BatchReader:
             # A window that is moved has the pages of its neighbours.
             field.rows.read_ahead(places)
 
-    def require_unchanged(self, places: Sequence[int]) -> None:
-        """Raise StoreError if files of the windows at `places` were written to while they were read."""
-        self.fields[0].rows.require_unchanged(places)
+    def require_unchanged(self, places: Sequence[int], *, again: bool = False) -> None:
+        """Raise StoreError if files of the windows were written to; see `WindowRows.require_unchanged`."""
+        self.fields[0].rows.require_unchanged(places, again=again)
 
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`.
 
         Windows are read in the order of the files, independent of their order in the batch.
         """
+        self.require_unchanged(request.places, again=True)
         order = sorted(range(len(request)), key=request.places.__getitem__)
         self.read_ahead([request.places[nth] for nth in order])
         for field in self.fields:

@@ -287,6 +287,7 @@ class GroupReader(BatchReader):
 
     def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`."""
+        self.require_unchanged(request.places, again=True)
         order = sorted(range(len(request)), key=request.places.__getitem__)
         self.read_ahead([request.places[nth] for nth in order])
         chosen = self.chosen(request)
@@ -310,9 +311,9 @@ class GroupReader(BatchReader):
         self.require_unchanged(request.places)
 
     @override
-    def require_unchanged(self, places: Sequence[int]) -> None:
+    def require_unchanged(self, places: Sequence[int], *, again: bool = False) -> None:
         first = [int(self._dataset._begin[place]) for place in places]
-        super().require_unchanged(first if self.fields[0].name in self._per_dancer else places)
+        super().require_unchanged(first if self.fields[0].name in self._per_dancer else places, again=again)
 
     @override
     def read_ahead(self, places: Sequence[int]) -> None:

@@ -52,6 +52,7 @@ def test_equal_mirrored_words_are_not_stored_twice(folder: Path) -> None:
         ),
         (lambda table: table["end_s"].__setitem__(0, -5), "end_s: before start_s"),
         (lambda table: table["end"].__setitem__(0, 29), "frames are not those of the times"),
+        (lambda table: table["value"].__setitem__(1, np.inf), "value: infinite, in rows 1 (clip alone)"),
     ],
 )
 def test_damage_is_named(folder: Path, change: Callable[[Any], None], message: str) -> None:

@@ -17,7 +17,7 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
 from dancedata.files.regular_file import sha256_file
-from dancedata.store import open_store, verify_store, write_store
+from dancedata.store import Signal, open_store, verify_store, write_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
 from tests.groups_store import HEADER, stored
@@ -172,7 +172,7 @@ TABLE_CASES: list[tuple[str, int, Any, str]] = [
     ("windows/start", 0, -1, "outside their clip"),
     ("windows/start", 0, 10**6, "outside their clip"),
     ("clips/n_frames", 0, 0, "not a whole number from 1"),
-    ("clips/n_frames", 0, 31, "rows and frames do not match, in rows 0"),
+    ("clips/n_frames", 0, 31, "rows and frames do not match, in rows 0 (clip train_c00)"),
     ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
     ("clips/id", 0, b"\xff", "/clips/id: a text that is not valid UTF-8"),
     ("clips/music", 0, b"a\0b", "/clips/music of clip 'train_c00': a text with a NUL"),
@@ -344,6 +344,29 @@ def test_clip_in_two_splits(make_store: Any) -> None:
     edit(made.path, "clips/id", 2, b"train_c00", TABLES)
     message = "clip train_c00 occurs 2 times, in other, train"
     assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "value", "message"),
+    [
+        ("clips/source", 1, b"nobody", "source: clips that do not exist, or are copies, in rows 1 (clip copy)"),
+        ("clips/source", 1, b"copy", "source: clips that do not exist, or are copies, in rows 1 (clip copy)"),
+        ("clips/song", 0, b"no", "/clips/song: songs that do not exist, in rows 0 (clip alone)"),
+        ("groups/n_source", 0, -3, "/groups/n_source: a number is out of bounds"),
+        ("groups/n_source", 0, 1, "group train0: dancers 0, 1 of 1"),
+        ("songs/sample_rate", 0, 0, "/songs/sample_rate: a number is out of bounds"),
+        ("songs/n_samples", 0, -1, "/songs/n_samples: a number is out of bounds"),
+        ("segments/label", 0, b"", "/segments/label: a quality flag without its kind, in rows 0 (clip alone)"),
+    ],
+)  # fmt: skip
+def test_lies_in_tables(out: Path, column: str, row: int, value: Any, message: str) -> None:
+    signal = Signal("ab" * 32, 48_000, 100)
+    clips = [dataclasses.replace(clip, song="tune", signal=signal) for clip in stored({"train": (2,)})]
+    copy = dataclasses.replace(clips[-1], id="copy", source="alone")
+    write_store(out, HEADER, [*clips, copy], quality=[{"clip": "alone", "kind": "steady_music", "value": 0.1}])
+    assert verify_store(out) == []
+    edit(out, column, row, value, "segments.h5" if column.startswith("segments") else TABLES)
+    assert message in only_error(out)
 
 
 def test_copy_of_a_clip_of_another_split(make_store: Any, out: Path) -> None:
