@@ -20,6 +20,7 @@ cache. Ratios of times below 5 ms are noise of a few tenths of a millisecond.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import shutil
@@ -72,24 +73,30 @@ def columns(n: int, missing: Mapping[str, Any]) -> dict[str, tuple[str, Sequence
     }
 
 
-def write(folder: Path, n: int, side: str) -> Measured:
+def has_format_2() -> bool:
+    """Return whether this checkout is of before format 3, with tables a split and texts as offsets and bytes."""
+    return importlib.util.find_spec("dancedata.store.table_columns") is not None
+
+
+def write(folder: Path, n: int) -> Measured:
     """Write a dataset whose tables have n clips; measure its columns."""
     from dancedata.store import hdf5
     from dancedata.store.hdf5 import SparseFile
 
-    if side == "base":
+    is_format_2 = has_format_2()
+    if is_format_2:
         from dancedata.store.table_columns import MISSING, TextColumn, type_of
     else:
         from dancedata.store.columns import MISSING, write_column
     info = lay_out(folder, n)
-    values, name = columns(n, MISSING), "train-tables.h5" if side == "base" else "tables.h5"
+    values, name = columns(n, MISSING), "train-tables.h5" if is_format_2 else "tables.h5"
     clip = np.repeat(np.arange(n), WINDOWS).astype(np.int32)
     start = np.tile(np.arange(WINDOWS) * STRIDE, n).astype(np.int32)
 
     def run() -> None:
         layout = SparseFile()
         with hdf5.create_file(layout) as file:
-            if side == "base":
+            if is_format_2:
                 for column, (kind, cells) in values.items():
                     type_of(kind).write(file, f"clips/{column}", cells)
                 by_id = TextColumn.of(values["id"][1]).sorted_rows()
@@ -105,7 +112,7 @@ def write(folder: Path, n: int, side: str) -> Measured:
             layout.copy_to(target)
 
     measured = measure(run)
-    if side == "base":
+    if is_format_2:
         kinds = [{"name": column, "type": kind.removesuffix("32")} for column, (kind, _) in values.items()]
         info["tables"]["clips"]["columns"] = kinds
         info["splits"]["train"]["rows"] = {"clips": n, "windows": n * WINDOWS}
@@ -113,18 +120,19 @@ def write(folder: Path, n: int, side: str) -> Measured:
     return measured | {"file": (folder / name).stat().st_size / 1e6}
 
 
-def read(folder: Path, n: int, side: str, operation: str) -> Measured:
+def read(folder: Path, n: int, operation: str) -> Measured:
     """Open a dataset, and measure an operation on it."""
     from dancedata.store.dataset import open_store
 
-    if side == "base":
+    is_format_2 = has_format_2()
+    if is_format_2:
         from dancedata.readers.clip_values import _has as clips_with
     else:
         from dancedata.store.clip_choice import clips_with
 
     def opened() -> Any:
         store = open_store(folder)
-        return store, store.tables("train") if side == "base" else store._tables
+        return store, store.tables("train") if is_format_2 else store._tables
 
     if operation == "open":
         return measure(opened)
@@ -176,7 +184,7 @@ def main() -> None:
                         checkout = getattr(options, side).resolve()
                         if operation == "write":
                             shutil.rmtree(Path(work, side), ignore_errors=True)
-                        words = [sys.executable, "-P", __file__, "--child", side, operation, Path(work, side), n]
+                        words = [sys.executable, "-P", __file__, "--child", operation, Path(work, side), n]
                         output = subprocess.run(
                             list(map(str, words)), check=True, env=environment(checkout), cwd=checkout,
                             capture_output=True, text=True,
@@ -193,8 +201,7 @@ def main() -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--child"]:
-        side, operation, folder, n = sys.argv[2:]
-        arguments = Path(folder), int(n), side
-        print(json.dumps(write(*arguments) if operation == "write" else read(*arguments, operation)))
+        operation, folder, n = sys.argv[2], Path(sys.argv[3]), int(sys.argv[4])
+        print(json.dumps(write(folder, n) if operation == "write" else read(folder, n, operation)))
     else:
         main()

@@ -35,6 +35,7 @@ SMALLEST = {
     "scaling": "units",
     "sounds": "",
     "startup": "--rounds 1",
+    "tables": "{root} {root} --clips 100 --rounds 1",
     "up_axis": "cuts",
     "values": "{root} {root} values demo",
     "walk": "",
