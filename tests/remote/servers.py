@@ -2,12 +2,13 @@
 
 import json
 import logging
+import socket
 import threading
 import time
 import urllib.request
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -30,14 +31,14 @@ class Server(ThreadingHTTPServer):
         self.ranges = True
         #: Status and headers of the last answer without a body.
         self.last: tuple[int, dict[str, str]] = 200, {}
-        self.answering = 0
+        self.connections: list[socket.socket] = []
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        self.answering += 1
+        self.connections.append(request)
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self.answering -= 1
+            self.connections.remove(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         pass  # clients that go away
@@ -155,8 +156,11 @@ def serving(server: Server) -> Iterator[Server]:
     finally:
         server.shutdown()
         server.server_close()
+        for connection in [*server.connections]:
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)  # clients keep theirs for a next request
         for _ in range(100):
-            if server.answering:
+            if server.connections:
                 time.sleep(0.01)
 
 

@@ -39,7 +39,7 @@ def _wait_for(monkeypatch: pytest.MonkeyPatch, silence: float, stall: float, att
 @pytest.fixture(autouse=True)
 def no_hang(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Wait shortly, and fail instead of hanging."""
-    _wait_for(monkeypatch, 0.7, 0.4, 2)
+    _wait_for(monkeypatch, 0.4, 0.2, 2)
 
     def hangs(*_: object) -> None:
         raise TimeoutError("it hangs")

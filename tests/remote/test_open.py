@@ -48,15 +48,16 @@ def test_a_reader_begins_after_the_first_shard(server: Server) -> None:
     assert len(_shards(server.requests, "test")) == 1
 
 
-@pytest.mark.parametrize("context", ["fork", "forkserver"])
-def test_readers_and_workers(server: Server, published: Path, context: str) -> None:
+# Of few shards under fork, where a new process fetches each.
+@pytest.mark.parametrize(("context", "split"), [("fork", "val"), ("forkserver", "train")])
+def test_readers_and_workers(server: Server, published: Path, context: str, split: str) -> None:
     address = f"{server.url}/store"
-    remote, local = (WindowDataset(where, "train", scale=None) for where in (address, published))
+    remote, local = (WindowDataset(where, split, scale=None) for where in (address, published))
     assert len(remote) == len(local)
     loader = torch.utils.data.DataLoader(remote, batch_size=4, num_workers=2, multiprocessing_context=context)
     for a, b in zip(loader, torch.utils.data.DataLoader(local, batch_size=4), strict=True):
         assert torch.equal(a["pose"], b["pose"])
-    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}  # workers fetch once
+    assert {n for name, n in server.requests.items() if name.startswith(f"{split}-0")} == {1}  # workers fetch once
 
 
 def test_pull_then_offline(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
