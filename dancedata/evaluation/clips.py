@@ -51,11 +51,6 @@ class ClipSet:
         return file if file.is_dir() else file.parent
 
 
-def reader_name(store: Store | None) -> str:
-    """Return the name of the reader that a dataset was built with; "" without a dataset."""
-    return "" if store is None else str(next(iter(store.info["recipe"]["dataset"])))
-
-
 def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
     """Return the splits that "test" or "val,test" names, all for None; UsageError for an unknown split."""
     if split is None or (split == "all" and "all" not in store.splits):

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed, shown
-from dancedata.evaluation.clips import reader_for, reader_name, truth_of
+from dancedata.evaluation.clips import reader_for, truth_of
 from dancedata.evaluation.evaluate import pool_for
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic, about_slices, beat_field, music_of
@@ -29,6 +29,7 @@ from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
 from dancedata.scene.like import opened, scaling_of, store_of
 from dancedata.store.beats import BEAT, field_beats
+from dancedata.store.queries import reader_name
 
 if TYPE_CHECKING:
     from torch import Tensor

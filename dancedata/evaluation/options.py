@@ -16,7 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
-from dancedata.evaluation.clips import ClipSet, named_reader, reader_name, store_clips, truth_of, without_field
+from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of, without_field
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -29,6 +29,7 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.like import scaling_of
 from dancedata.scene.poses import ColumnsReader, motion_readers
 from dancedata.scene.scaling import Scaling
+from dancedata.store.queries import reader_name
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.
 Motions = Mapping[str, "npt.ArrayLike | Motion"]
@@ -127,11 +128,11 @@ class EvaluationOptions:
             raise UsageError("the list of songs names unknown clips", found=listed(unknown))
         if unknown := sorted(set(self.music.beats) - ids):
             raise UsageError("beats given for unknown clips", found=listed(unknown))
-        clip_set = self._named(clip_set, music)
+        clip_set, real = self._named(clip_set, music), store or self.like
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
             music=music, truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
-            dataset=reader_name(clip_set.store or self.like),
+            dataset="" if real is None else reader_name(real),
         )  # fmt: skip
 
     def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:

@@ -23,7 +23,7 @@ from dancedata.remote.contents import contents
 from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
 from dancedata.store import Store, open_store
-from dancedata.store.queries import require_intact, source_folder
+from dancedata.store.queries import reader_name, require_intact, source_folder
 
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
@@ -167,7 +167,7 @@ def push(
 
 def _manifests(store: Store) -> list[Path]:
     """Return the list of clips that was written for the dataset's reader, where its source is on this machine."""
-    source, (name, *_) = source_folder(store), store.info["recipe"]["dataset"]
+    source, name = source_folder(store), reader_name(store)
     if source is None or name not in DATASETS.names() or not DATASETS.get(name).has_listing(source):
         return []
     return [source / manifest for manifest in MANIFESTS if (source / manifest).is_file()]

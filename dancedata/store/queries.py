@@ -57,6 +57,11 @@ def reference(store: StoreTables) -> tuple[str, str]:
     return str(store.path), store._description.self_sha256
 
 
+def reader_name(store: StoreTables) -> str:
+    """Return the name of the reader that the dataset was built with; "" where it has no recipe."""
+    return str(next(iter(store.info.get("recipe", {}).get("dataset", {})), ""))
+
+
 def source_folder(store: StoreTables) -> Path | None:
     """Return the folder that the dataset was built from on this machine; None where it is unknown, or has moved."""
     try:
