@@ -93,5 +93,5 @@ def jobs_of(jobs: int | None) -> int:
 
         return int(cpu_count())
     if jobs < 1:
-        raise UsageError("invalid number of worker processes", found=jobs, allowed="1 and above, or None")
+        raise UsageError("invalid number of worker processes", found=jobs, allowed="1 and above")
     return jobs

@@ -9,10 +9,11 @@ from typer.core import TyperCommand, TyperGroup
 
 from dancedata.cli.build import build, check, init
 from dancedata.cli.cache import cache
-from dancedata.cli.command import Help, Summary, fail
+from dancedata.cli.command import fail
 from dancedata.cli.help import help_text
 from dancedata.cli.hubs import export, pull, push
 from dancedata.cli.info import info
+from dancedata.cli.options import Summary, WholeHelp
 from dancedata.cli.pages import report, study, view
 from dancedata.cli.samples import decode, evaluate, features
 from dancedata.core.errors import UsageError, did_you_mean
@@ -109,7 +110,7 @@ app = typer.Typer(
 def _options(
     version: Annotated[bool, typer.Option("--version", help="The version.")] = False,
     summary: Summary = False,
-    whole_help: Help = False,
+    whole_help: WholeHelp = False,
 ) -> None:
     if version:
         typer.echo(f"dancedata {__version__}")

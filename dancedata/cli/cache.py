@@ -1,33 +1,33 @@
 """dancedata cache: what the cache holds, and how it shrinks."""
 
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from dancedata.cli.command import Output, command
-from dancedata.cli.options import CacheFolder, option
 from dancedata.core.errors import UsageError
 from dancedata.core.text import age_text, counted, size_text
 
 if TYPE_CHECKING:
     from dancedata.execution.cache_admin import Pruned
 
-ACTION_HELP = "prune removes entries, verify compares them with their checksums; default: what it holds."
+#: Options of each action.
+_TAKES: dict[str, tuple[str, ...]] = {
+    "": (), "prune": ("--older-than", "--max-size", "--dry-run"), "verify": ("--remove",),
+}  # fmt: skip
 
 
-@command
+@command(
+    "cache",
+    action="ACTION: prune removes entries, verify compares them with their checksums; default: what it holds.",
+    older_than="AGE: Prune entries that were not used for so long: 30d, 12h.",
+    max_size="SIZE: Prune those used longest ago, down to this size: 50GB.",
+    dry_run="Only print what prune would remove.",
+    remove="Let verify remove damaged entries.",
+)
 def cache(
-    action: Annotated[str, typer.Argument(metavar="ACTION", help=ACTION_HELP)] = "",
-    older_than: Annotated[
-        str | None, option(metavar="AGE", help="Prune entries that were not used for so long: 30d, 12h.")
-    ] = None,
-    max_size: Annotated[
-        str | None, option(metavar="SIZE", help="Prune those used longest ago, down to this size: 50GB.")
-    ] = None,
-    dry_run: Annotated[bool, option("--dry-run", help="Only print what prune would remove.")] = False,
-    remove: Annotated[bool, option("--remove", help="Let verify remove damaged entries.")] = False,
-    folder: CacheFolder = None,
-) -> Output:
+    action: str = "", *, older_than: str | None = None, max_size: str | None = None, dry_run: bool = False,
+    remove: bool = False, cache: Path | None,
+) -> Output:  # fmt: skip
     """See, shrink or verify the cache.
 
       dancedata cache
@@ -38,12 +38,11 @@ def cache(
     from dancedata.execution import cache_admin
     from dancedata.execution.cache import default_cache
 
-    root = (folder or default_cache()).absolute()
+    root = (cache or default_cache()).absolute()
     options = {"--older-than": older_than, "--max-size": max_size, "--dry-run": dry_run, "--remove": remove}
-    takes = {"": (), "prune": ("--older-than", "--max-size", "--dry-run"), "verify": ("--remove",)}
-    if action not in takes:
+    if action not in _TAKES:
         raise UsageError("unknown action", found=action, allowed="prune, verify, or none")
-    if stray := [name for name, value in options.items() if value and name not in takes[action]]:
+    if stray := [name for name, value in options.items() if value and name not in _TAKES[action]]:
         fix = "dancedata cache verify --remove, dancedata cache prune --older-than AGE"
         raise UsageError(f"{', '.join(stray)} does not go with {action or 'no action'}", fix=fix)
     if action == "prune":

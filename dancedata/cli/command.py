@@ -6,28 +6,18 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
-from dancedata.cli.help import RARE, print_help
 from dancedata.cli.interrupts import Interrupted, is_interrupted
+from dancedata.cli.options import HELP, About, parameters_of, read_values
 from dancedata.cli.terminal import say
 from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
 from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import adopt
-
-AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document.", rich_help_panel=RARE)]
-Summary = Annotated[
-    bool, typer.Option("-h", is_eager=True, callback=print_help(full=False), expose_value=False, hidden=True)
-]
-Help = Annotated[
-    bool, typer.Option("--help", is_eager=True, callback=print_help(full=True), expose_value=False, hidden=True)
-]
-#: Options of all commands.
-_SHARED = {"as_json": AsJson, "summary": Summary, "whole_help": Help}
 
 
 @dataclass(frozen=True)
@@ -46,56 +36,59 @@ class Output:
     error: DanceDataError | None = None
 
 
-def command(function: Callable[..., Output | None]) -> Callable[..., None]:
-    """Make a command: exit code 2 for wrong usage, 1 for a problem in the data, errors as text or as JSON.
+def command(shared: str, **about: About) -> Callable[[Callable[..., Any]], Callable[..., None]]:
+    """Make commands: exit code 2 for wrong usage, 1 for a problem in the data, errors as text or as JSON.
 
-    Before it begins, and loads numpy, the instructions are chosen that results are computed with.
+    `shared`: Names of options in `SHARED`, which the function gets as keywords.
+    `about`: What is said of its own arguments and options. A function returns an `Output`, a result of the package
+        with its text and `to_json`, or None if it has printed what there is.
+
+    Before a command begins, and loads numpy, the instructions are chosen that results are computed with.
     """
 
-    @wraps(function)
-    def run(**arguments: Any) -> None:
-        as_json = arguments.pop("as_json")
-        for shown_before in ("summary", "whole_help"):
-            arguments.pop(shown_before)
-        if as_json and "quiet" in arguments:
-            arguments["quiet"] = True
-        warnings: list[str] = []
-        output, result = None, None
-        try:
-            adopt()
-            load_plugins(*(arguments.pop("plugins", None) or ()))
-            if "as_json" in parameters:
-                arguments["as_json"] = as_json
-            with _collected(warnings, shown=not as_json):
-                output = function(**arguments)
-                if output is not None:
-                    result = output.document() if as_json else output.text()
-        except (DanceDataError, UnicodeEncodeError) as error:
-            if is_interrupted():
-                raise Interrupted from None
-            fail(unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error, as_json, name, warnings)
-        if output is None:
-            return
-        ok, warnings = output.ok and output.error is None, [*warnings, *output.warnings]
-        if as_json:
-            _print(name, ok, warnings, output.error, result=result)
-        elif output.error is not None:
-            fail(output.error, False, name)
-        else:
-            say(str(result))
-        if not ok:
-            raise typer.Exit(1)
+    def decorate(function: Callable[..., Any]) -> Callable[..., None]:
+        @wraps(function)
+        def run(as_json: bool, **arguments: Any) -> None:
+            _run(function, as_json, {name: value for name, value in arguments.items() if name not in HELP})
 
-    name = function.__name__.strip("_")
-    parameters = inspect.signature(function).parameters
-    added = [
-        inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=a)
-        for n, a in _SHARED.items()
-        if n not in parameters
-    ]
-    run.__signature__ = inspect.Signature([*parameters.values(), *added])  # type: ignore[attr-defined]
-    run.__annotations__ = {**function.__annotations__, **_SHARED}
-    return run
+        parameters = list(parameters_of(function, shared, about))
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+        return run
+
+    return decorate
+
+
+def _run(function: Callable[..., Any], as_json: bool, arguments: dict[str, Any]) -> None:
+    name, warnings, output, result = function.__name__, list[str](), None, None
+    try:
+        adopt()
+        load_plugins(*(arguments.pop("plugins", None) or ()))
+        if "quiet" in arguments and as_json:
+            arguments["quiet"] = True
+        if "as_json" in inspect.signature(function).parameters:
+            arguments["as_json"] = as_json
+        with _collected(warnings, shown=not as_json):
+            output = function(**read_values(arguments))
+            if hasattr(output, "to_json"):
+                output = Output(output.to_json, output.__str__)
+            if output is not None:
+                result = output.document() if as_json else output.text()
+    except (DanceDataError, UnicodeEncodeError) as error:
+        if is_interrupted():
+            raise Interrupted from None
+        fail(unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error, as_json, name, warnings)
+    if output is None:
+        return
+    ok, warnings = output.ok and output.error is None, [*warnings, *output.warnings]
+    if as_json:
+        _print(name, ok, warnings, output.error, result=result)
+    elif output.error is not None:
+        fail(output.error, False, name)
+    else:
+        say(str(result))
+    if not ok:
+        raise typer.Exit(1)
 
 
 def fail(error: DanceDataError, as_json: bool, name: str, warnings: Sequence[str] = ()) -> Any:

@@ -1,34 +1,24 @@
 """dancedata export, pull, push: a dataset for other trainers, from a hub, and onto one."""
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from dancedata.cli.command import Output, command
-from dancedata.cli.options import CacheFolder, Overwrite, Plugins, Quiet, Rights, option
 from dancedata.core.errors import UsageError
 
-TARGET_HELP = "edge, lodge, npz, ...: dancedata info targets; or card (README.md) or segments (.csv, .jsonl)."
-LINK_HELP = "Hard links in place of files with equal bytes."
-SOURCE_MUSIC_HELP = "Folder with the songs; default: the source of the dataset."
-SET_HELP = "Set a parameter of the target; repeatable."
-PULL_HELP = "hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files."
-RECIPE_ONLY_HELP = "Publish what rebuilds it from a user's own source, manifest.csv too, and no data."
 
-
-@command
+@command(
+    "overrides overwrite plugins quiet",
+    path="DATASET: A built dataset.",
+    to="TARGET: edge, lodge, npz, ...: dancedata info targets; or card (README.md) or segments (.csv, .jsonl).",
+    out="PATH: A new or empty folder, or a file.",
+    music="PATH: Folder with the songs; default: the source of the dataset.",
+    link="Hard links in place of files with equal bytes.",
+)
 def export(
-    path: Annotated[Path, typer.Argument(metavar="DATASET", help="A built dataset.")],
-    to: Annotated[str, option(metavar="TARGET", help=TARGET_HELP)],
-    out: Annotated[Path, option("-o", "--out", metavar="PATH", help="A new or empty folder, or a file.")],
-    overrides: Annotated[list[str] | None, option("--set", metavar="KEY=VALUE", help=SET_HELP)] = None,
-    music: Annotated[Path | None, option(metavar="DIR", help=SOURCE_MUSIC_HELP)] = None,
-    link: Annotated[bool, option("--link", help=LINK_HELP)] = False,
-    overwrite: Overwrite = False,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
-) -> Output:
+    path: Path, *, to: str, out: Path, music: Path | None = None, link: bool = False, overrides: list[str],
+    overwrite: bool, progress: bool,
+) -> Any:  # fmt: skip
     """Write a dataset as the files that another trainer reads.
 
       dancedata export data/aistpp --to edge -o edge
@@ -42,7 +32,7 @@ def export(
         from dancedata.plot.card import card_pictures
         from dancedata.remote.card import write_card
 
-        card = write_card(path, out, pictures=card_pictures, overwrite=overwrite, progress=not quiet)
+        card = write_card(path, out, pictures=card_pictures, overwrite=overwrite, progress=progress)
         return Output(lambda: {"path": str(card)}, lambda: f"{card}, and its pictures in {card.stem}_files")
     if to == "segments":
         from dancedata.segments.command import segments
@@ -53,23 +43,22 @@ def export(
     from dancedata.recipes.parse import apply_override
 
     parameters: dict[str, Any] = {}
-    for override in overrides or ():
+    for override in overrides:
         apply_override(parameters, override)
-    result = run_export(path, to, out, source=music, link=link, overwrite=overwrite, progress=not quiet, **parameters)
+    result = run_export(path, to, out, source=music, link=link, overwrite=overwrite, progress=progress, **parameters)
     return Output(result.to_json, lambda: result.summary)
 
 
-@command
+@command(
+    "cache quiet",
+    address="WHAT: hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files.",
+    out="DIR: Folder of weights; a dataset goes to the cache.",
+    split="NAMES: Only these splits: train, or train,val.",
+    accept_licence="You agree to the terms.",
+)
 def pull(
-    address: Annotated[str, typer.Argument(metavar="WHAT", help=PULL_HELP)],
-    out: Annotated[
-        Path | None, option("-o", "--out", metavar="DIR", help="Folder of weights; a dataset goes to the cache.")
-    ] = None,
-    split: Annotated[list[str] | None, option(metavar="NAME", help="Only this split; repeatable.")] = None,
-    accept_licence: Annotated[bool, option("--accept-licence", help="You agree to the terms.")] = False,
-    cache: CacheFolder = None,
-    quiet: Quiet = False,
-) -> Output:
+    address: str, *, out: Path | None = None, split: str | None = None, accept_licence: bool = False, **how: Any
+) -> Any:
     """Fetch a dataset, or the weights of a network.
 
     dancedata pull hf://datasets/ORG/NAME@REVISION --split train
@@ -81,29 +70,29 @@ def pull(
     if are_weights(address, out):
         if out is None:
             raise UsageError("weights go to a folder", where=address, fix="name it: --out DIR")
-        return pull_weights(address, out, accept_licence=accept_licence, quiet=quiet)
+        return pull_weights(address, out, accept_licence=accept_licence, progress=how["progress"])
     if out is not None:
         raise UsageError(
             "a dataset is fetched into the cache", fix="leave --out away, or name the cache: --cache DIR"
         )
     from dancedata.remote.pull import pull as run_pull
 
-    pulled = run_pull(address, split or None, cache=cache, progress=not quiet)
-    return Output(pulled.to_json, lambda: str(pulled))
+    return run_pull(address, None if split is None else [name.strip() for name in split.split(",")], **how)
 
 
-@command
+@command(
+    "rights overwrite quiet",
+    path="DATASET: A built dataset.",
+    to="ADDRESS: hf://datasets/ORG/NAME",
+    private="Only its owners read the repository.",
+    gated="Users accept the source's terms first.",
+    recipe_only="Publish what rebuilds it from a user's own source, manifest.csv too, and no data.",
+    dry_run="Check terms and sizes; publish nothing.",
+)
 def push(
-    path: Annotated[Path, typer.Argument(metavar="DATASET", help="A built dataset.")],
-    to: Annotated[str, typer.Argument(metavar="ADDRESS", help="hf://datasets/ORG/NAME")],
-    private: Annotated[bool, option("--private", help="Only its owners read the repository.")] = False,
-    gated: Annotated[bool, option("--gated", help="Users accept the source's terms first.")] = False,
-    recipe_only: Annotated[bool, option("--recipe-only", help=RECIPE_ONLY_HELP)] = False,
-    dry_run: Annotated[bool, option("--dry-run", help="Check terms and sizes; publish nothing.")] = False,
-    rights: Rights = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> Output:
+    path: Path, to: str, *, private: bool = False, gated: bool = False, recipe_only: bool = False,
+    dry_run: bool = False, **how: Any,
+) -> Any:  # fmt: skip
     """Publish a dataset, or its recipe.
 
     dancedata push data/mine hf://datasets/ORG/NAME --private
@@ -112,8 +101,7 @@ def push(
     from dancedata.plot.card import card_pictures
     from dancedata.remote.push import push as run_push
 
-    pushed = run_push(
-        path, to, private=private, gated=gated, recipe_only=recipe_only, dry_run=dry_run, rights=rights,
-        pictures=card_pictures, overwrite=overwrite, progress=not quiet,
+    return run_push(
+        path, to, private=private, gated=gated, recipe_only=recipe_only, dry_run=dry_run, pictures=card_pictures,
+        **how,
     )  # fmt: skip
-    return Output(pushed.to_json, lambda: str(pushed))

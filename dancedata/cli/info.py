@@ -2,27 +2,20 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from dancedata.cli.command import Output, command
-from dancedata.cli.options import Plugins, option
 from dancedata.core.errors import UsageError, did_you_mean
 
-WHAT_HELP = (
-    "A dataset, a recipe, a plug-in, a protocol, or a folder of weights; recipes, protocols, targets, features, "
-    "representations or plugins for a list; nothing: this installation."
+
+@command(
+    "plugins",
+    what="WHAT: A dataset, a recipe, a plug-in, a protocol, or a folder of weights; recipes, protocols, targets, "
+    "features, representations or plugins for a list; nothing: this installation.",
+    clips="List every clip of a dataset, with its windows.",
+    segments="List the layers of a dataset's segments.",
 )
-
-
-@command
-def info(
-    what: Annotated[str, typer.Argument(metavar="WHAT", help=WHAT_HELP)] = "",
-    clips: Annotated[bool, option("--clips", help="List every clip of a dataset, with its windows.")] = False,
-    segments: Annotated[bool, option("--segments", help="List the layers of a dataset's segments.")] = False,
-    plugins: Plugins = None,
-) -> Output:
+def info(what: str = "", *, clips: bool = False, segments: bool = False) -> Any:
     """Describe a dataset, a recipe, a plug-in, this installation.
 
     dancedata info data/aistpp --clips
@@ -33,7 +26,8 @@ def info(
 
     if what in LISTS:
         document = catalogue(what)
-        return Output(lambda: document, lambda: "\n".join(describe_catalogue(document)))
+        more = "dancedata info NAME describes one, with its keys"
+        return Output(lambda: document, lambda: "\n".join([*describe_catalogue(document), more]))
     from dancedata.execution.addresses import is_address
 
     is_dataset = is_address(what) or (Path(what) / "dataset.json").exists()
@@ -46,48 +40,46 @@ def info(
     if segments:
         from dancedata.segments.command import segments as run_segments
 
-        result = run_segments(what)
-        return Output(result.to_json, lambda: str(result))
-    if is_dataset:
-        return _dataset(Path(what), clips=clips)
-    if (entry := next(_entries(what), None)) is not None:
-        return Output(lambda: entry[0], lambda: "\n".join(entry[1]))
-    if "/" in what or Path(what).exists():
-        return _dataset(Path(what), clips=clips)  # its error says what is missing
-    raise _unknown(what)
+        return run_segments(what)
+    described = [] if is_dataset else list(_described(what))
+    if described:
+        document = {key: value for entry, _ in described for key, value in entry.items()}
+        return Output(lambda: document, lambda: "\n".join(line for _, lines in described for line in lines))
+    if is_dataset or "/" in what or Path(what).exists():  # an error says what is missing
+        from dancedata.building.describe import clip_rows, describe_clips, describe_store, store_json
+
+        path = Path(what)
+        return Output(
+            lambda: store_json(path) | ({"clips": clip_rows(path)} if clips else {}),
+            lambda: "\n".join([describe_store(path), *([describe_clips(path)] if clips else [])]),
+        )
+    from dancedata.recipes.parse import recipe_names
+
+    names = [name for entries in catalogue("plugins").values() for name in entries]
+    raise UsageError(f"unknown {what!r}", fix=did_you_mean(what, [*LISTS, "protocols"], [*recipe_names(), *names]))
 
 
-def _dataset(path: Path, *, clips: bool) -> Output:
-    from dancedata.building.describe import clip_rows, describe_clips, describe_store, store_json
-
-    return Output(
-        lambda: store_json(path) | ({"clips": clip_rows(path)} if clips else {}),
-        lambda: "\n".join([describe_store(path), *([describe_clips(path)] if clips else [])]),
-    )
-
-
-def _entries(what: str) -> Iterator[tuple[Any, list[str]]]:
-    """Yield what has this name, as JSON and as text; the first counts."""
+def _described(what: str) -> Iterator[tuple[dict[str, Any], list[str]]]:
+    """Yield each thing of this name, as JSON and as text: a recipe, plug-ins of several kinds, a protocol."""
     from dancedata.cli.plugins import catalogue, describe_catalogue
 
-    if what == "protocols":
-        from dancedata.evaluation.protocol_text import describe_protocols, protocols_json
-
-        yield protocols_json(), describe_protocols().split("\n")
-    elif Path(what).is_dir():
+    if Path(what).is_dir():
         yield from _weights(Path(what))
-    else:
-        yield from _recipe(what)
-        of_kind = {kind: entries[what] for kind, entries in catalogue("plugins").items() if what in entries}
-        if of_kind:
-            yield of_kind, describe_catalogue({kind: {what: entry} for kind, entry in of_kind.items()})
-        from dancedata.evaluation.protocol_text import describe_protocols, protocols_json
+        return
+    yield from _recipe(what)
+    of_kind = {kind: {what: entries[what]} for kind, entries in catalogue("plugins").items() if what in entries}
+    if of_kind:
+        yield {kind: entry[what] for kind, entry in of_kind.items()}, list(describe_catalogue(of_kind, whole=True))
+    from dancedata.evaluation.protocol_text import describe_protocols, protocols_json
 
-        if what in (protocols := protocols_json()):
-            yield protocols[what], describe_protocols(what).split("\n")
+    protocols = protocols_json()
+    if what == "protocols":
+        yield protocols, describe_protocols().split("\n")
+    elif what in protocols:
+        yield protocols[what], describe_protocols(what).split("\n")
 
 
-def _recipe(what: str) -> Iterator[tuple[Any, list[str]]]:
+def _recipe(what: str) -> Iterator[tuple[dict[str, Any], list[str]]]:
     """Yield a recipe: its description and its keys, defaults included."""
     from dancedata.recipes.parse import load_recipe, recipe_names
 
@@ -96,13 +88,12 @@ def _recipe(what: str) -> Iterator[tuple[Any, list[str]]]:
     import yaml
 
     recipe = load_recipe(what)
-    document = recipe.document
-    dumped = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None)
+    dumped = yaml.safe_dump(recipe.document, sort_keys=False, allow_unicode=True, width=80, default_flow_style=None)
     cite = [f"# licence of the data: {recipe.dataset.licence}", f"# cite: {recipe.dataset.citation}"]
-    yield document, [f"# {recipe.description or recipe.name}", *cite, dumped.rstrip()]
+    yield dict(recipe.document), [f"# {recipe.description or recipe.name}", *cite, dumped.rstrip()]
 
 
-def _weights(folder: Path) -> Iterator[tuple[Any, list[str]]]:
+def _weights(folder: Path) -> Iterator[tuple[dict[str, Any], list[str]]]:
     """Yield where the weights in a folder come from."""
     from dancedata.audio.hf.model_folder import PROVENANCE
     from dancedata.audio.jukebox.weights.folder import DESCRIPTION_FILE
@@ -112,11 +103,3 @@ def _weights(folder: Path) -> Iterator[tuple[Any, list[str]]]:
         if (folder / name).is_file():
             about = read_json(folder / name, 1 << 20)
             yield about, [f"{key}: {value}" for key, value in about.items() if isinstance(value, str | int)]
-
-
-def _unknown(what: str) -> UsageError:
-    from dancedata.cli.plugins import LISTS, catalogue
-    from dancedata.recipes.parse import recipe_names
-
-    names = [name for entries in catalogue("plugins").values() for name in entries]
-    return UsageError(f"unknown {what!r}", fix=did_you_mean(what, [*LISTS, "protocols"], [*recipe_names(), *names]))

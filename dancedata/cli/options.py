@@ -1,71 +1,101 @@
-"""Options that several commands have, each written once with its type and its help."""
+"""Options: how a command states its own, and those that several commands have, each written once."""
 
+import inspect
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from dancedata.cli.help import RARE, SAMPLES
+from dancedata.cli.help import RARE, SAMPLES, print_help
 from dancedata.core.errors import UsageError
 
-
-def option(*names: str, help: str, metavar: str | None = None, panel: str | None = None, **more: Any) -> Any:
-    """Return an option of a command; its name follows from the parameter's if none is given."""
-    return typer.Option(*names, help=help, metavar=metavar, rich_help_panel=panel, **more)
-
-
-# What is read
-Like = Annotated[
-    Path | None, option(help="The dataset that the model was trained on.", metavar="DATASET", panel=SAMPLES)
+#: A help text, after what stands for the value, such as "DIR: Write there."; flags have the text alone.
+#: In a section of its own: a pair of its title and the text; of a shared option the title alone.
+About = str | tuple[str, str]
+_MUSIC = "PATH: A song, a folder of songs, or a CSV sample,song,start_s; default: the music of the dataset."
+_RIGHTS = "TEXT: Why you may pass it on against its terms; the text is published."
+_JOBS = "N: Worker processes; default one per core. The result is the same for any number."
+_FIELD = "NAME: What the columns are: a field of the dataset, or a representation such as edge151."
+#: Options of several commands: their type and what is said of them.
+SHARED: dict[str, tuple[Any, About]] = {
+    "like": (Path | None, (SAMPLES, "DATASET: The dataset that the model was trained on.")),
+    "field": (str | None, (SAMPLES, _FIELD)),
+    "normalized": (bool | None, (SAMPLES, "Whether the columns are normalised by the dataset's scaler.")),
+    "scaler": (Path | None, (SAMPLES, "FILE: The scaler that normalises the columns, as scaler.save writes it.")),
+    "clamp": (bool, (SAMPLES, "Cut normalised values to [-1, 1] first, as EDGE and Lodge do.")),
+    "fps": (str | None, (SAMPLES, "N: Frames per second.")),
+    "up": (str | None, (SAMPLES, "AXIS: The axis that points up: y or z.")),
+    "unit": (str | None, (SAMPLES, "UNIT: m, cm, mm or inch.")),
+    "body": (str | None, (SAMPLES, "NAME: The body of joint positions: smpl24, smplx24, ...")),
+    "protocol": (str | None, "NAME: See dancedata info protocols; default dancedata."),
+    "split": (str | None, "NAMES: Splits of the dataset: test, or val,test, or all."),
+    "music": (Path | None, _MUSIC),
+    "rights": (str | None, _RIGHTS),
+    "overwrite": (bool, "Replace what is there."),
+    "overrides": (list[str] | None, "KEY=VALUE: Change a key; repeatable."),
+    "jobs": (int | None, _JOBS),
+    "body_model": (Path | None, (RARE, "FILE: Your SMPL, SMPL-H or SMPL-X file: its mesh is used.")),
+    "betas": (str | None, (RARE, "B,...: Shape of the body model: numbers with commas, such as 0.5,-1.2.")),
+    "cluster": (str | None, (RARE, "ADDRESS: Compute on a cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT.")),
+    "cache": (Path | None, (RARE, "DIR: Default: $DANCEDATA_CACHE, else your cache folder.")),
+    "plugins": (list[Path] | None, (RARE, "FILE: A Python file with plug-ins. It is executed.")),
+    "quiet": (bool, (RARE, "No progress.")),
+    "as_json": (bool, (RARE, "Print one JSON document.")),
+}
+#: Names of options that do not follow from those of the parameters.
+_NAMES = {
+    "out": ("-o", "--out"), "jobs": ("-j", "--jobs"), "quiet": ("-q", "--quiet"), "overrides": ("--set",),
+    "plugins": ("--plugin",), "as_json": ("--json",), "normalized": ("--normalized/--not-normalized",),
+}  # fmt: skip
+Summary = Annotated[
+    bool, typer.Option("-h", is_eager=True, callback=print_help(full=False), expose_value=False, hidden=True)
 ]
-FIELD_HELP = "What the columns are: a field of the dataset, or a representation such as edge151."
-Field = Annotated[str | None, option(help=FIELD_HELP, metavar="NAME", panel=SAMPLES)]
-NORMALIZED_HELP = "Whether the columns are normalised by the dataset's scaler."
-Normalized = Annotated[
-    bool | None, option("--normalized/--not-normalized", help=NORMALIZED_HELP, panel=SAMPLES, show_default=False)
+WholeHelp = Annotated[
+    bool, typer.Option("--help", is_eager=True, callback=print_help(full=True), expose_value=False, hidden=True)
 ]
-SCALER_HELP = "The scaler that normalises the columns, as scaler.save writes it."
-Scaler = Annotated[Path | None, option(help=SCALER_HELP, metavar="FILE", panel=SAMPLES)]
-CLAMP_HELP = "Cut normalised values to [-1, 1] first, as EDGE and Lodge do."
-Clamp = Annotated[bool, option("--clamp", help=CLAMP_HELP, panel=SAMPLES)]
-MUSIC_HELP = "A song, a folder of songs, or a CSV sample,song,start_s; default: the music of the dataset."
-Music = Annotated[Path | None, option(help=MUSIC_HELP, metavar="PATH")]
-Fps = Annotated[str | None, option(help="Frames per second.", metavar="N", panel=SAMPLES)]
-Up = Annotated[str | None, option(help="The axis that points up: y or z.", metavar="AXIS", panel=SAMPLES)]
-Unit = Annotated[str | None, option(help="m, cm, mm or inch.", metavar="UNIT", panel=SAMPLES)]
-Body = Annotated[
-    str | None, option(help="The body of joint positions: smpl24, smplx24, ...", metavar="NAME", panel=SAMPLES)
-]
-Split = Annotated[str | None, option(help="Splits of the dataset: test, or val,test, or all.", metavar="NAMES")]
-BodyModel = Annotated[
-    Path | None,
-    option("--body-model", help="Your SMPL, SMPL-H or SMPL-X file: its mesh is used.", metavar="FILE", panel=RARE),
-]
-BETAS_HELP = "Shape of the body model: numbers with commas, such as 0.5,-1.2."
-Betas = Annotated[str | None, option(help=BETAS_HELP, metavar="B,...", panel=RARE)]
-Protocol = Annotated[str, option(help="See: dancedata info protocols.", metavar="NAME")]
-
-# What is written
-Overwrite = Annotated[bool, option("--overwrite", help="Replace what is there.")]
-RIGHTS_HELP = "Why you may pass it on against its terms; the text is published."
-Rights = Annotated[str | None, option(help=RIGHTS_HELP, metavar="TEXT")]
-
-# How
-Set = Annotated[list[str] | None, option("--set", help="Change a key; repeatable.", metavar="KEY=VALUE")]
-JOBS_HELP = "Worker processes; default one per core. The result is the same for any number."
-Jobs = Annotated[int | None, option("-j", "--jobs", help=JOBS_HELP, metavar="N", min=1)]
-CLUSTER_HELP = "Compute on a cluster: tcp://HOST:PORT (Dask), ray://HOST:PORT."
-Cluster = Annotated[str | None, option(help=CLUSTER_HELP, metavar="ADDRESS", panel=RARE)]
-CACHE_HELP = "Default: $DANCEDATA_CACHE, else your cache folder."
-CacheFolder = Annotated[Path | None, option("--cache", help=CACHE_HELP, metavar="DIR", panel=RARE)]
-PLUGIN_HELP = "A Python file with plug-ins. It is executed."
-Plugins = Annotated[list[Path] | None, option("--plugin", help=PLUGIN_HELP, metavar="FILE", panel=RARE)]
-Quiet = Annotated[bool, option("-q", "--quiet", help="No progress.", panel=RARE)]
+#: Options of all commands that print help.
+HELP = {"summary": Summary, "whole_help": WholeHelp}
 
 
-def betas_of(text: str | None) -> tuple[float, ...] | None:
-    """Return the numbers of --betas."""
-    try:
-        return None if text is None else tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise UsageError("invalid value for --betas", found=text, allowed="numbers with commas: 0.5,-1.2") from None
+def parameters_of(
+    function: Callable[..., Any], shared: str, about: Mapping[str, About]
+) -> Iterator[inspect.Parameter]:
+    """Yield the arguments and options of a command for Typer: its own, those it shares, and those of all commands."""
+    names = [*shared.split(), "as_json"]
+    for own in inspect.signature(function).parameters.values():
+        if own.name in (*names, "progress"):
+            continue
+        if own.kind is own.POSITIONAL_OR_KEYWORD:
+            metavar, _, text = str(about[own.name]).partition(": ")
+            yield own.replace(annotation=Annotated[own.annotation, typer.Argument(metavar=metavar, help=text)])
+        elif own.kind is own.KEYWORD_ONLY:
+            yield own.replace(annotation=_option(own.name, own.annotation, about[own.name]))
+    taken = {name: _option(name, *SHARED[name], about.get(name)) for name in names}
+    for name, annotation in {**taken, **HELP}.items():
+        default = None if SHARED.get(name, (bool,))[0] is not bool else False
+        yield inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _option(name: str, kind: Any, about: About, section: Any = None) -> Any:
+    panel, text = (None, about) if isinstance(about, str) else about
+    panel = section or panel
+    metavar, text = (None, text) if kind in (bool, bool | None) else text.split(": ", 1)
+    names = _NAMES.get(name, (f"--{name.replace('_', '-')}",))
+    return Annotated[kind, typer.Option(*names, help=text, metavar=metavar, rich_help_panel=panel)]
+
+
+def read_values(options: dict[str, Any]) -> dict[str, Any]:
+    """Return options as functions of the package take them: progress for quiet, numbers for betas."""
+    if "quiet" in options:
+        options["progress"] = not options.pop("quiet")
+    if "overrides" in options:
+        options["overrides"] = options["overrides"] or ()
+    if (betas := options.get("betas")) is not None:
+        try:
+            options["betas"] = tuple(float(part) for part in betas.split(","))
+        except ValueError:
+            raise UsageError(
+                "invalid value for --betas", found=betas, allowed="numbers with commas: 0.5,-1.2"
+            ) from None
+    return options

@@ -1,83 +1,41 @@
 """dancedata view, report, study: pages for the browser."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from dancedata.cli.command import AsJson, Output, command
+from dancedata.cli.command import Output, command
 from dancedata.cli.help import RARE
-from dancedata.cli.options import (
-    MUSIC_HELP,
-    RIGHTS_HELP,
-    Betas,
-    BodyModel,
-    Clamp,
-    Field,
-    Fps,
-    Like,
-    Music,
-    Normalized,
-    Overwrite,
-    Plugins,
-    Protocol,
-    Quiet,
-    Rights,
-    Scaler,
-    Split,
-    Unit,
-    Up,
-    betas_of,
-    option,
-)  # fmt: skip
 from dancedata.cli.terminal import say
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 
 #: Sections of the options of view.
 _SHOWN, _WRITTEN = "What to show", "Instead of the browser"
-WHAT_HELP = "A dataset, or a folder or file of motion: .npy .npz .pkl .bvh."
-WALL_HELP = "All on one stage, at most 12."
-OUT_HELP = "Write a page (.html) or a video (.mp4), with music if its terms allow it."
 
 
-@command
+@command(
+    "music rights overwrite like field normalized scaler clamp fps up unit body_model betas plugins quiet",
+    path="WHAT: A dataset, or a folder or file of motion: .npy .npz .pkl .bvh.",
+    clip="CLIP: Where to begin: the id of a clip, window or group.",
+    compare=(_SHOWN, "PATH: A dataset, folder or file to show beside; repeatable."),
+    wall=(_SHOWN, "All on one stage, at most 12."),
+    overlay=(_SHOWN, "Draw the other motion over the dancer."),
+    at=(_SHOWN, "SECONDS: Where to begin in the clip."),
+    out=(_WRITTEN, "FILE: Write a page (.html) or a video (.mp4), with music if its terms allow it."),
+    silent=(_WRITTEN, "Leave the music out."),
+    music=_SHOWN,
+    rights=_WRITTEN,
+    overwrite=_WRITTEN,
+    size=(RARE, "WxH: Pixels of a video."),
+    port=(RARE, "N: Port on 127.0.0.1; default a free one."),
+    no_browser=(RARE, "Only print the address."),
+)
 def view(
-    path: Annotated[Path, typer.Argument(metavar="WHAT", help=WHAT_HELP)],
-    clip: Annotated[str, typer.Argument(metavar="CLIP", help="Where to begin: the id of a clip or group.")] = "",
-    compare: Annotated[
-        list[Path] | None,
-        option(metavar="PATH", help="A dataset, folder or file to show beside; repeatable.", panel=_SHOWN),
-    ] = None,
-    wall: Annotated[bool, option("--wall", help=WALL_HELP, panel=_SHOWN)] = False,
-    overlay: Annotated[
-        bool, option("--overlay", help="Draw the other motion over the dancer.", panel=_SHOWN)
-    ] = False,
-    music: Annotated[Path | None, option(metavar="PATH", help=MUSIC_HELP, panel=_SHOWN)] = None,
-    at: Annotated[float, option(metavar="SECONDS", help="Where to begin in the clip.", panel=_SHOWN, min=0.0)] = 0.0,
-    out: Annotated[Path | None, option("-o", "--out", metavar="FILE", help=OUT_HELP, panel=_WRITTEN)] = None,
-    silent: Annotated[bool, option("--silent", help="Leave the music out.", panel=_WRITTEN)] = False,
-    rights: Annotated[str | None, option(metavar="TEXT", help=RIGHTS_HELP, panel=_WRITTEN)] = None,
-    overwrite: Annotated[bool, option("--overwrite", help="Replace the file.", panel=_WRITTEN)] = False,
-    like: Like = None,
-    field: Field = None,
-    normalized: Normalized = None,
-    scaler: Scaler = None,
-    clamp: Clamp = False,
-    fps: Fps = None,
-    up: Up = None,
-    unit: Unit = None,
-    body_model: BodyModel = None,
-    betas: Betas = None,
-    size: Annotated[str, option(metavar="WxH", help="Pixels of a video.", panel=RARE)] = "1280x720",
-    port: Annotated[
-        int, option(metavar="N", help="Port on 127.0.0.1; default a free one.", panel=RARE, min=0, max=65535)
-    ] = 0,
-    no_browser: Annotated[bool, option("--no-browser", help="Only print the address.", panel=RARE)] = False,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> Output | None:
+    path: Path, clip: str = "", *, compare: list[Path] | None = None, wall: bool = False, overlay: bool = False,
+    at: float = 0.0, out: Path | None = None, silent: bool = False, size: str = "1280x720", port: int = 0,
+    no_browser: bool = False, rights: str | None, overwrite: bool, up: str | None, progress: bool, as_json: bool,
+    **read: Any,
+) -> Output | None:  # fmt: skip
     """Watch a dataset, or a model's samples, with their music.
 
     dancedata view data/aistpp
@@ -90,11 +48,12 @@ def view(
     from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
+    if at < 0:
+        raise UsageError("--at is before the clip", found=at, allowed="seconds, 0 and above")
+    beside = tuple(map(local_folder, compare or ()))
     request = ViewRequest(
-        local_folder(path), clip, compare=tuple(map(local_folder, compare or ())), like=like, field=field,
-        music=music, normalized=normalized, scaler=scaler, clamp=clamp, fps=fps, up=up or "y", unit=unit, at=at,
-        overlay=overlay, wall=wall, body_model=body_model, betas=betas_of(betas),
-    )  # fmt: skip
+        local_folder(path), clip, compare=beside, up=up or "y", at=at, overlay=overlay, wall=wall, **read
+    )
     if out is None:
         if silent or rights is not None or overwrite:
             raise UsageError("--silent, --rights and --overwrite go with a file", fix="name it: --out FILE.html")
@@ -104,7 +63,7 @@ def view(
         return None
     notes: list[str] = []
     how: dict[str, Any] = {"silent": silent, "rights": rights, "overwrite": overwrite, "say": notes.append}
-    with Progress(quiet).stage("writing the page" if out.suffix != ".mp4" else "writing the video", None):
+    with Progress(not progress).stage("writing the page" if out.suffix != ".mp4" else "writing the video", None):
         if out.suffix.lower() == ".mp4":
             from dancedata.plot.video import export_video
 
@@ -114,31 +73,17 @@ def view(
     return Output(lambda: {"path": str(written), "notes": notes}, lambda: "\n".join([str(written), *notes]))
 
 
-@command
+@command(
+    "music rights overwrite protocol split like field normalized scaler clamp fps plugins quiet",
+    path="WHAT: A dataset, or samples: a folder or a file.",
+    compare="DATASET: Another dataset to compare with.",
+    out="FILE.html: The page; default NAME-report.html.",
+    clips="N: Clips that play: the most suspicious and others; or all, none.",
+)
 def report(
-    path: Annotated[Path, typer.Argument(metavar="WHAT", help="A dataset, or samples: a folder or a file.")],
-    compare: Annotated[Path | None, option(metavar="DATASET", help="Another dataset to compare with.")] = None,
-    out: Annotated[
-        Path | None, option("-o", "--out", metavar="FILE.html", help="The page; default NAME-report.html.")
-    ] = None,
-    clips: Annotated[
-        str, option(metavar="N", help="Clips that play: the most suspicious and others; or all, none.")
-    ] = "12",
-    music: Music = None,
-    rights: Rights = None,
-    overwrite: Overwrite = False,
-    protocol: Protocol = "dancedata",
-    split: Split = None,
-    like: Like = None,
-    field: Field = None,
-    normalized: Normalized = None,
-    scaler: Scaler = None,
-    clamp: Clamp = False,
-    fps: Fps = None,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
-    as_json: AsJson = False,
-) -> Output:
+    path: Path, *, compare: Path | None = None, out: Path | None = None, clips: str = "12", music: Path | None,
+    rights: str | None, overwrite: bool, progress: bool, as_json: bool, **of_samples: Any,
+) -> Output:  # fmt: skip
     """Write one page about a dataset, or about samples.
 
       dancedata report data/aistpp
@@ -150,83 +95,66 @@ def report(
     from dancedata.samples.saved import saved_samples
     from dancedata.store.schema import DATASET_FILE
 
-    if like is None and (saved := saved_samples(path)) is not None:
-        like = saved.dataset
-    if like is not None and path.exists() and not (path / DATASET_FILE).exists():
+    how: dict[str, Any] = {"overwrite": overwrite, "progress": progress}
+    if of_samples["like"] is None and (saved := saved_samples(path)) is not None:
+        of_samples["like"] = saved.dataset
+    if of_samples["like"] is not None and path.exists() and not (path / DATASET_FILE).exists():
+        if compare is not None or not clips.isdecimal():
+            raise UsageError("--compare goes with a dataset, and --clips of samples is a number", where=path)
         page = out or (None if as_json else Path(f"{path.stem}-report.html"))
-        return _samples_report(
-            path, like, page, compare=compare, clips=clips, music=music, protocol=protocol, split=split, field=field,
-            normalized=normalized, scaler=scaler, clamp=clamp, fps=fps, overwrite=overwrite,
-            progress=not quiet,
-        )  # fmt: skip
-    of_samples = {
-        "--like": like, "--split": split, "--field": field, "--normalized or --not-normalized": normalized,
-        "--scaler": scaler, "--clamp": clamp or None, "--fps": fps,
-    }  # fmt: skip
-    if stray := [name for name, value in of_samples.items() if value is not None]:
-        raise UsageError(f"{' and '.join(stray)} goes with samples of a model, and this is a dataset", where=path,
-                         fix="leave it out")  # fmt: skip
+        return _samples_report(path, page, int(clips), music, of_samples, **how)
+    del of_samples["protocol"]
+    stated = ["normalized or --not-normalized" if n == "normalized" else n for n, v in of_samples.items()
+              if v not in (None, False) or (n == "normalized" and v is False)]  # fmt: skip
+    if stray := [f"--{name}" for name in stated]:
+        raise UsageError("this is a dataset, and options of samples go with samples of a model", where=path,
+                         found=" and ".join(stray), fix="leave them out")  # fmt: skip
     from dancedata.pages.findings import findings
     from dancedata.pages.write import default_path, write_report
 
     chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks it
     written = write_report(
         path, out or (None if as_json else default_path(path)), clips=chosen, source=music,
-        audio="none" if music is None else "embed", rights=rights, against=compare, overwrite=overwrite,
-        progress=not quiet,
+        audio="none" if music is None else "embed", rights=rights, against=compare, **how,
     )  # fmt: skip
-    return Output(
-        written.to_json,
-        lambda: "\n".join([_page(written.path), *(_finding(f.kind, f.text) for f in findings(written.numbers))]),
-    )
+
+    def text() -> str:
+        page = "" if written.path is None else f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB"
+        kinds = {"good": "good", "note": "note"}
+        return "\n".join([page, *(f"  {kinds.get(f.kind, 'warning')}: {f.text}" for f in findings(written.numbers))])
+
+    return Output(written.to_json, text)
 
 
 def _samples_report(
-    path: Path, like: Path, out: Path | None, *, clips: str, compare: Path | None, music: Path | None,
-    overwrite: bool, progress: bool, **how: Any,
+    path: Path, out: Path | None, clips: int, music: Path | None, of_samples: dict[str, Any], *, overwrite: bool,
+    progress: bool,
 ) -> Output:  # fmt: skip
-    if compare is not None or not clips.isdecimal():
-        raise UsageError("--compare goes with a dataset, and --clips of samples is a number", where=path)
     from dancedata.evaluation.run import evaluate
     from dancedata.pages.samples import require_free_page, write_samples_report
     from dancedata.pages.samples_page import describe
 
+    like, protocol = of_samples["like"], of_samples.pop("protocol") or "dancedata"
     require_free_page(out, like, overwrite=overwrite)
-    scores = evaluate(path, like=like, role="generated", music=music, progress=progress, **how)
-    samples = write_samples_report(scores, like, out, clips=int(clips), overwrite=overwrite, progress=progress)
+    scores = evaluate(path, role="generated", protocol=protocol, music=music, progress=progress, **of_samples)
+    samples = write_samples_report(scores, like, out, clips=clips, overwrite=overwrite, progress=progress)
     return Output(samples.to_json, lambda: "\n".join(describe(samples)), warnings=samples.scores.warnings)
 
 
-def _page(path: Path | None) -> str:
-    return "" if path is None else f"{path}: {path.stat().st_size / 1e6:.1f} MB"
-
-
-def _finding(kind: str, text: str) -> str:
-    return f"  {kind if kind in ('good', 'note') else 'warning'}: {text}"
-
-
-@command
+@command(
+    "music rights overwrite like field normalized scaler clamp fps up unit",
+    paths="A B...: Datasets or samples; or files of answers.",
+    out="FILE.html: The page to write.",
+    names="NAMES: Of the systems: truth,mine; default those of the folders.",
+    songs="N: Clips that each pair is shown on.",
+    seconds="S: Longest clip.",
+    seed="N: Of clips, sides and orders.",
+)
 def study(
-    paths: Annotated[list[Path], typer.Argument(metavar="A B...", help="Datasets or samples; or files of answers.")],
-    out: Annotated[Path | None, option("-o", "--out", metavar="FILE.html", help="The page to write.")] = None,
-    names: Annotated[
-        str | None, option(metavar="NAMES", help="Of the systems: truth,mine; default those of the folders.")
-    ] = None,
-    songs: Annotated[int, option(metavar="N", help="Clips that each pair is shown on.", min=1)] = 12,
-    seconds: Annotated[float, option(metavar="S", help="Longest clip.")] = 15.0,
-    seed: Annotated[int, option(metavar="N", help="Of clips, sides and orders.")] = 0,
-    music: Music = None,
-    rights: Rights = None,
-    overwrite: Overwrite = False,
-    like: Like = None,
-    field: Field = None,
-    normalized: Normalized = None,
-    scaler: Scaler = None,
-    clamp: Clamp = False,
-    fps: Fps = None,
-    up: Up = None,
-    unit: Unit = None,
-) -> Output:
+    paths: list[Path], *, out: Path | None = None, names: str | None = None, songs: int = 12, seconds: float = 15.0,
+    seed: int = 0, music: Path | None, rights: str | None, overwrite: bool, field: str | None, up: str | None,
+    **of_files: Any,
+) -> Output:  # fmt: skip
     """Ask people which of two dances is better.
 
       dancedata study data/aistpp gen -o study.html
@@ -235,7 +163,10 @@ def study(
     Raters open the page offline, and send back a CSV file of answers. The first system has the music.
     """
     if all(path.suffix.lower() == ".csv" for path in paths):
-        return _answers(paths)
+        from dancedata.study.results import read_results, results_of
+
+        results = results_of(*read_results(paths))
+        return Output(results.to_json, lambda: str(results), warnings=results.notes)
     from dancedata.scene.selection import ViewRequest
     from dancedata.store.schema import DATASET_FILE
     from dancedata.study.page import StudyRequest, write_study
@@ -246,33 +177,16 @@ def study(
     if len(called) != len(paths) or len(set(called)) < len(called) or "" in called:
         raise UsageError("every system needs a name of its own", found=listed(called),
                          allowed=counted(len(paths), "name"), fix="give them: --names truth,mine")  # fmt: skip
-    of_files: dict[str, Any] = {
-        "like": like, "normalized": normalized, "scaler": scaler, "clamp": clamp, "fps": fps,
-        "up": up or "y", "unit": unit,
-    }  # fmt: skip
-    systems = {
-        name: ViewRequest(
-            path,
-            field=field,
-            music=music if path == paths[0] else None,
-            **({} if (path / DATASET_FILE).exists() else of_files),
-        )
-        for name, path in zip(called, paths, strict=True)
-    }
+    of_files["up"] = up or "y"
+    systems = {}
+    for name, path in zip(called, paths, strict=True):
+        read: dict[str, Any] = {} if (path / DATASET_FILE).exists() else of_files
+        systems[name] = ViewRequest(path, field=field, music=music if path == paths[0] else None, **read)
     lines: list[str] = []
     request = StudyRequest(systems, songs=songs, seconds=seconds, seed=seed)
     trials = write_study(request, out, rights=rights, overwrite=overwrite, say=lines.append)
     pairs = sum(not trial.is_check for trial in trials)
-    lines.append(
-        f"{out}: {counted(pairs, 'pair')} and {counted(len(trials) - pairs, 'check')} of {', '.join(called)}"
-    )
+    checks = counted(len(trials) - pairs, "check")
+    lines.append(f"{out}: {counted(pairs, 'pair')} and {checks} of {', '.join(called)}")
     lines.append("next: send the page to raters, then dancedata study THEIR-FILES.csv")
     return Output(lambda: {"path": str(out), "pairs": pairs, "systems": called}, lambda: "\n".join(lines))
-
-
-def _answers(files: list[Path]) -> Output:
-    """Count the answers of raters."""
-    from dancedata.study.results import read_results, results_of
-
-    results = results_of(*read_results(files))
-    return Output(results.to_json, lambda: str(results), warnings=results.notes)

@@ -1,19 +1,21 @@
-"""Recipes and plug-ins, listed by `dancedata info`, and new plug-ins from templates by `dancedata init`.
+"""Plug-ins, listed by `dancedata info` with their keys, and new ones from templates by `dancedata init`.
 
 Recipes are read and not parsed, so that neither pydantic nor the files of datasets are loaded.
 """
 
 import dataclasses
 import inspect
+import json
 import keyword
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+import textwrap
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path, PurePath
 from shlex import quote
-from typing import Any
+from typing import Any, NamedTuple
 
 from dancedata.building import plugins as building
 from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
@@ -67,8 +69,6 @@ py-modules = ["{name}"]
 
 [project.entry-points."{group}"]
 {name} = "{name}\""""
-
-
 _NEXT_OF_PACKAGE = """wrote {module} and {test}
 next:
   1. python -m pytest {out}: the template passes; change it, and run the test again
@@ -125,48 +125,35 @@ packages = ["{package}"]
 [tool.pytest.ini_options]
 pythonpath = ["."]
 """
+_HEAD = "## [Unreleased]\n"
 
 
-@dataclass(frozen=True)
-class Kind:
-    """A kind of plug-in that can be written.
-
-    Attributes
-    ----------
-    template
-        File of the template.
-    recipe
-        The key of a recipe that names a plug-in of this kind, with NAME for its name; "" if there is none.
-    command
-        The command that uses one in that case.
-    """
+class Kind(NamedTuple):
+    """A kind of plug-in that can be written, and how one is used, with NAME for its name."""
 
     registry: Registry[Any]
-    template: str
-    recipe: str
-    command: str = ""
-
-    def use(self, name: str) -> str:
-        """Return the use of a plug-in, in words."""
-        text = f"a recipe may have: {self.recipe}" if self.recipe else f"it is used by: {self.command}"
-        return text.replace("NAME", name)
+    use: str
 
 
-#: Kinds by what the command line calls them.
+def _key(registry: Registry[Any], text: str) -> Kind:
+    return Kind(registry, f"a recipe may have: {text}")
+
+
+#: Kinds by what the command line calls them; their templates have these names.
 KINDS = {
-    "dataset": Kind(DATASETS, "dataset.py", "dataset: {NAME: {}}"),
-    "representation": Kind(REPRESENTATIONS, "representation.py", "motion: {NAME: {}}"),
-    "contact-rule": Kind(CONTACTS, "contact_rule.py", "motion: {edge151: {contacts: {NAME: {}}}}"),
-    "feature": Kind(FEATURES, "feature.py", "audio: {NAME: {}}"),
-    "key-motion": Kind(KEYMOTIONS, "key_motion.py", "keymotion: {NAME: {}}"),
-    "augmentation": Kind(AUGMENTATIONS, "augmentation.py", "augment: {NAME: {}}"),
-    "filter": Kind(FILTERS, "filter.py", "rules: {NAME: {}}"),
-    "field": Kind(FIELDS, "field.py", "fields: {NAME: {}}"),
-    "transform": Kind(TRANSFORMS, "transform.py", "transforms: [{NAME: {}}]"),
-    "annotator": Kind(ANNOTATORS, "annotator.py", "annotators: {NAME: {}}"),
-    "rule": Kind(RULES, "rule.py", "rules: {NAME: {}}"),
-    "metric": Kind(METRICS, "metric.py", "", 'METRICS.get("NAME")().measure(dance), and protocols'),
-    "export": Kind(EXPORTS, "export.py", "", "dancedata export DATASET --to NAME --out DIR"),
+    "dataset": _key(DATASETS, "dataset: {NAME: {}}"),
+    "representation": _key(REPRESENTATIONS, "motion: {NAME: {}}"),
+    "contact-rule": _key(CONTACTS, "motion: {edge151: {contacts: {NAME: {}}}}"),
+    "feature": _key(FEATURES, "audio: {NAME: {}}"),
+    "key-motion": _key(KEYMOTIONS, "keymotion: {NAME: {}}"),
+    "augmentation": _key(AUGMENTATIONS, "augment: {NAME: {}}"),
+    "filter": _key(FILTERS, "rules: {NAME: {}}"),
+    "field": _key(FIELDS, "fields: {NAME: {}}"),
+    "transform": _key(TRANSFORMS, "transforms: [{NAME: {}}]"),
+    "annotator": _key(ANNOTATORS, "annotators: {NAME: {}}"),
+    "rule": _key(RULES, "rules: {NAME: {}}"),
+    "metric": Kind(METRICS, 'it is used by: METRICS.get("NAME")().measure(dance), and protocols'),
+    "export": Kind(EXPORTS, "it is used by: dancedata export DATASET --to NAME --out DIR"),
 }
 
 
@@ -179,35 +166,23 @@ class NewPlugin:
     module: Path
     test: Path
     package: str = ""
-    others: tuple[Path, ...] = ()
+    files: tuple[Path, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
-        group = self.kind.registry.package
-        more = (
-            {"package": self.package}
-            if self.package
-            else {"files": list(map(str, self.others))}
-            if self.others
-            else {}
-        )
-        return {"name": self.name, "group": group, "module": str(self.module), "test": str(self.test)} | more
+        document = {"name": self.name, "group": self.kind.registry.package}
+        document |= {"module": str(self.module), "test": str(self.test)}
+        in_package = {"package": self.package} if self.package else {}
+        return document | in_package | ({"files": list(map(str, self.files))} if self.files else {})
 
     def __str__(self) -> str:
         group = self.kind.registry.package
-        folder = self.module.parent.parent if self.package else self.module.parent
-        if self.others:
-            return _NEXT_IN_TREE.format(files="\n".join(f"  {path}" for path in self.others), name=self.name)
-        return (_NEXT_OF_PACKAGE if self.package else _NEXT).format(
-            module=quote(str(self.module)),
-            test=quote(str(self.test)),
-            out=quote(str(folder)),
-            package=self.package,
-            folder=group.replace(".", "/"),
-            name=self.name,
-            group=group,
-            use=self.kind.use(self.name),
-        )
+        text = _NEXT_IN_TREE if self.files else _NEXT_OF_PACKAGE if self.package else _NEXT
+        return text.format(
+            files="\n".join(f"  {path}" for path in self.files), module=quote(str(self.module)),
+            test=quote(str(self.test)), out=quote(str(self.test.parent)), package=self.package,
+            folder=group.replace(".", "/"), name=self.name, group=group, use=self.kind.use.replace("NAME", self.name),
+        )  # fmt: skip
 
 
 def write_plugin(kind: str, name: str, out: Path, *, in_tree: bool = False) -> NewPlugin:
@@ -216,83 +191,58 @@ def write_plugin(kind: str, name: str, out: Path, *, in_tree: bool = False) -> N
     In another folder than the working folder they are added to a package of its name, which is begun if it does not
     exist.
 
-    Parameters
-    ----------
-    kind
-        A key of `KINDS`.
-    name
-        Name of the plug-in, and of its module.
-    out
-        Folder to write to; it is created if it does not exist.
-    in_tree
-        Write it where it belongs in the checkout of dancedata at `out`.
-
-    Raises
-    ------
-    UsageError
-        For an unknown kind, a name that is invalid or taken, or a file that exists; nothing is written then.
+    `kind`: A key of `KINDS`.
+    `name`: Name of the plug-in, and of its module.
+    `out`: Folder to write to; it is created if it does not exist.
+    `in_tree`: Write it where it belongs in the checkout of dancedata at `out`.
+    Raises UsageError: For an unknown kind, a name that is invalid or taken, or a file that exists; nothing is written
+        then.
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))
+    registry = KINDS[kind].registry
     package = "" if in_tree or out.absolute() == Path().absolute() else out.absolute().name
-    plugin = NewPlugin(KINDS[kind], name, out / package / f"{name}.py", out / f"test_{name}.py", package)
+    module, test = out / package / f"{name}.py", out / f"test_{name}.py"
     if in_tree:
-        plugin = _in_tree(plugin, out)
+        folder = out / registry.package.replace(".", "/")
+        if not folder.is_dir() or not (out / "CHANGELOG.md").is_file():
+            raise UsageError(
+                "this is not a checkout of dancedata", where=out, fix="run it in the top folder of a checkout"
+            )
+        module, test = folder / f"{name}.py", out / "tests" / folder.name / f"test_{name}.py"
+    plugin = NewPlugin(KINDS[kind], name, module, test, package)
     _check_name(plugin, in_tree=in_tree)
-    template = (_TEMPLATES / plugin.kind.template).read_text(encoding="utf-8")
+    template = (_TEMPLATES / f"{kind.replace('-', '_')}.py").read_text(encoding="utf-8")
     cls = _class_name(name, template)
-    text = template.replace("TemplateName", cls).replace("template_name", name)
-    module = f"{package}.{name}" if package else name
-    if in_tree:
-        module = ".".join(plugin.module.relative_to(out).with_suffix("").parts)
-    test = _TEST.format(kind=plugin.kind.registry.kind, name=name, cls=cls, module=module)
-    changed = {out / "pyproject.toml": _project(plugin, out)} if package else {}
-    files = {plugin.module: text, plugin.test: test}
-    if in_tree:
-        changed = {out / "CHANGELOG.md": _changes(plugin, out)}
-        files |= _of_dataset(name, out) if kind == "dataset" else {}
+    imported = ".".join(module.relative_to(out).with_suffix("").parts)
+    files = {
+        module: template.replace("TemplateName", cls).replace("template_name", name),
+        test: _TEST.format(kind=registry.kind, name=name, cls=cls, module=imported),
+    }
+    changed = {}
+    if package:
+        changed = {out / package / "__init__.py": "", out / "pyproject.toml": _project(plugin, out)}
+    elif in_tree:
+        if kind == "dataset":
+            pages = next(folder for folder in (out / "docs" / "datasets", out / "docs") if folder.is_dir())
+            files[out / "pipelines" / f"{name}.yaml"] = _RECIPE.format(name=name)
+            files[pages / f"{name}.md"] = _PAGE.format(name=name)
+        line = f"{_HEAD}\n### Added: {name}\n\n- The {registry.kind} `{name}`.\n"
+        changes = out / "CHANGELOG.md"
+        changed = {changes: changes.read_text(encoding="utf-8").replace(_HEAD, line, 1)}
     try:
-        plugin.module.parent.mkdir(parents=True, exist_ok=True)
+        module.parent.mkdir(parents=True, exist_ok=True)
         for path, content in files.items():
             with path.open("x", encoding="utf-8", newline="\n") as file:
                 file.write(content)
-        if package:
-            (out / package / "__init__.py").touch()
         for path, content in changed.items():
-            write_text(path, content)
+            if content:
+                write_text(path, content)
+            else:
+                path.touch()
     except OSError as error:
         raise UsageError("the plug-in cannot be written", where=out, found=error) from error
-    return replace(plugin, others=tuple(path for path in [*files, *changed] if in_tree))
-
-
-def _in_tree(plugin: NewPlugin, root: Path) -> NewPlugin:
-    """Return a plug-in with the places of its files in a checkout."""
-    folder = root / plugin.kind.registry.package.replace(".", "/")
-    if not folder.is_dir() or not (root / "CHANGELOG.md").is_file():
-        raise UsageError(
-            "this is not a checkout of dancedata", where=root, fix="run it in the top folder of a checkout"
-        )
-    return replace(
-        plugin, module=folder / f"{plugin.name}.py", test=root / "tests" / folder.name / f"test_{plugin.name}.py"
-    )
-
-
-def _of_dataset(name: str, root: Path) -> dict[Path, str]:
-    """Return the other files of a dataset in a checkout."""
-    pages = next(folder for folder in (root / "docs" / "datasets", root / "docs") if folder.is_dir())
-    return {
-        root / "pipelines" / f"{name}.yaml": _RECIPE.format(name=name),
-        pages / f"{name}.md": _PAGE.format(name=name),
-    }
-
-
-def _changes(plugin: NewPlugin, root: Path) -> str:
-    """Return CHANGELOG.md with a line for the plug-in."""
-    head = "## [Unreleased]\n"
-    text = (root / "CHANGELOG.md").read_text(encoding="utf-8")
-    return text.replace(
-        head, f"{head}\n### Added: {plugin.name}\n\n- The {plugin.kind.registry.kind} `{plugin.name}`.\n", 1
-    )
+    return dataclasses.replace(plugin, files=(*files, *changed) if in_tree else ())
 
 
 def _project(plugin: NewPlugin, root: Path) -> str:
@@ -313,20 +263,17 @@ def _check_name(plugin: NewPlugin, *, in_tree: bool) -> None:
     for what, value in (("plug-in", name), ("package", plugin.package or "package")):
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", value) or keyword.iskeyword(value):
             raise UsageError(
-                f"not a valid name for a {what}",
-                found=repr(value),
+                f"not a valid name for a {what}", found=repr(value),
                 allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
-            )
+            )  # fmt: skip
     if name in registry.names():
         raise UsageError(f"the {registry.kind} {name!r} exists already",
                          fix=f"choose another name; known: {', '.join(registry.names())}")  # fmt: skip
     for path in (plugin.module, plugin.test):
         if path.exists() or path.is_symlink():
             raise UsageError("the file exists already", where=path, fix="choose another name, or another --out")
-    if in_tree:
-        return
     top = plugin.package or name
-    spec = find_spec(top)
+    spec = None if in_tree else find_spec(top)
     # A package that is installed from here, by pip install -e, may get more plug-ins.
     if spec is not None and not (plugin.package and plugin.module.with_name("__init__.py").is_file()):
         raise UsageError(
@@ -341,26 +288,24 @@ def _class_name(name: str, template: str) -> str:
     return f"{cls}Plugin" if taken else cls
 
 
-#: What `dancedata info` lists, by the name of the list: kinds of `_registries`, and recipes.
+#: What `dancedata info` lists, by the name of the list: recipes, and kinds of plug-ins, by default all.
 LISTS = {
     "recipes": ("recipes",), "targets": ("exports",), "features": ("audio features",),
-    "representations": ("representations",), "plugins": None,
+    "representations": ("representations",), "plugins": (),
 }  # fmt: skip
+_SECTION = re.compile(r"^Attributes\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.DOTALL | re.MULTILINE)
 
 
 def catalogue(listed: str) -> dict[str, Any]:
     """Return the entries of a list of `LISTS`, each with a line of description and its keys."""
+    if listed == "recipes":
+        files = {name.removesuffix(".yaml"): resource("pipelines", name) for name in resources("pipelines")}
+        return {listed: {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}}
     registries = {**REGISTRIES, **building.REGISTRIES, "exports": EXPORTS}
-    kinds = LISTS[listed] or tuple(registries)
-    entries: dict[str, Any] = {}
-    for kind in kinds:
-        if kind == "recipes":
-            files = {name.removesuffix(".yaml"): resource("pipelines", name) for name in resources("pipelines")}
-            entries[kind] = {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}
-        else:
-            registry = registries[kind]
-            entries[kind] = {name: _plugin_json(registry.get(name)) for name in registry.names()}
-    return entries
+    return {
+        kind: {name: _plugin_json(registries[kind].get(name)) for name in registries[kind].names()}
+        for kind in LISTS[listed] or registries
+    }
 
 
 def _plugin_json(cls: type[Any]) -> dict[str, Any]:
@@ -372,13 +317,30 @@ def _plugin_json(cls: type[Any]) -> dict[str, Any]:
     return {"about": summary, "keys": keys}
 
 
-def describe_catalogue(kinds: Mapping[str, Any]) -> list[str]:
-    """Return a line for each entry, and its keys."""
-    lines = []
+def documented(plugin: type) -> dict[str, str]:
+    """Return the keys of a plug-in with what docstrings of it and its bases say of them, one line each."""
+    texts: dict[str, str] = {}
+    for cls in reversed(plugin.__mro__):
+        section = _SECTION.search(inspect.cleandoc(cls.__doc__ or ""))
+        own: dict[str, str] = {}
+        names: list[str] = []
+        for line in (section[1] if section else "").splitlines():
+            if line.startswith(" "):
+                own |= {name: f"{own.get(name, '')} {line.strip()}".strip() for name in names}
+            elif line:
+                names = line.partition(":")[0].replace(" ", "").split(",")
+        texts |= own
+    return {name: re.sub(r"``([^`]*)``", r"`\1`", text) for name, text in texts.items()}
+
+
+def describe_catalogue(kinds: Mapping[str, Any], *, whole: bool = False) -> Iterator[str]:
+    """Yield lines for each entry: its description, and if `whole` each key with its default and meaning."""
+    registries = {**REGISTRIES, **building.REGISTRIES, "exports": EXPORTS}
     for kind, entries in kinds.items():
-        lines.append(f"{kind}:")
+        yield f"{kind}:"
         for name, entry in entries.items():
-            lines.append(f"  {name}: {entry['about']}")
-            if entry.get("keys"):
-                lines.append(f"    keys: {', '.join(f'{k}={v!r}' for k, v in entry['keys'].items())}")
-    return lines
+            yield textwrap.fill(f"{name}: {entry['about']}", 80, initial_indent="  ", subsequent_indent="    ")
+            texts = documented(registries[kind].get(name)) if whole else {}
+            for key, value in entry.get("keys", {}).items() if whole else ():
+                yield f"    {key}" if value in (None, "", ()) else f"    {key}: {json.dumps(value, default=str)}"
+                yield from textwrap.wrap(texts.get(key, ""), 80, initial_indent=" " * 6, subsequent_indent=" " * 6)

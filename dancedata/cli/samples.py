@@ -1,73 +1,26 @@
 """dancedata evaluate, decode, features: what a model makes, judged and turned into files; and songs for it."""
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from dancedata.cli.command import Output, command
-from dancedata.cli.options import (
-    Betas,
-    Body,
-    BodyModel,
-    CacheFolder,
-    Clamp,
-    Cluster,
-    Field,
-    Fps,
-    Jobs,
-    Like,
-    Music,
-    Normalized,
-    Overwrite,
-    Plugins,
-    Protocol,
-    Quiet,
-    Scaler,
-    Split,
-    Unit,
-    Up,
-    betas_of,
-    option,
-)  # fmt: skip
 from dancedata.core.text import counted, listed
 
-WHAT_HELP = "Samples (a folder or a file) or datasets; scores for each."
-POOL_HELP = "What FID and Div compare with: a dataset, a folder, an .npz of --out, or splits; default train."
-TABLES_HELP = ".csv a line per sample, .json everything, .md or .tex a table, .npz the pool; repeatable."
-FORMATS_HELP = "bvh, smpl (AMASS's arrays), smplx, npz, glb, or obj (a mesh per frame)."
-FRAMES_HELP = "Frames of obj, from 0: N, or A:B:STEP."
-SAMPLES_HELP = "Files (.npy .npz .pkl), folders of them, or patterns such as 'gen/*.npy'."
-SONGS_HELP = "Music files (wav, flac, mp3, ogg), folders of them, or patterns."
-WEIGHTS_HELP = "A network's weights; once per field where several need some."
 
-
-@command
+@command(
+    "protocol split music overwrite jobs like field normalized scaler clamp fps up unit body cluster cache plugins "
+    "quiet",
+    paths="WHAT...: Samples (a folder or a file) or datasets; scores for each.",
+    pool="PATH|SPLITS: What FID and Div compare with: a dataset, a folder, an .npz of --out, or splits; default "
+    "train.",
+    metric="NAME: Only this one; repeatable.",
+    out="FILE: .csv a line per sample, .json everything, .md or .tex a table, .npz the pool; repeatable.",
+    strict="Exit code 1 if a score means nothing.",
+)
 def evaluate(
-    paths: Annotated[list[Path], typer.Argument(metavar="WHAT...", help=WHAT_HELP)],
-    protocol: Protocol = "dancedata",
-    split: Split = None,
-    pool: Annotated[str | None, option(metavar="PATH|SPLITS", help=POOL_HELP)] = None,
-    metric: Annotated[list[str] | None, option(metavar="NAME", help="Only this one; repeatable.")] = None,
-    music: Music = None,
-    out: Annotated[list[Path] | None, option("-o", "--out", metavar="FILE", help=TABLES_HELP)] = None,
-    strict: Annotated[bool, option("--strict", help="Exit code 1 if a score means nothing.")] = False,
-    overwrite: Overwrite = False,
-    jobs: Jobs = None,
-    like: Like = None,
-    field: Field = None,
-    normalized: Normalized = None,
-    scaler: Scaler = None,
-    clamp: Clamp = False,
-    fps: Fps = None,
-    up: Up = None,
-    unit: Unit = None,
-    body: Body = None,
-    cluster: Cluster = None,
-    cache: CacheFolder = None,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
-) -> Output:
+    paths: list[Path], *, pool: str | None = None, metric: list[str] | None = None, out: list[Path] | None = None,
+    strict: bool = False, protocol: str | None, overwrite: bool, cluster: str | None, **how: Any,
+) -> Output:  # fmt: skip
     """Score samples by a paper's protocol.
 
       dancedata evaluate gen                  (folder of train.save_samples)
@@ -81,15 +34,8 @@ def evaluate(
 
     files = Outputs.of(out or (), overwrite=overwrite)
     is_place = pool is not None and (Path(pool).exists() or "/" in pool or "." in pool)
-    how: dict[str, Any] = {
-        "pool" if is_place else "pool_split": pool, "music": music, "field": field, "protocol": protocol,
-        "split": split, "like": like, "normalized": normalized, "scaler": scaler, "clamp": clamp, "fps": fps,
-        "up": up,
-        "unit": unit,
-        "body": body, "metrics": metric or (), "save_pool": files.pool, "jobs": jobs, "cache": cache,
-        "scheduler": cluster, "progress": not quiet,
-    }  # fmt: skip
-    reports = run_evaluate([*paths], **how)
+    how |= {"pool" if is_place else "pool_split": pool, "protocol": protocol or "dancedata", "metrics": metric or ()}
+    reports = run_evaluate([*paths], save_pool=files.pool, scheduler=cluster, **how)
     files.write(reports)
     return Output(
         lambda: {"reports": [report.to_json() for report in reports]},
@@ -99,23 +45,15 @@ def evaluate(
     )
 
 
-@command
+@command(
+    "overwrite like field normalized scaler clamp fps body_model betas plugins quiet",
+    files="SAMPLES...: Files (.npy .npz .pkl), folders of them, or patterns such as 'gen/*.npy'.",
+    to="FORMAT: bvh, smpl (AMASS's arrays), smplx, npz, glb, or obj (a mesh per frame).",
+    out="DIR: Folder for the files.",
+    frames="A:B:C: Frames of obj, from 0: N, or A:B:STEP.",
+)
 def decode(
-    files: Annotated[list[Path], typer.Argument(metavar="SAMPLES...", help=SAMPLES_HELP)],
-    to: Annotated[str, option(metavar="FORMAT", help=FORMATS_HELP)],
-    out: Annotated[Path, option("-o", "--out", metavar="DIR", help="Folder for the files.")],
-    frames: Annotated[str | None, option(metavar="A:B:C", help=FRAMES_HELP)] = None,
-    overwrite: Overwrite = False,
-    like: Like = None,
-    field: Field = None,
-    normalized: Normalized = None,
-    scaler: Scaler = None,
-    clamp: Clamp = False,
-    fps: Fps = None,
-    body_model: BodyModel = None,
-    betas: Betas = None,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
+    files: list[Path], *, to: str, out: Path, frames: str | None = None, field: str | None, progress: bool, **how: Any
 ) -> Output:
     """Turn samples into BVH, SMPL, glTF, npz or a mesh.
 
@@ -124,36 +62,25 @@ def decode(
     """
     from dancedata.decoding.decode import decode as run_decode
 
-    kind: Any = to  # checked there
-    written: Any = run_decode(
-        list(files), field, to=kind, out=out, like=like, fps=fps, overwrite=overwrite, normalized=normalized,
-        scaler=scaler, clamp=clamp, body_model=body_model, betas=betas_of(betas), frames=frames,
-    )  # fmt: skip
-    paths = [str(path) for path in written]
-    text = f"{out}: {counted(len(paths), f'{to} file')} of {listed(files, 3)}"
+    written: list[Path] = run_decode(files, field, to=to, out=out, frames=frames, **how)
+    text = f"{out}: {counted(len(written), f'{to} file')} of {listed(files, 3)}"
     text += f", such as {written[0].name}" if written else ""
-    return Output(lambda: {"files": paths}, lambda: text)
+    return Output(lambda: {"files": list(map(str, written))}, lambda: text)
 
 
-@command
+@command(
+    "plugins quiet",
+    songs="SONGS...: Music files (wav, flac, mp3, ogg), folders of them, or patterns.",
+    out="DIR: Folder for SONG.FIELD.npy and .json; default features.",
+    field="NAME: The feature; default those of --like, else librosa35.",
+    like="DATASET: A dataset or a recipe: its features, rate and slices.",
+    bpm="N: Tempo; default what --like states, else estimated.",
+    weights="[FIELD=]FOLDER: A network's weights; once per field where several need some.",
+)
 def features(
-    songs: Annotated[list[Path], typer.Argument(metavar="SONGS...", help=SONGS_HELP)],
-    out: Annotated[
-        Path, option("-o", "--out", metavar="DIR", help="Folder for SONG.FIELD.npy and .json; default features.")
-    ] = Path("features"),
-    field: Annotated[
-        str | None, option(metavar="NAME", help="The feature; default those of --like, else librosa35.")
-    ] = None,
-    like: Annotated[
-        str | None, option(metavar="DATASET", help="A dataset or a recipe: its features, rate and slices.")
-    ] = None,
-    bpm: Annotated[
-        float | None, option(metavar="N", help="Tempo; default what --like states, else estimated.")
-    ] = None,
-    weights: Annotated[list[str] | None, option(metavar="[FIELD=]FOLDER", help=WEIGHTS_HELP)] = None,
-    plugins: Plugins = None,
-    quiet: Quiet = False,
-) -> Output:
+    songs: list[Path], *, out: Path = Path("features"), field: str | None = None, like: str | None = None,
+    bpm: float | None = None, weights: list[str] | None = None, progress: bool,
+) -> Output:  # fmt: skip
     """Compute music features for your own songs.
 
       dancedata features songs --like data/aistpp

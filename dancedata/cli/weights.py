@@ -25,12 +25,12 @@ def are_weights(what: str, out: Path | None) -> bool:
     return what == "jukebox" or _MODEL.fullmatch(what) is not None or is_place
 
 
-def pull_weights(what: str, out: Path, *, accept_licence: bool, quiet: bool) -> Output:
+def pull_weights(what: str, out: Path, *, accept_licence: bool, progress: bool) -> Output:
     """Fetch weights into a folder: of Jukebox those for layer 66."""
     model = _MODEL.fullmatch(what)
-    return (
-        _model(model[1], model[2], out) if model else _jukebox(what, out, accept_licence=accept_licence, quiet=quiet)
-    )
+    if model:
+        return _model(model[1], model[2], out)
+    return _jukebox(what, out, accept_licence=accept_licence, progress=progress)
 
 
 def _model(name: str, revision: str | None, out: Path) -> Output:
@@ -47,7 +47,7 @@ def _model(name: str, revision: str | None, out: Path) -> Output:
     return Output(model.to_json, lambda: "\n".join([text, *notes, *left_out]))
 
 
-def _jukebox(what: str, out: Path, *, accept_licence: bool, quiet: bool) -> Output:
+def _jukebox(what: str, out: Path, *, accept_licence: bool, progress: bool) -> Output:
     from dancedata.audio.jukebox import convert, fetch
     from dancedata.audio.jukebox.weights.download import OPENAI_URL
     from dancedata.audio.jukebox.weights.folder import config_of
@@ -65,7 +65,7 @@ def _jukebox(what: str, out: Path, *, accept_licence: bool, quiet: bool) -> Outp
     files = Path(what) if is_folder else out.with_name(f"{out.name}-openai")
     if not is_folder:
         fetch(files, OPENAI_URL if what == "jukebox" else what, accept_licence=agreed,
-              progress=None if quiet else _Lines())  # fmt: skip
+              progress=_Lines() if progress else None)  # fmt: skip
     converted = convert(files, out, config=config_of(files))
     n_bytes = sum(size for size, _ in converted.files.values())
     about = {"path": str(out), "layer": converted.layer, "bytes": n_bytes, "source": dict(converted.source)}

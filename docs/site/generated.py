@@ -6,7 +6,6 @@ A page has the place of a table between the comments ``<!-- generated: NAME -->`
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import json
 import re
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
+from dancedata.cli.plugins import documented
 from dancedata.core.registry import (
     AUGMENTATIONS,
     CONTACTS,
@@ -35,7 +35,6 @@ from dancedata.recipes.parse import load_recipe
 
 ROOT = Path(__file__).resolve().parents[2]
 _PLACE = re.compile(r"(<!-- generated: ([\w-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
-_SECTION = re.compile(r"^Attributes\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.DOTALL | re.MULTILINE)
 #: Keys of a recipe that take plug-ins, in the order of a build.
 SLOTS: dict[str, Registry[Any]] = {
     "dataset": DATASETS, "transforms": TRANSFORMS, "motion": REPRESENTATIONS, "contacts": CONTACTS, "audio": FEATURES,
@@ -49,22 +48,6 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     lines = [list(head), ["---"] * len(tuple(head)), *(list(row) for row in rows)]
     escaped = ([cell.replace("|", "\\|") for cell in line] for line in lines)
     return "".join(f"| {' | '.join(line)} |\n" for line in escaped)
-
-
-def documented(plugin: type) -> dict[str, str]:
-    """Return the keys of a plug-in with what docstrings of it and its bases say of them, one line each."""
-    texts: dict[str, str] = {}
-    for cls in reversed(plugin.__mro__):
-        section = _SECTION.search(inspect.cleandoc(cls.__doc__ or ""))
-        own: dict[str, str] = {}
-        names: list[str] = []
-        for line in (section[1] if section else "").splitlines():
-            if line.startswith(" "):
-                own |= {name: f"{own.get(name, '')} {line.strip()}".strip() for name in names}
-            elif line:
-                names = line.partition(":")[0].replace(" ", "").split(",")
-        texts |= own
-    return {name: re.sub(r"``([^`]*)``", r"`\1`", text) for name, text in texts.items()}
 
 
 def _with_default(field: dataclasses.Field[Any]) -> str:

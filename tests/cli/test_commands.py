@@ -155,7 +155,6 @@ def test_no_option_has_two_meanings_or_names() -> None:
                 found.setdefault(option.opts[-1], set()).add((tuple(option.opts), option.is_flag, option.multiple))
     assert {name for name, forms in found.items() if len(forms) > 1} <= {
         "--out",
-        "--split",
         "--compare",
         "--clips",
         "--segments",
