@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from dancedata.torch.groups import GroupDataset
     from dancedata.torch.mix import Mix
     from dancedata.torch.options import (
-        PRESETS,
         Dancers,
         Primitives,
         Relative,
@@ -54,9 +53,8 @@ if TYPE_CHECKING:
         Select,
         Text,
         Windows,
-        from_plain,
-        to_plain,
     )
+    from dancedata.torch.plain import PRESETS, from_plain, to_plain
     from dancedata.torch.sampler import EpochSampler
     from dancedata.torch.windows import WindowDataset
 else:  # type checkers take the imports above, and so find misspelt names
@@ -72,7 +70,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "GroupDataset": "dancedata.torch.groups",
             "Mix": "dancedata.torch.mix",
             "Dancers": "dancedata.torch.options",
-            "PRESETS": "dancedata.torch.options",
+            "PRESETS": "dancedata.torch.plain",
             "Primitives": "dancedata.torch.options",
             "Relative": "dancedata.torch.options",
             "Scale": "dancedata.torch.options",
@@ -80,8 +78,8 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Select": "dancedata.torch.options",
             "Text": "dancedata.torch.options",
             "Windows": "dancedata.torch.options",
-            "from_plain": "dancedata.torch.options",
-            "to_plain": "dancedata.torch.options",
+            "from_plain": "dancedata.torch.plain",
+            "to_plain": "dancedata.torch.plain",
             "WindowDataset": "dancedata.torch.windows",
             "pack_clips": "dancedata.torch.clip_collate",
             "pad_clips": "dancedata.torch.clip_collate",

@@ -16,7 +16,7 @@ import pytest
 from dancedata.cli.plugins import write_plugin
 from dancedata.exports.base.job import EXPORTS
 from dancedata.store import open_store, verify_store
-from dancedata.torch.options import PRESETS
+from dancedata.torch.plain import PRESETS
 from tests import warm
 from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 

@@ -1,7 +1,6 @@
 """Values that say what readers read: as they print, as plain data, those that clash, and readers made of them."""
 
 import io
-import json
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ from dancedata.torch import (
 from tests.messages import raises_message
 
 ARGUMENTS: dict[str, Any] = {
-    "fields": ("edge151", "x/level", Relative("lodge139"), Primitives(n=128), Text("style", empty=0.1)),
+    "fields": ("x/level", Relative("lodge139"), Primitives(n=128), Text("style", empty=0.1), Segments("keep")),
     "windows": Windows(length_s=4, stride=10, fps=30, start_at="downbeat", trim=True),
     "select": Select({"genre": ("gBR", "gPO")}, ignore=("a", "b"), protocol="p", filter={"movement": {"min_std": 1}}),
     "scale": Scale(fields=("edge151",), clamp=True, covers=({"mirror": 0.5}, "yaw"), over="all"),
@@ -46,13 +45,12 @@ ARGUMENTS: dict[str, Any] = {
     "augment": {"mirror": 0.5, "yaw": {"max_degrees": 90}},
     "seed": 3,
 }
-VALUES = [v for v in (*ARGUMENTS.values(), *ARGUMENTS["fields"], Segments("keep"), Scale()) if hasattr(v, "to_dict")]
+VALUES = [v for v in (*ARGUMENTS.values(), *ARGUMENTS["fields"], Segments("keep"), Scale()) if hasattr(v, "stated")]
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)
-def test_values_print_as_they_are_typed_and_come_back(value: Any) -> None:
+def test_values_print_as_they_are_typed(value: Any) -> None:
     assert eval(repr(value)) == value
-    assert type(value).from_dict(json.loads(json.dumps(value.to_dict()))) == value
     with pytest.raises(AttributeError):
         value.other = 1
 
