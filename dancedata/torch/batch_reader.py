@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -19,14 +19,15 @@ import torch
 
 from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
-from dancedata.core.plugins import PRIMITIVES
 from dancedata.core.system import memory_file
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.shard_reader import WindowRows
 from dancedata.torch.augmenting import Augmenter
 from dancedata.torch.music_beats import LABELS, BeatLabels
-from dancedata.torch.primitives import PrimitiveSpec
+
+if TYPE_CHECKING:
+    from dancedata.torch.primitives import PrimitiveSpec
 
 Array = npt.NDArray[Any]
 #: Shape and type of every array of one sample.
@@ -217,7 +218,7 @@ class BatchReader:
         windows: Sequence[Window],
         fields: Sequence[FieldReader],
         augmenter: Augmenter,
-        primitives: PrimitiveSpec | None,
+        primitives: "PrimitiveSpec | None",
         bias: Callable[[int, int], int],
         labels: BeatLabels | None = None,
     ) -> None:
@@ -236,7 +237,7 @@ class BatchReader:
                 field.read(0, 0, False, rows)
                 arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
                 layouts.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
-                layouts[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
+                layouts[self._primitives.name] = arrays[self._primitives.name].shape, field.dtype
             if self._labels is not None and field.name == self._labels.field:
                 layouts.update({label: (field.rows.shape[:1], np.dtype(np.bool_)) for label in LABELS})
             layouts[field.name] = field.rows.shape, field.dtype
@@ -268,7 +269,8 @@ class BatchReader:
                     window = self._windows[place]
                     window = replace(window, start=window.start + request.shifts[nth])
                     primitives = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
-                    primitives[PRIMITIVES] = field.scale(primitives[PRIMITIVES])
+                    key = self._primitives.name
+                    primitives[key] = field.scale(primitives[key])
                     for name, value in primitives.items():
                         out[name][nth] = value
                 if self._labels is not None and field.name == self._labels.field:

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import PrimitiveFinder
+from dancedata.core.plugins import PRIMITIVES, PrimitiveFinder
 from dancedata.core.registry import PRIMITIVE_FINDERS
 from dancedata.store.dataset import Store
 from dancedata.store.queries import fields_with
@@ -25,12 +25,15 @@ def _finder() -> PrimitiveFinder:
 class PrimitiveSpec:
     """Computation of primitives from the windows of a field.
 
+    `name`: Name of those among the entries that are rows.
     `field`: Motion field that they are rows of.
     `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
         which uses only the window, and for windows of n frames.
     `n`: Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and soft
         cues.
     """
+
+    name: ClassVar[str] = PRIMITIVES
 
     field: str
     key_motion: str | None

@@ -28,7 +28,6 @@ from dancedata.torch.batch_reader import (
 from dancedata.torch.collate import Batch, Sample, collate
 from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
-from dancedata.torch.primitives import PrimitiveSpec, primitive_spec
 from dancedata.torch.scalers import root_columns
 from dancedata.torch.selection import Choice, Selection, no_window_error
 from dancedata.torch.split_dataset import SplitDataset, mirrored_samples, primitive_bias
@@ -125,8 +124,10 @@ class WindowDataset(SplitDataset):
     ) -> None:
         super().__init__(store, split, fields, select, scale)
         place = Windows.taken(None if isinstance(windows, WindowList) else windows)
-        spec: PrimitiveSpec | None = None
+        spec = None
         if self._items.primitives is not None:
+            from dancedata.torch.primitives import primitive_spec
+
             grid = self.store._window_grid(**place.grid)
             length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
             spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
