@@ -27,7 +27,6 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
-from dancedata.curation.anatomy import bone_spread
 from dancedata.curation.glitches import spikes
 from dancedata.curation.repair import LIMITS, repaired
 from dancedata.curation.scores import MEASURES, score_motion
@@ -35,6 +34,7 @@ from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.formats.safe_pickle import load_pickle
+from dancedata.metrics.body import bone_spread
 from dancedata.synthetic import synthesise_motion
 from dancedata.synthetic.plan import CATALOGUE
 

@@ -73,7 +73,7 @@ def measure(name: str, checkouts: Mapping[str, Path], folder: Path, rounds: int)
 def build(case: Case, source: Path, checkout: Path, folder: Path, side: str) -> Spent:
     """Build a case with a checkout's code, two jobs."""
     folder.mkdir(parents=True, exist_ok=True)
-    recipe, settings = case.recipe_of(folder, side == "base")
+    recipe, settings = case.chosen_recipe(folder, side == "base")
     shutil.rmtree(folder / "out", ignore_errors=True)
     words = [sys.executable, "-P", "-m", "dancedata", "build", recipe, *(f"--set={s}" for s in settings)]
     words += [*(["--source"] if side == "base" else []), str(source)]

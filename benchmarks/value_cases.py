@@ -31,7 +31,7 @@ class Case:
     now: tuple[str, ...] | None = None
     differs: str = ""
 
-    def recipe_of(self, folder: Path, is_base: bool) -> tuple[str, tuple[str, ...]]:
+    def chosen_recipe(self, folder: Path, is_base: bool) -> tuple[str, tuple[str, ...]]:
         """Return the recipe, by name or as a file that is written into `folder`, and the settings."""
         import yaml
 

@@ -115,7 +115,7 @@ def inside(what: str, case: str, folder: str, side: str = "", words: str = "") -
     import dancedata
 
     out, cache = work / side / case, work / side / "cache"
-    recipe, settings = cases()[case].recipe_of(work / f"recipes-{words}" / case, words == "base")
+    recipe, settings = cases()[case].chosen_recipe(work / f"recipes-{words}" / case, words == "base")
     places = [*(["--source"] if words == "base" else []), source, "--out", out, "--cache", cache]
     command = [sys.executable, "-m", "dancedata", "build", recipe, *(f"--set={s}" for s in settings)]
     subprocess.run([*command, *map(str, places), "--quiet"], check=True, stdout=subprocess.DEVNULL)

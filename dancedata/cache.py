@@ -20,19 +20,17 @@ import numpy.typing as npt
 from dancedata.building.compute import Unit, in_cache, make, units_of
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
-from dancedata.building.plugins import Ask
 from dancedata.building.signals import SignalId, identify_audio
 from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import Number
 from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
-from dancedata.execution.cache import Cache, CachedArray, default_cache, with_lost_entries
+from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import as_in_builds
 from dancedata.store import Store
 from dancedata.store.normalize import Reader
-from dancedata.store.queries import reference
 
 __all__ = ["FeatureCache"]
 
@@ -50,7 +48,7 @@ class FeatureCache:
     """
 
     def __init__(self, root: str | Path | None = None) -> None:
-        self.root = (Path(root).expanduser() if root is not None else default_cache()).absolute()
+        self.root = Cache.at(root).root
         self._compared: set[Path] = set()
         self._jobs: dict[str, MusicField] = {}
 
@@ -98,26 +96,26 @@ class FeatureCache:
         music = Music(signal, bpm=bpm)
         fields = [replace(job, arithmetic=known) for known in _arithmetics()]
         if windows is None:
-            (rows,) = self._rows(fields, lambda field: [field.ask(music)], self._mapped)
+            (rows,) = self._rows(fields, music, self._mapped)
             return rows
-        of_windows = self._rows(fields, lambda field: field.slice_asks(music), np.asarray)
+        of_windows = self._rows(fields, music, np.asarray)
         return np.stack(of_windows) if of_windows else np.empty((0, windows[0], job.columns.width), job.dtype)
 
     def _rows(
         self,
         fields: Sequence[MusicField],
-        asks: Callable[[MusicField], Sequence[Ask]],
+        music: Music,
         read: Callable[[CachedArray], npt.NDArray[Any]],
     ) -> list[npt.NDArray[Any]]:
         """Return what is asked of a song, of the first field that has it; damaged entries are made again."""
-        by_field = [list(units_of([field], [((field.id, ""), asks(field))])) for field in fields]
+        by_field = [list(units_of([field], [((field.id, ""), field.song_asks(music))])) for field in fields]
         rows: list[npt.NDArray[Any]] = []
         for units in zip(*by_field, strict=True):
 
             def read_all(cache: Cache, units: Sequence[Unit] = units) -> list[npt.NDArray[Any]]:
                 return [read(_unwrapped(array)) for array in _made(cache, units).values()]
 
-            rows += with_lost_entries(Cache(self.root), read_all, Progress(quiet=True))
+            rows += Cache(self.root).retry_lost(read_all, Progress(quiet=True))
         return rows
 
     def _identify(self, song: str | Path) -> SignalId:
@@ -143,7 +141,7 @@ class FeatureCache:
         parameters: dict[str, Any],
     ) -> MusicField:
         """Return a field with a resolved feature, as of a build; one object resolves it once."""
-        request = repr((name, None if store is None else reference(store), fps, windows, sorted(parameters.items())))
+        request = repr((name, None if store is None else store.reference, fps, windows, sorted(parameters.items())))
         if request not in self._jobs:
             job = music_field(name, store, fps, windows, parameters)
             self._jobs[request] = replace(job, feature=job.feature.resolved(Cache(self.root).file_sha256))

@@ -13,19 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
+from dancedata.core.hashing import document_differences, hashed_keys
 from dancedata.core.segments import Segment
 from dancedata.core.text import counted, listed, shown
-from dancedata.kernel import (
-    CLIP_COLUMNS,
-    Clip,
-    SourceRecord,
-    Store,
-    document_differences,
-    open_store,
-    require_intact,
-    shaping,
-    source_differences,
-)
+from dancedata.kernel import CLIP_COLUMNS, Clip, SourceRecord, Store, open_store, source_differences
 
 Row = Mapping[str, Any]
 
@@ -205,8 +196,8 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differen
         raise UsageError("not a valid tolerance", found=repr(atol), allowed="a number >= 0, such as 0.001")
     with open_store(a) as one, open_store(b) as two:
         if one.info["self_sha256"] == two.info["self_sha256"]:
-            require_intact(one)
-            require_intact(two)
+            one.require_intact()
+            two.require_intact()
             return Differences()
         differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips()}
@@ -219,7 +210,7 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differen
 
 
 def _recipes(one: Store, two: Store) -> Iterator[Difference]:
-    recipes = shaping(one.info.get("recipe", {})), shaping(two.info.get("recipe", {}))
+    recipes = hashed_keys(one.info.get("recipe", {})), hashed_keys(two.info.get("recipe", {}))
     for key, old, new in document_differences(*recipes):
         yield Difference("recipe", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
     sources = [str(store.info.get("source", {}).get("sha256")) for store in (one, two)]

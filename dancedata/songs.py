@@ -1,6 +1,5 @@
 """Features of any music, exactly as in training."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,17 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.compute import made
-from dancedata.building.fields.music import MusicField
-from dancedata.building.implausible import implausible_problems
-from dancedata.building.inputs import Music
-from dancedata.building.plugins import Loadable
-from dancedata.building.song_fields import dataset_like, music_field, stated_tempo
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.hashing import json_sha256
+from dancedata.core.implausible import implausible_problems
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.quality import music_flags
 from dancedata.core.registry import FEATURES
@@ -36,22 +30,25 @@ from dancedata.files.strict_json import read_json
 from dancedata.kernel import (
     DATASET_FILE,
     Cache,
+    Music,
+    MusicField,
     Progress,
     Reader,
     Recipe,
     SignalId,
     Store,
     as_in_builds,
-    default_cache,
     identify_audio,
     load_audio,
     load_recipe,
     make_named,
-    network_weights,
+    music_field,
     open_store,
-    with_lost_entries,
+    song_rows,
+    stated_tempo,
+    stored_recipe,
 )
-from dancedata.recipes.parse import parse_recipe, recipe_names
+from dancedata.scene.like import opened, store_of
 
 #: Largest .json of features: it lists the first frames of a day's windows.
 _MAX_ABOUT_BYTES = 1 << 26
@@ -105,7 +102,7 @@ def features(
     >>> dancedata.features("song.wav", "librosa35", fps=30, bpm=120).shape
     (211, 35)
     """
-    store = dataset_like(like)
+    store = None if like is None else store_of(opened(like))
     job = music_field(field, store, fps, windows, parameters)
     job = replace(job, feature=job.feature.resolved(sha256_file))
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
@@ -178,7 +175,7 @@ def write_features(
     dataset = None if like is None else _dataset_like(like)
     folders = _weights_of([weights] if isinstance(weights, Path) else weights, jobs)
     jobs = [replace(job, feature=_ready(job, folders.get(job.name), dataset)) for job in jobs]
-    cache = Cache(default_cache())
+    cache = Cache.at()
     signals = {song: _identified(cache, song, jobs) for song in songs}  # all, before anything is computed
     written = []
     try:
@@ -188,7 +185,7 @@ def write_features(
                 for job in jobs:
                     path = _rows_file(out, song, job)
                     new.update(p for p in (path, path.with_suffix(".json")) if not p.exists())
-                    computed = _compute(cache, job, Music(signal, bpm=stated[0]))
+                    computed = _compute(cache, job, signal, stated[0])
                     with atomic_file(path) as temporary, open(temporary, "wb") as file:
                         np.save(file, computed.rows)
                     record = _about(job, song, signal, computed, stated, path)
@@ -298,9 +295,9 @@ def _ready(job: MusicField, weights: Path | None, dataset: Store | None) -> Audi
     if weights is not None:
         feature = feature.with_weights(weights)
     try:
-        return feature.resolved(Cache(default_cache()).file_sha256)
+        return feature.resolved(Cache.at().file_sha256)
     except (UsageError, SourceError) as error:
-        model = None if dataset is None else network_weights(dataset).get(job.name)
+        model = None if dataset is None else dataset.weights.get(job.name)
         if dataset is not None and model:
             name = shown(job.name)
             weights_fix = f"{name} of {shown(dataset.path)} was computed with {model}: --weights {name}=FOLDER"
@@ -317,25 +314,26 @@ class _Computed:
     estimated_bpm: float | list[float] | None = None
 
 
-def _compute(cache: Cache, field: MusicField, music: Music) -> _Computed:
+def _compute(cache: Cache, field: MusicField, song: SignalId, bpm: float | None) -> _Computed:
     """Return the rows of a song as a build has them, from the cache or into it."""
-    asks = [field.ask(music)] if field.windows is None else field.slice_asks(music)
+    music, quiet = Music(song, bpm=bpm), Progress(quiet=True)
 
     def rows(cache: Cache) -> list[npt.NDArray[Any]]:
-        by_key = made(cache, field, asks, jobs=1, progress=Progress(quiet=True))
-        return [np.asarray(_unwrapped(by_key[ask.key])) for ask in asks]
+        return [
+            np.asarray(_unwrapped(row)) for row in song_rows(cache, field, [music], jobs=1, progress=quiet)[music]
+        ]
 
-    of_asks = with_lost_entries(cache, rows, Progress(quiet=True))
-    estimated = _estimated(field, asks[0].source) if music.bpm is None else None
+    computed = cache.retry_lost(rows, quiet)
+    estimated = _estimated(field, song.load()) if music.bpm is None else None
     if field.windows is None:
-        return _Computed(of_asks[0], estimated_bpm=estimated)
-    first_rows = [field.windows.grid.rows(start, of=field.grid) for start in field.windows.starts(len(asks))]
-    return _Computed(np.stack(of_asks), first_rows, estimated)
+        return _Computed(computed[0], estimated_bpm=estimated)
+    first_rows = [field.windows.grid.rows(start, of=field.grid) for start in field.windows.starts(len(computed))]
+    return _Computed(np.stack(computed), first_rows, estimated)
 
 
-def _estimated(field: MusicField, song: Loadable) -> Any:
+def _estimated(field: MusicField, signal: AudioSignal) -> Any:
     """Return the tempo that a feature estimates: one, or of each slice; None where it estimates none."""
-    signal, compute = song.load(), as_in_builds(field.feature.exact)
+    compute = as_in_builds(field.feature.exact)
     if field.windows is None:
         return compute(field.feature.estimated_bpm, signal, field.grid)
     starts, length = field.slices(signal.n_samples, signal.sample_rate)
@@ -404,15 +402,16 @@ def _dataset_like(like: str) -> Store | None:
 def _recipe_like(like: str) -> Recipe:
     folder = Path(like)
     if not folder.is_dir():
-        if not folder.exists() and folder.suffix not in (".yaml", ".yml") and like not in recipe_names():
-            problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
-            raise UsageError(problem, fix=did_you_mean(like, recipe_names()))
-        return load_recipe(like)
+        try:
+            return load_recipe(like)
+        except UsageError as error:
+            if not folder.exists() and folder.suffix not in (".yaml", ".yml"):
+                error.problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
+            raise
     if not (folder / DATASET_FILE).exists():
         raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
-    meta = open_store(folder).info
-    document = json.loads(json.dumps(meta.get("recipe", {})))
-    recipe = parse_recipe(document, where=f"{folder}/{DATASET_FILE}")
-    if json_sha256(recipe.document) != json_sha256(document):
+    store = open_store(folder)
+    recipe = stored_recipe(store)
+    if json_sha256(recipe.document) != json_sha256(store.info["recipe"]):
         raise StoreError("the dataset's recipe reads differently in this version of dancedata", where=folder)
     return recipe

@@ -180,11 +180,10 @@ def shared() -> Path:
 @pytest.fixture
 def no_local_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
     """Remove what a test registers."""
-    from dancedata.building import plugins
     from dancedata.core import plugin_files
     from dancedata.core.registry import PROTOCOLS, REGISTRIES
 
-    for registry in (*REGISTRIES.values(), *plugins.REGISTRIES.values(), PROTOCOLS):
+    for registry in (*REGISTRIES.values(), PROTOCOLS):
         registry.names()
         monkeypatch.setattr(registry, "_classes", dict(registry._classes))
     monkeypatch.setattr(plugin_files, "_files", {})

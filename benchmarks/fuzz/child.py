@@ -31,9 +31,13 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1])]
 
 from targets import DEFECT, TARGETS, Target, is_plain  # noqa: E402 -- in the folder of this script
 
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS  # noqa: E402
 from dancedata.core.errors import DanceDataError, RecipeError  # noqa: E402
-from dancedata.core.registry import REGISTRIES  # noqa: E402
+from dancedata.core.registry import (  # noqa: E402
+    ANNOTATORS,
+    REGISTRIES,  # noqa: E402
+    RULES,
+    TRANSFORMS,
+)
 
 LIMIT_S = 1.0
 LIMIT_BYTES = 200 << 20

@@ -12,28 +12,15 @@ from typing import Any
 import numpy as np
 
 from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
-from dancedata.building.arguments import recipe_of
-from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
-from dancedata.building.left_out import left_out_lines, relative_to
-from dancedata.building.rejects import missing_music
+from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.rejects import left_out_lines, missing_music, relative_to
 from dancedata.core.text import counted, csv_cell, listed, table
-from dancedata.execution.cache_files import running
-from dancedata.kernel import (
-    DATASET_FILE,
-    Cache,
-    Progress,
-    RecipeLike,
-    default_cache,
-    folder_of,
-    jobs_of,
-    scan_folder,
-    with_lost_entries,
-)
+from dancedata.files.cache_files import running
+from dancedata.files.csv_report import csv_text, require_new_csv, write_csv
+from dancedata.kernel import DATASET_FILE, Cache, Progress, RecipeLike, chosen_recipe, jobs_of, scan_folder
 from dancedata.metrics.offsets import REASONS, Offset
-from dancedata.recipes.parse import Overrides
-from dancedata.recipes.recipe import resolve
 
 BY = ("recording", "clip", "song")
 #: Least offsets that are summarised, and above which p (Rayleigh's) their phases of the beat are scattered.
@@ -278,19 +265,14 @@ def align(
     path, file, reporter = Path(source).expanduser(), folder_of(out), Progress(quiet=not progress)
     search = Search(window_s, level, test_songs, seed)
     _check(path, by, search, file)
-    parsed = recipe_of(path, recipe, dataset, overrides)
-    store_cache = Cache((folder_of(cache) or default_cache()).absolute())
-    if parsed is not None:
-        parsed = resolve(parsed, store_cache.file_sha256)
+    parsed, store_cache = chosen_recipe(path, recipe, dataset, overrides), Cache.at(cache)
     reader, scan = scan_folder(path, dataset if parsed is None else parsed.dataset)
     clips = [clip for clip in scan.clips if clip.audio_path is not None]
     units, workers = _units(clips, by), jobs_of(jobs)
     songs = sorted({clip.audio_path for clip in clips if clip.audio_path is not None})
     with running(store_cache.root):
-        offsets, rejects = with_lost_entries(
-            store_cache,
-            lambda cache: find_offsets(cache, reader, units, songs, search, jobs=workers, progress=reporter),
-            reporter,
+        offsets, rejects = store_cache.retry_lost(
+            lambda cache: find_offsets(cache, reader, units, songs, search, jobs=workers, progress=reporter), reporter
         )
     rows = [Aligned(u.name, u.clips, o) for u, o in zip(units, offsets, strict=True) if isinstance(o, Offset)]
     rejects = [*scan.rejects, *(missing_music(clip) for clip in scan.clips if clip.audio_path is None), *rejects]

@@ -11,21 +11,17 @@ from typing import Any, ClassVar
 import numpy as np
 
 from dancedata.alignment.onsets import onset_strength
-from dancedata.building.documents import clip_identity, content_hashes
-from dancedata.building.plugins import STARTS, StartFinder
-from dancedata.building.rejects import changed, reject_of
-from dancedata.building.signals import decode_again, known_signal
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
+from dancedata.core.registry import STARTS
+from dancedata.core.rejects import changed, reject_of
 from dancedata.core.text import counted
 from dancedata.core.typing import override
-from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import CachedArray, package_version
-from dancedata.execution.units import Jobs
+from dancedata.files.documents import clip_identity, content_hashes, document_of
 from dancedata.files.regular_file import sha256_file
-from dancedata.kernel import Cache, Progress, SignalId, document_of, identify_audio, run_units
+from dancedata.kernel import Cache, CachedArray, Executor, Progress, SignalId, StartFinder, identify_audio, run_units
 from dancedata.metrics.offsets import RATE, REASONS, Offset, RhythmPiece, find_offset, music_rhythm, rhythm_curves
 
 #: Raised by hand when onsets, curves or offsets of the same input change.
@@ -71,7 +67,7 @@ def find_offsets(
     songs: Sequence[Path],
     search: Search,
     *,
-    jobs: Jobs,
+    jobs: int | Executor,
     progress: Progress,
 ) -> tuple[list[Offset | Reject], list[Reject]]:
     """Return the offset of each unit, a reject where no clip of it can be used, and the rejects of clips.
@@ -112,13 +108,13 @@ class _Song:
 
 
 def _all_music(
-    cache: Cache, paths: Sequence[Path], songs: Sequence[Path], jobs: Jobs, progress: Progress
+    cache: Cache, paths: Sequence[Path], songs: Sequence[Path], jobs: int | Executor, progress: Progress
 ) -> tuple[dict[Path | None, _Song], dict[Path | None, Reject]]:
     """Return the rhythm of the songs at `paths` and of some of `songs`, and the rejects of unusable ones."""
     everything = sorted({*paths, *songs})
     identified = run_units(
         identify_audio, [(cache, path) for path in everything],
-        cached=[known_signal(cache, path) for path in everything], jobs=jobs, label="decoding music",
+        cached=[SignalId.cached(cache, path) for path in everything], jobs=jobs, label="decoding music",
         progress=progress,
     )  # fmt: skip
     problems: dict[Path | None, Reject] = {
@@ -142,12 +138,11 @@ def _all_music(
 
 
 def _all_curves(
-    cache: Cache, dataset: Dataset, clips: Sequence[ClipRef], jobs: Jobs, progress: Progress
+    cache: Cache, dataset: Dataset, clips: Sequence[ClipRef], jobs: int | Executor, progress: Progress
 ) -> tuple[dict[str, CachedArray], list[Reject]]:
     content = content_hashes(dataset, cache.file_sha256)
     loading = [dataset.name, dataset.version, document_of(dataset, loading=True), dict(content)]
-    packages = {name: package_version(name) for name in ("numpy", "scipy")}
-    common = Cache.key("rhythm", version=VERSION, dataset=loading, packages=packages, arithmetic=expected())
+    common = Cache.numeric_key("rhythm", version=VERSION, dataset=loading)
     curves, calls, rejects = dict[str, CachedArray](), [], []
     for clip in clips:
         try:
@@ -171,14 +166,13 @@ def _all_curves(
 
 
 def _onset_key(signal: SignalId) -> str:
-    packages = {name: package_version(name) for name in ("numpy", "scipy")}
-    return Cache.key("onsets", version=VERSION, signal=signal.sha256, packages=packages, arithmetic=expected())
+    return Cache.numeric_key("onsets", version=VERSION, signal=signal.sha256)
 
 
 def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
 
     try:
-        return cache.once("onsets", key, lambda: music_rhythm(onset_strength(decode_again(signal), RATE)))
+        return cache.once("onsets", key, lambda: music_rhythm(onset_strength(signal.load(), RATE)))
     except DataError as error:
         return reject_of(error, file=signal.path)
 
@@ -259,7 +253,14 @@ class AlignedStarts(StartFinder):
 
     @override
     def find(
-        self, cache: Cache, dataset: Dataset, scan: Scan, asked: Sequence[ClipRef], *, jobs: Jobs, progress: Progress
+        self,
+        cache: Cache,
+        dataset: Dataset,
+        scan: Scan,
+        asked: Sequence[ClipRef],
+        *,
+        jobs: int | Executor,
+        progress: Progress,
     ) -> Scan:
         units = recordings(asked)
         songs = sorted({clip.audio_path for clip in scan.clips if clip.audio_path is not None})

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import HOP
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.typing import override
-from dancedata.kernel import compiling, pcm16, resample, resampled_length
+from dancedata.kernel import compiling, resample
 
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
-from dancedata.kernel import compiling, pcm16, resample
+from dancedata.core.audio_signal import pcm16
+from dancedata.kernel import compiling, resample
 
 
 def track_features(samples: NDArray[np.float32], settings: Settings) -> NDArray[np.float32]:

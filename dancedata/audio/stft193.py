@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import HOP
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, resampled_length
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.kernel import resample, resampled_length
+from dancedata.kernel import resample
 
 N_FFT = 384
 _BINS = 1 + N_FFT // 2

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.errors import UsageError
-from dancedata.recipes.parse import Overrides, load_recipe, recipe_names
+from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class BuildArguments:
                          "or source=DIR in Python")  # fmt: skip
 
 
-def recipe_of(
+def chosen_recipe(
     folder: str | Path, recipe: RecipeLike | None, dataset: str | None, overrides: Overrides
 ) -> Recipe | None:
     """Return the recipe that reads a source folder, by default its own recipe.yaml; None if a dataset's reader does.
@@ -79,11 +80,6 @@ def _published(recipe: RecipeLike) -> Published | None:
     from dancedata.building.rebuild import Published
 
     return Published.at(recipe)
-
-
-def folder_of(path: str | Path | None) -> Path | None:
-    """Return a path with ~ expanded; None for None."""
-    return None if path is None else Path(path).expanduser()
 
 
 def jobs_of(jobs: int | None) -> int:

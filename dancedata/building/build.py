@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dancedata.building.card import dataset_card
 from dancedata.building.clips import compute_clips, scan_of, sources_of
-from dancedata.building.left_out import nothing_left, reasons, relative_to, stop_if_strict
+from dancedata.building.left_out import nothing_left, reasons, stop_if_strict
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
 from dancedata.building.source_record import SourceRecord
@@ -20,15 +20,17 @@ from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import UsageError
+from dancedata.core.packages import package_version
+from dancedata.core.rejects import relative_to
 from dancedata.core.text import counted
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, default_cache, package_version, with_lost_entries
-from dancedata.execution.cache_files import running, sweep
+from dancedata.execution.cache import Cache
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import engine_of, start_workers
 from dancedata.files.atomic import write_json
+from dancedata.files.cache_files import running, sweep
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Field, Store, StoreHeader, open_store, write_store
 from dancedata.store.schema import DATASET_FILE, LOCAL_FILE
@@ -123,7 +125,7 @@ def build(
         )
     header_of(recipe, {}).check()  # now, not after everything is computed
     source = source.absolute()  # so that it can be found in the text of rejects
-    store_cache = Cache((cache or default_cache()).absolute())
+    store_cache = Cache.at(cache)
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out, overwrite=overwrite)
@@ -169,7 +171,7 @@ class _Build:
 
     def run(self) -> bool:
         """Build; return False if the dataset existed already."""
-        return with_lost_entries(self.cache, lambda cache: replace(self, cache=cache)._run(), self.progress)
+        return self.cache.retry_lost(lambda cache: replace(self, cache=cache)._run(), self.progress)
 
     def _run(self) -> bool:
         sources = sources_of(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
@@ -201,7 +203,7 @@ class _Build:
 
     def _stop_if_implausible(self, quality: Sequence[Mapping[str, Any]]) -> None:
         if self.strict:
-            from dancedata.building.implausible import require_plausible
+            from dancedata.core.implausible import require_plausible
 
             require_plausible(quality)
 

@@ -11,31 +11,32 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.arguments import RecipeLike, jobs_of, recipe_of
+from dancedata.building.arguments import RecipeLike, chosen_recipe, jobs_of
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of
 from dancedata.building.fields.motion import RepresentationField
-from dancedata.building.implausible import implausible_problems
 from dancedata.building.leaks import alike_between, leaks, sound_field
-from dancedata.building.left_out import NOTED, relative_to
-from dancedata.building.rejects import attempt
+from dancedata.building.left_out import NOTED
 from dancedata.building.signals import SignalId
 from dancedata.building.stored import Clips
 from dancedata.building.word_check import word_notes
+from dancedata.core.arguments import Overrides
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.core.implausible import implausible_problems
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
+from dancedata.core.rejects import attempt, relative_to
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import counted, listed
-from dancedata.execution.addresses import local_folder
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from dancedata.files.addresses import local_folder
 from dancedata.files.atomic import PREFIX
 from dancedata.music.silence import noted
-from dancedata.recipes.parse import Overrides, parse_recipe
+from dancedata.recipes.parse import stored_recipe
 from dancedata.recipes.recipe import Recipe, resolve
 from dancedata.store import Problem, Signal, Store, open_store, verify_store
 from dancedata.store.clip_columns import ClipRecord
@@ -98,7 +99,7 @@ def check(
         if recipe is not None or dataset is not None or overrides:
             raise UsageError("built datasets are compared, which have no reader", fix="leave out dataset and recipe")
         return _check_several([folder, *further])
-    parsed = recipe_of(path, recipe, dataset, overrides)
+    parsed = chosen_recipe(path, recipe, dataset, overrides)
     if dataset is None and parsed is None and folder.is_dir() and any(_is_built(p.name) for p in folder.iterdir()):
         return _check_built(folder)
     _require_folder(folder)
@@ -148,7 +149,7 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     """Run the stages of a build up to what would be stored, in the cache; features of networks are not computed."""
     source = path.absolute()
     _require_files(recipe.dataset, source)
-    store_cache = Cache(default_cache().absolute())
+    store_cache = Cache.at()
     recipe = resolve(recipe, store_cache.file_sha256)
     scan = scan_of(recipe, source)
 
@@ -157,7 +158,7 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
         return compute_clips(cache, recipe, sources, jobs=workers, progress=progress, networks=False)
 
     with workers_for(recipe, source, store_cache, jobs) as workers:
-        clips, rejects, quality = with_lost_entries(store_cache, examined, progress)
+        clips, rejects, quality = store_cache.retry_lost(examined, progress)
     usable = {clip.id for clip in clips}
     originals = [clip for clip in clips if not clip.source and clip.signal is not None]
     lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]
@@ -297,7 +298,7 @@ def _sides(field: RepresentationField, columns: npt.NDArray[Any]) -> list[tuple[
 def _field_with_body(store: Store) -> RepresentationField | None:
     """Return the most informative field of SMPL's joints: rotations, else positions; None without one."""
     try:
-        recipe = parse_recipe(store.info.get("recipe", {}), where=f"{store.path}/dataset.json")
+        recipe = stored_recipe(store)
     except DanceDataError:
         return None  # its plug-ins are not installed
     fields = [

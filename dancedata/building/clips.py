@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.documents import content_hashes
+from dancedata.building.compute import compute
 from dancedata.building.groups import Groups, groups_of
 from dancedata.building.measuring import takes_of
-from dancedata.building.plugins import STARTS
+from dancedata.building.plugins import Annotator
+from dancedata.building.result import Result
 from dancedata.building.sources import Sources, identify, scan_source
 from dancedata.building.spine import Parts, build_clips
 from dancedata.building.stored import Clips
-from dancedata.core.clip import FOUND, Scan
+from dancedata.building.take import Transform
+from dancedata.core.clip import FOUND, Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
+from dancedata.core.registry import STARTS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
+from dancedata.files.documents import content_hashes
 from dancedata.recipes.recipe import Recipe
 
 
@@ -66,3 +71,23 @@ def with_found_starts(cache: Cache, dataset: Dataset, scan: Scan, *, jobs: Jobs,
     """Return a scan with the offsets that its source leaves to the build; clips of unknown ones are rejects."""
     asked = [clip for clip in scan.clips if clip.audio_start_by == FOUND]
     return STARTS.only().find(cache, dataset, scan, asked, jobs=jobs, progress=progress) if asked else scan
+
+
+def annotate_clips(
+    cache: Cache,
+    dataset: Dataset,
+    scan: Scan,
+    annotator: Annotator,
+    steps: Sequence[Transform] = (),
+    *,
+    jobs: Jobs,
+    progress: Progress,
+) -> tuple[dict[str, Sequence[Any]], list[Reject]]:
+    """Return an annotator's JSON rows of the clips of a scan, each dancer alone, after steps; and the rejects."""
+    alone = replace(scan, clips=tuple(replace(ref, group="") for ref in scan.clips))  # each as his file has him
+    sources = identify(cache, dataset, (), alone, jobs=jobs, progress=progress)
+    takes, unusable = takes_of(cache, dataset, sources, jobs=jobs, progress=progress)
+    results = [Result(replace(take, steps=tuple(steps)), (0,), (0,)) for take in takes]
+    results = compute(cache, results, [annotator], jobs=jobs, progress=progress)
+    rejects = [*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects)]
+    return {result.take.name: result.made[annotator.id][0] for result in results if result.stay}, rejects

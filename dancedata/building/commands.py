@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from dancedata.building.arguments import BuildArguments, RecipeLike, folder_of, jobs_of
+from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import BuildResult
 from dancedata.building.build import build as _build
+from dancedata.core.arguments import Overrides, folder_of
 from dancedata.execution.progress import Progress
-from dancedata.recipes.parse import Overrides
 
 if TYPE_CHECKING:
     from dancedata.building.plan import Plan

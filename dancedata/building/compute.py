@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dancedata.building.plugins import Ask, Loadable, Maker
-from dancedata.building.rejects import reject_of
 from dancedata.building.result import Nothing, Result, Rows
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, UsageError, noted
+from dancedata.core.rejects import reject_of
 from dancedata.execution.cache import DURABLE_FROM_S, Cache, CachedArray
 from dancedata.execution.executors import Executor
 from dancedata.execution.progress import Progress

@@ -8,19 +8,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dancedata.building.free_columns import free_columns
-from dancedata.building.implausible import describe_implausible
-from dancedata.building.left_out import NOTED, left_out_lines, reasons
+from dancedata.building.left_out import NOTED, reasons
 from dancedata.core.clip import Reject
 from dancedata.core.hashing import recipe_hash
+from dancedata.core.implausible import describe_implausible
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
+from dancedata.core.rejects import left_out_lines
 from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown, size_text, table
-from dancedata.execution.addresses import path_text
+from dancedata.files.addresses import path_text
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
-from dancedata.store.queries import network_weights, slice_length
 
 if TYPE_CHECKING:
     from dancedata.store import Problem
@@ -140,15 +139,15 @@ def _store_json(store: Store, path: Path) -> dict[str, Any]:
         **{key: store.info[key] for key in keys if key in store.info},
         "rejects": reasons(store),
         "quality_flags": len(store.quality),
-        "slices": slice_length(store) is not None,
+        "slices": store.slice_length is not None,
         "source_rates": dict(sorted(Counter(c.source_rate for c in store if c.source_rate).items())),
         "height_m": {"min": min(heights), "max": max(heights)} if heights else None,
         "notes": list(store.info.get("source", {}).get("notes", [])),
         "fields": {name: _field_json(store, name) for name in store.fields},
         "bytes": _bytes(store),
         "recipe_sha256": recipe_hash(store.info["recipe"]) if "recipe" in store.info else None,
-        "weights": network_weights(store),
-        **({"columns": [vars(column) for column in columns]} if (columns := free_columns(store)) else {}),
+        "weights": store.weights,
+        **({"columns": [vars(column) for column in columns]} if (columns := store.free_columns()) else {}),
         **(
             {"licences": [{**(Licence("") if k is None else k).to_json(), "clips": n} for k, n in terms.items()]}
             if (terms := clips_by_terms(store))
@@ -176,7 +175,7 @@ def describe_store(path: Path) -> str:
     with open_store(path) as store:
         info = _store_json(store, path)
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
-        columns, terms = free_columns(store), terms_text(clips_by_terms(store))
+        columns, terms = store.free_columns(), terms_text(clips_by_terms(store))
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
         quality = [*_repaired(store.quality), *quality]
     windows = windows_text(info["windows"]["length"], info["windows"]["stride"])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dancedata.building.source_record import ABOUT, DIGITS, SourceRecord
 from dancedata.core.errors import StoreError
-from dancedata.core.hashing import recipe_hash
+from dancedata.core.hashing import document_differences, hashed_keys, recipe_hash
 from dancedata.core.text import counted, listed, shown
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
@@ -21,7 +21,7 @@ def require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRe
     """Raise StoreError with the differences if `out` was built from another recipe or source."""
     store = open_store(out)
     meta = store.info
-    old, new = shaping(meta.get("recipe", {})), shaping(recipe.document)
+    old, new = hashed_keys(meta.get("recipe", {})), hashed_keys(recipe.document)
     differences = [
         f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
         for key, a, b in document_differences(old, new)
@@ -40,20 +40,6 @@ def require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRe
             found=f"these differences:\n{listed}\n",
             fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
         )
-
-
-def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Yield (key, old value, new value) for every key in which two JSON documents differ."""
-    if isinstance(old, Mapping) and isinstance(new, Mapping):
-        for key in sorted({*old, *new}):
-            yield from document_differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
-    elif old != new:
-        yield at, old, new
-
-
-def shaping(recipe: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keys of a recipe that affect a dataset: all except its name and description."""
-    return {key: value for key, value in recipe.items() if key not in ("name", "description")}
 
 
 class SourceDifference(NamedTuple):

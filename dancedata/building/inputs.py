@@ -7,10 +7,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.rejects import require_same
-from dancedata.building.signals import SignalId, decode_again, decode_ahead
+from dancedata.building.signals import SignalId, decode_ahead
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.quality import music_flags
+from dancedata.core.rejects import require_same
 from dancedata.execution.cache import Cache
 
 
@@ -32,7 +32,7 @@ class Song:
 
     def load(self) -> AudioSignal:
         """Decode it; DataError if the file has changed."""
-        return decode_again(self.signal)
+        return self.signal.load()
 
     def load_ahead(self) -> None:
         """Begin to decode it in another thread."""
@@ -64,7 +64,7 @@ class RowsFile:
 
     def check(self, cache: Cache) -> None:
         """Raise DataError if it has changed."""
-        require_same(cache, self.path, self.sha256)
+        require_same(self.path, self.sha256, cache.file_sha256)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from dancedata.core.text import counted, listed, shown
 from dancedata.store import Clip, Field, Problem, Store, open_store
-from dancedata.store.queries import fields_with
 from dancedata.store.songs import music_hashes, songs_of
 
 Rows = npt.NDArray[np.float32]
@@ -130,7 +129,7 @@ class _Recording:
 
 def sound_field(store: Store) -> Field | None:
     """Return the audio field whose columns show how a song sounds, MFCC and chroma; None without one."""
-    return next((f for f in fields_with(store) if len(_sound_columns(f)) > 12), None)
+    return next((f for f in store.fields_with() if len(_sound_columns(f)) > 12), None)
 
 
 def _sound_columns(field: Field) -> list[int]:
@@ -178,8 +177,8 @@ def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = 
     fields = next(
         (
             (a, b)
-            for a in fields_with(one)
-            for b in fields_with(other)
+            for a in one.fields_with()
+            for b in other.fields_with()
             if len(_sound_columns(a)) > 12 and (a.name, a.columns.labels) == (b.name, b.columns.labels)
             if _compared_rate(a) == _compared_rate(b)
         ),

@@ -7,16 +7,16 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import NamedTuple
 
-from dancedata.building.documents import clip_identity
 from dancedata.building.inputs import Music
-from dancedata.building.rejects import attempt
 from dancedata.building.sources import SourceClip, Sources
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.plugins import Dataset
+from dancedata.core.rejects import attempt
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
+from dancedata.files.documents import clip_identity
 
 #: Dancers of a group are cut to the shortest, if none is longer by more than this.
 TOLERANCE_S = Fraction(1, 4)

@@ -10,18 +10,18 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.arguments import BuildArguments, RecipeLike, folder_of, jobs_of
+from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of, with_found_starts
-from dancedata.building.implausible import require_plausible
 from dancedata.building.left_out import stop_if_strict
 from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
+from dancedata.core.arguments import Overrides
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.core.implausible import require_plausible
+from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.recipes.parse import Overrides
 from dancedata.recipes.recipe import resolve
 
 
@@ -110,7 +110,7 @@ def build_part(
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, source, jobs = Progress(quiet=not progress), arguments.source.absolute(), jobs_of(jobs)
     reporter.announce(f"computing part {part} of {arguments.recipe.name} from {arguments.source}")
-    store_cache = Cache((folder_of(cache) or default_cache()).absolute())
+    store_cache = Cache.at(cache)
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(arguments.recipe, store_cache.file_sha256)
     scanned = scan_of(recipe, source)
@@ -130,7 +130,7 @@ def build_part(
                 require_plausible(computed.quality)
             return sources, computed
 
-        sources, computed_part = with_lost_entries(store_cache, run, reporter)
+        sources, computed_part = store_cache.retry_lost(run, reporter)
     left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
     return PartResult(part, len(scanned.clips), len(clips), len(songs), dict(sorted(left_out.items())))

@@ -10,28 +10,28 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.building.annotators.vitals import VITALS, Vitals
-from dancedata.building.arguments import BuildArguments, RecipeLike, folder_of, jobs_of
+from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import header_of
 from dancedata.building.clips import scan_of, source_groups, sources_of
 from dancedata.building.compute import compute
 from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
-from dancedata.building.implausible import describe_implausible
-from dancedata.building.left_out import left_out_lines, nothing_left, relative_to
+from dancedata.building.left_out import nothing_left
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Field
-from dancedata.building.rejects import attempt
 from dancedata.building.result import Result
-from dancedata.building.signals import SignalId, known_signal
+from dancedata.building.signals import SignalId
 from dancedata.building.spine import expand
 from dancedata.building.windows import cut_windows
+from dancedata.core.arguments import Overrides
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import SourceError, StoreError, UsageError
+from dancedata.core.implausible import describe_implausible
 from dancedata.core.quality import IMPLAUSIBLE
+from dancedata.core.rejects import attempt, left_out_lines, relative_to
 from dancedata.core.text import counted, listed, shown, size_text, table
-from dancedata.execution.cache import Cache, default_cache, with_lost_entries
+from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.recipes.parse import Overrides
 from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
@@ -189,7 +189,7 @@ def make_plan(
     if not source.exists() and recipe.dataset.generates:
         reporter.write(f"the dataset {recipe.dataset.name} writes its own source: {source}")
     source = source.absolute()  # as in a build, so that messages are the same
-    store_cache = Cache((folder_of(cache) or default_cache()).absolute())
+    store_cache = Cache.at(cache)
     scan = scan_of(recipe, source)
 
     def run(cache: Cache) -> Plan:
@@ -213,7 +213,7 @@ def make_plan(
         ]
         return Plan(recipe, source, sources.scan, tuple(kept), rejects, cached, tuple(flags))
 
-    return with_lost_entries(store_cache, run, reporter)
+    return store_cache.retry_lost(run, reporter)
 
 
 def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Progress) -> list[Result]:
@@ -235,7 +235,7 @@ def _length(cache: Cache, path: Path) -> SignalId | Reject:
     """Return the signal of a song; one that no build has decoded by its header, its path in place of a hash."""
     from dancedata.music.signal import audio_length
 
-    identified = known_signal(cache, path)
+    identified = SignalId.cached(cache, path)
     if identified is not None:
         return identified
     length = attempt(lambda: audio_length(path), path)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.inputs import RowsFile
 from dancedata.building.result import Nothing, Result
 from dancedata.building.take import RecipePart, Scene, Take, Transform
@@ -22,13 +21,14 @@ from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
+from dancedata.core.packages import package_version
 from dancedata.core.plugins import Dataset, Plugin
-from dancedata.core.registry import Registry
 from dancedata.core.segments import Segment
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, package_version
+from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
+from dancedata.files.documents import content_hashes, document_of
 
 if TYPE_CHECKING:
     from dancedata.core.sided_words import Lexicon
@@ -400,15 +400,6 @@ class StartFinder(Plugin):
         self, cache: Cache, dataset: Dataset, scan: Scan, asked: Sequence[ClipRef], *, jobs: Jobs, progress: Progress
     ) -> Scan:
         """Return a scan with the offsets of the clips `asked`; those of unknown ones are rejects."""
-
-
-FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", Field)
-TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", Transform)
-ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", Annotator)
-RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", WindowRule)
-STARTS: Registry[Any] = Registry("finder of offsets", "dancedata.alignment", StartFinder)
-#: By their names in `dancedata info plugins`.
-REGISTRIES = {"fields": FIELDS, "transforms": TRANSFORMS, "annotators": ANNOTATORS, "window rules": RULES}
 
 
 def maker_hash(*shaping: Any) -> str:

@@ -11,21 +11,22 @@ from typing import Any
 
 from dancedata.building.differences import source_differences
 from dancedata.building.source_record import SourceRecord
+from dancedata.core.arguments import Overrides
 from dancedata.core.clip import Reject
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.registry import CONTACTS, FILTERS
 from dancedata.core.text import listed, quoted, shown
-from dancedata.execution.addresses import is_address, local_folder, origin_of, require_file
 from dancedata.execution.progress import Progress
+from dancedata.files.addresses import is_address, local_folder, origin_of, require_file
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.files.strict_json import parse_json
-from dancedata.recipes.parse import Overrides, load_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.plugins import SLOTS
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
 from dancedata.store.dataset_json import MAX_BYTES, MAX_LINES_BYTES, json_rejects
-from dancedata.store.listing import check_names, copied_files, description_of
+from dancedata.store.listing import Listing
 from dancedata.store.schema import REJECTS_FILE, STATS_FILE
 
 #: Files of the recipe's publication that a build does not read from the source.
@@ -54,21 +55,21 @@ class Published:
 
         Raises StoreError: if there is none, or it is damaged.
         """
-        if not is_address(recipe) and not description_of(Path(recipe).expanduser()).is_file():
+        if not is_address(recipe) and not Listing.path(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)
         origin = origin_of(folder)
-        path = description_of(folder)
+        path = Listing.path(folder)
         try:
             document = _sealed(parse_json(read_regular(path, MAX_BYTES).decode("utf-8")))
-            check_names(document, str(path))
+            Listing.of(document, path)
             files = {}
             if "publication" in document:
                 if document["publication"] != 1:
                     raise ValueError(f"publication {quoted(document['publication'], 20)} of a later dancedata")
                 files = {name: entry["sha256"] for name, entry in document["files"].items()}
                 document = _sealed(document["dataset"])
-                check_names(document, str(path))
+                Listing.of(document, path)
             if not isinstance(document["recipe"], dict) or not isinstance(document["source"]["sha256"], str):
                 raise ValueError("recipe")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -160,7 +161,7 @@ class Published:
     def same(self, out: Path) -> bool:
         """Return whether a dataset has the same bytes: every shard, table and list."""
         with open_store(out) as store:
-            return set(copied_files(self.dataset)) == set(copied_files(store.info))
+            return set(Listing(self.dataset).files()) == set(Listing(store.info).files())
 
 
 def _sealed(document: Any) -> dict[str, Any]:

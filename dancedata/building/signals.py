@@ -12,13 +12,14 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
-from dancedata.building.rejects import changed, reject_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.packages import package_version
+from dancedata.core.rejects import changed, reject_of
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, package_version
+from dancedata.execution.cache import Cache
 from dancedata.music.silence import Level, levels, without_sound
 
 #: Raised by hand when the stage gives other numbers for the same input.
@@ -96,6 +97,16 @@ class SignalId:
         """Return the identity of the signal with these facts."""
         return cls(path, file, *info[:3], ffmpeg=info.ffmpeg, findings=info.findings, levels=info.levels)
 
+    @classmethod
+    def cached(cls, cache: Cache, path: Path) -> SignalId | None:
+        """Return the cached result of `identify_audio`, None if there is none."""
+        try:
+            file = Cache.stat_key("signal", path)
+        except FileNotFoundError:
+            return None
+        entry = _known(cache, _signal_key(file))
+        return None if entry is None else cls.of(path, file, entry)
+
     @cached_property
     def grid(self) -> FrameGrid:
         """The grid of the samples."""
@@ -130,15 +141,34 @@ class SignalId:
         decoded, left = self.decoded_sha256 or self.sha256, max(0, self.n_samples - samples)
         return replace(self, sha256=sha256, n_samples=left, decoded_sha256=decoded, skipped=samples)
 
+    def timeline(self, start: Fraction, grid: FrameGrid) -> tuple[SignalId, int]:
+        """Return the signal whose rows lie on a clip's frames, and the row at frame 0, below 0 where music is later.
 
-def timeline_of(signal: SignalId, start: Fraction, grid: FrameGrid) -> tuple[SignalId, int]:
-    """Return the signal whose rows lie on a clip's frames, and the row at its frame 0, below 0 where music is later.
+        The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
+        sample: rounding to a row would move the music by up to half of one.
+        """
+        offset, skipped = row_at(start, self.sample_rate, grid)
+        return self.without(skipped), offset
 
-    The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
-    sample: rounding to a row would move the music by up to half of one.
-    """
-    offset, skipped = row_at(start, signal.sample_rate, grid)
-    return signal.without(skipped), offset
+    def load(self) -> AudioSignal:
+        """Decode the signal again; DataError "changed" if the file has changed.
+
+        Otherwise the features of a file that is replaced during a build would be stored under the key of the old
+        file.
+        """
+        signal_of_file = decoded(self.path)
+        file = None
+        with suppress(OSError):
+            file = Cache.stat_key("signal", self.path)
+        if file != self.file and signal_of_file.sha256 != (self.decoded_sha256 or self.sha256):
+            raise changed(self.path)
+        if self.speed != 1:
+            from dancedata.music.stretch import stretched
+
+            signal_of_file = stretched(signal_of_file, self.speed)
+        if self.skipped:
+            return replace(signal_of_file, samples=signal_of_file.samples[self.skipped :])
+        return signal_of_file
 
 
 def row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int]:
@@ -176,16 +206,6 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     return SignalId.of(path, file, entry)
 
 
-def known_signal(cache: Cache, path: Path) -> SignalId | None:
-    """Return the cached result of `identify_audio`, None if there is none."""
-    try:
-        file = Cache.stat_key("signal", path)
-    except FileNotFoundError:
-        return None
-    entry = _known(cache, _signal_key(file))
-    return None if entry is None else SignalId.of(path, file, entry)
-
-
 def _known(cache: Cache, key: str) -> SignalInfo | None:
     """Return cached facts; None if there are none, or if another version of ffmpeg decoded the file."""
     entry = cache.json("signals", key)
@@ -208,23 +228,3 @@ def libsndfile_version() -> str:
     import soundfile
 
     return str(soundfile.__libsndfile_version__)
-
-
-def decode_again(signal: SignalId) -> AudioSignal:
-    """Decode a signal again; DataError "changed" if the file has changed.
-
-    Otherwise the features of a file that is replaced during a build would be stored under the key of the old file.
-    """
-    signal_of_file = decoded(signal.path)
-    file = None
-    with suppress(OSError):
-        file = Cache.stat_key("signal", signal.path)
-    if file != signal.file and signal_of_file.sha256 != (signal.decoded_sha256 or signal.sha256):
-        raise changed(signal.path)
-    if signal.speed != 1:
-        from dancedata.music.stretch import stretched
-
-        signal_of_file = stretched(signal_of_file, signal.speed)
-    if signal.skipped:
-        return replace(signal_of_file, samples=signal_of_file.samples[signal.skipped :])
-    return signal_of_file

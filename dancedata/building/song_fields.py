@@ -1,18 +1,23 @@
-"""Fields of songs without a build: those of a feature's name, or of a dataset, and the dataset's tempo of a song."""
+"""Fields of songs without a build: those of a feature's name, or of a dataset; their rows; the dataset's tempo."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.building.compute import made
 from dancedata.building.fields.music import MusicField
+from dancedata.building.inputs import Music
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.grid import Number, WindowSpec
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
-from dancedata.recipes.parse import parse_recipe
+from dancedata.execution.cache import Cache
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import Jobs
+from dancedata.recipes.parse import stored_recipe
 from dancedata.recipes.plugins import frame_grid, make_named
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Reader
@@ -41,7 +46,7 @@ def music_field(
         grid = frame_grid(fps)
         field = MusicField(name, grid, make_named(FEATURES, "audio", name, dict(parameters)))
     else:
-        computed = {f.name: f for f in parse_recipe(like.info.get("recipe", {})).audio if isinstance(f, MusicField)}
+        computed = {f.name: f for f in stored_recipe(like).audio if isinstance(f, MusicField)}
         if name not in computed or parameters:
             raise UsageError(f"no audio field {name!r} that is computed" if not parameters
                              else "the dataset states the parameters of its fields", where=str(like.path),
@@ -51,6 +56,15 @@ def music_field(
     if windows is not None and (len(windows) != 2 or min(windows) < 1):
         raise UsageError("windows have a length and a stride of at least 1", found=windows)
     return replace(field, windows=None if windows is None else WindowSpec(*windows, grid))
+
+
+def song_rows(
+    cache: Cache, field: MusicField, songs: Sequence[Music], *, jobs: Jobs, progress: Progress
+) -> dict[Music, list[Any]]:
+    """Return the rows of songs, an array each or one of each slice; a Reject of each that cannot be computed."""
+    asks = {song: field.song_asks(song) for song in songs}
+    by_key = made(cache, field, [ask for of_song in asks.values() for ask in of_song], jobs=jobs, progress=progress)
+    return {song: [by_key[ask.key] for ask in of_song] for song, of_song in asks.items()}
 
 
 def stated_tempo(dataset: Store | None, sha256: str, song: Path) -> tuple[float | None, str]:

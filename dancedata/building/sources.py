@@ -6,19 +6,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Field
-from dancedata.building.rejects import missing_music
-from dancedata.building.signals import SignalId, identify_audio, known_signal
+from dancedata.building.signals import SignalId, identify_audio
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.hashing import json_sha256
 from dancedata.core.plugins import Dataset
+from dancedata.core.rejects import missing_music
 from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, exactly, run_units
+from dancedata.files.documents import content_hashes, document_of
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ def _identify_music(
     progress: Progress,
 ) -> dict[Path, SignalId | Reject]:
     paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
-    cached = [known_signal(cache, path) for path in paths]
+    cached = [SignalId.cached(cache, path) for path in paths]
     calls = [(cache, path) for path in paths]
     signals = run_units(listen, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
     return dict(zip(paths, signals, strict=True))

@@ -9,9 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from dancedata.building.documents import clip_identity, content_hashes, document_of
 from dancedata.building.inputs import Music, RowsFile
-from dancedata.building.rejects import changed, require_same
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import noted
 from dancedata.core.grid import FrameGrid, WindowSpec
@@ -20,8 +18,10 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugin_files import plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.quality import Flag
+from dancedata.core.rejects import changed, require_same
 from dancedata.core.segments import Segment
 from dancedata.execution.cache import Cache
+from dancedata.files.documents import clip_identity, content_hashes, document_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -151,7 +151,7 @@ class Recording:
     def check(self, cache: Cache) -> None:
         """Raise DataError if a file has changed since it was hashed."""
         for ref, sha256 in self.dancers:
-            require_same(cache, ref.motion_path, sha256)
+            require_same(ref.motion_path, sha256, cache.file_sha256)
         content = content_hashes(self.reader.dataset, cache.file_sha256)
         for named in sorted({*content, *self.reader.content}):
             if content.get(named) != self.reader.content.get(named):

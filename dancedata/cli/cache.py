@@ -36,9 +36,9 @@ def cache(
     Entries in use stay. Exit code 1 if verify finds a damaged one.
     """
     from dancedata.execution import cache_admin
-    from dancedata.execution.cache import default_cache
+    from dancedata.execution.cache import Cache
 
-    root = (cache or default_cache()).absolute()
+    root = Cache.at(cache).root
     options = {"--older-than": older_than, "--max-size": max_size, "--dry-run": dry_run, "--remove": remove}
     if action not in _TAKES:
         raise UsageError("unknown action", found=action, allowed="prune, verify, or none")

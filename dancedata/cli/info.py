@@ -28,7 +28,7 @@ def info(what: str = "", *, clips: bool = False, segments: bool = False) -> Any:
         document = catalogue(what)
         more = "dancedata info NAME describes one, with its keys"
         return Output(lambda: document, lambda: "\n".join([*describe_catalogue(document), more]))
-    from dancedata.execution.addresses import is_address
+    from dancedata.files.addresses import is_address
 
     is_dataset = is_address(what) or (Path(what) / "dataset.json").exists()
     if (clips or segments) and not is_dataset:

@@ -89,10 +89,10 @@ def _versions(needed: Sequence["Requirement"]) -> tuple[str, str, bool]:
 
 def check_cache() -> Iterator[Finding]:
     """Write, lock and remove a file in the folder of the cache, or in its first existing parent."""
-    from dancedata.execution.cache import ENVIRONMENT, default_cache
+    from dancedata.execution.cache import ENVIRONMENT, Cache
 
     fix = f"set {ENVIRONMENT} to a writable folder with free space"
-    root = default_cache().absolute()
+    root = Cache.at().root
     existing = next(folder for folder in (root, *root.parents) if os.path.lexists(folder))
     text = str(root) if existing == root else f"{root}, which is made by the first build"
     try:

@@ -43,8 +43,8 @@ def view(
     dancedata view data/aistpp gBR_sBM_cAll_d04_mBR0_ch02
     dancedata view data/aistpp --compare gen --wall -o wall.html
     """
-    from dancedata.execution.addresses import local_folder
-    from dancedata.execution.progress import Progress
+    from dancedata.files.addresses import local_folder
+    from dancedata.kernel import Progress
     from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 

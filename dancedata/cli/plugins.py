@@ -17,19 +17,21 @@ from pathlib import Path, PurePath
 from shlex import quote
 from typing import Any, NamedTuple
 
-from dancedata.building import plugins as building
-from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import (
+    ANNOTATORS,
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
     FEATURES,
+    FIELDS,
     FILTERS,
     KEYMOTIONS,
     METRICS,
     REGISTRIES,
     REPRESENTATIONS,
+    RULES,
+    TRANSFORMS,
     Registry,
 )
 from dancedata.core.resources import resource, resources
@@ -301,7 +303,7 @@ def catalogue(listed: str) -> dict[str, Any]:
     if listed == "recipes":
         files = {name.removesuffix(".yaml"): resource("pipelines", name) for name in resources("pipelines")}
         return {listed: {name: {"about": read_yaml(file).get("description", "")} for name, file in files.items()}}
-    registries = {**REGISTRIES, **building.REGISTRIES, "exports": EXPORTS}
+    registries = {**REGISTRIES, "exports": EXPORTS}
     return {
         kind: {name: _plugin_json(registries[kind].get(name)) for name in registries[kind].names()}
         for kind in LISTS[listed] or registries
@@ -335,7 +337,7 @@ def documented(plugin: type) -> dict[str, str]:
 
 def describe_catalogue(kinds: Mapping[str, Any], *, whole: bool = False) -> Iterator[str]:
     """Yield lines for each entry: its description, and if `whole` each key with its default and meaning."""
-    registries = {**REGISTRIES, **building.REGISTRIES, "exports": EXPORTS}
+    registries = {**REGISTRIES, "exports": EXPORTS}
     for kind, entries in kinds.items():
         yield f"{kind}:"
         for name, entry in entries.items():

@@ -19,7 +19,7 @@ _MODEL = re.compile(r"hf:/{1,2}(?!datasets/)([^@]+)(?:@(.*))?")
 
 def are_weights(what: str, out: Path | None) -> bool:
     """Return whether weights are asked for; the address of a dataset goes without a folder."""
-    from dancedata.execution.addresses import is_address
+    from dancedata.files.addresses import is_address
 
     is_place = out is not None and (what.startswith(("http:", "https:")) or not is_address(what))
     return what == "jukebox" or _MODEL.fullmatch(what) is not None or is_place

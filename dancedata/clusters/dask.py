@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 from uuid import uuid4
 
 from dancedata.core.errors import DanceDataError
 from dancedata.core.packages import require
+from dancedata.core.registry import ENGINES
 from dancedata.core.typing import override
-from dancedata.execution import arithmetic
-from dancedata.execution.engines import ENGINES, HOST, Engine
-from dancedata.execution.executors import Start, lost
-from dancedata.execution.requirements import Requirements, check_worker
-from dancedata.kernel import Executor
+from dancedata.kernel import Engine, Executor, Requirements
 
 #: Seconds to wait for a cluster to answer, and for a first worker.
 TIMEOUT_S = 30
@@ -32,7 +28,7 @@ class Dask(Engine):
 
     version: ClassVar[int] = 1
     example: ClassVar[str] = "tcp://HOST:8786"
-    address: ClassVar[re.Pattern[str]] = re.compile(rf"((tcp|tls|ucx|wss?)://)?{HOST}:\d+(/\S*)?|inproc://\S+")
+    address: ClassVar[re.Pattern[str]] = re.compile(rf"((tcp|tls|ucx|wss?)://)?{Engine.HOST}:\d+(/\S*)?|inproc://\S+")
 
     @override
     @contextmanager
@@ -65,7 +61,7 @@ class Dask(Engine):
                                  fix="check that it runs and that this machine can reach it") from error  # fmt: skip
 
         @contextmanager
-        def starting(label: str) -> Iterator[Start]:
+        def starting(label: str) -> Iterator[Callable[..., Future[Any]]]:
             units: list[Any] = []
 
             def start(*call: Any) -> Future[Any]:
@@ -84,8 +80,8 @@ class Dask(Engine):
         try:
             try:
                 client.wait_for_workers(1, timeout=TIMEOUT_S)
-                others = [here for here in client.run(arithmetic.here).values() if here != arithmetic.expected()]
-                environment = ReferenceEnvironment(arithmetic.variables(), bool(others))
+                others = [here for here in client.run(Engine.here).values() if here != self.expected()]
+                environment = ReferenceEnvironment(self.variables(), bool(others))
                 client.register_plugin(environment, name="dancedata-arithmetic")
                 client.wait_for_workers(1, timeout=TIMEOUT_S)
             except TimeoutError as error:
@@ -95,11 +91,11 @@ class Dask(Engine):
                     fix="start some: dask worker ADDRESS --nworkers 4 --nthreads 1",
                 ) from error
             except Exception as error:  # such as a worker without dancedata
-                raise lost("the Dask cluster", error) from error
+                raise Executor.lost("the Dask cluster", error) from error
             yield Executor(
                 engine="the Dask cluster",
                 deaths=(KilledWorker,),
-                check=partial(check_worker, required),
+                check=required.check,
                 starting=starting,
             )
         finally:

@@ -10,18 +10,14 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, ClassVar
 
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.packages import require
+from dancedata.core.registry import ENGINES
 from dancedata.core.system import shielded
 from dancedata.core.typing import override
-from dancedata.execution import arithmetic
-from dancedata.execution.engines import ENGINES, HOST, Engine
-from dancedata.execution.executors import Start, run_packed
-from dancedata.execution.requirements import Requirements, check_worker
-from dancedata.kernel import Executor
+from dancedata.kernel import Engine, Executor, Requirements
 
 
 @ENGINES.register("ray")
@@ -31,7 +27,7 @@ class Ray(Engine):
 
     version: ClassVar[int] = 1
     example: ClassVar[str] = "ray://HOST:10001, or ray://auto on a machine of the cluster"
-    address: ClassVar[re.Pattern[str]] = re.compile(rf"ray://{HOST}(:\d+)?/?")
+    address: ClassVar[re.Pattern[str]] = re.compile(rf"ray://{Engine.HOST}(:\d+)?/?")
 
     @override
     @contextmanager
@@ -51,7 +47,7 @@ class Ray(Engine):
         import ray
         from ray.exceptions import NodeDiedError, OutOfMemoryError, WorkerCrashedError
 
-        environment = {"env_vars": arithmetic.variables()}
+        environment = {"env_vars": self.variables()}
         was_connected = ray.is_initialized()
         if was_connected and address != "ray://auto":
             raise UsageError(
@@ -76,8 +72,10 @@ class Ray(Engine):
                 ) from error
 
         @contextmanager
-        def starting(label: str) -> Iterator[Start]:
-            remote = ray.remote(num_cpus=1, max_retries=0)(run_packed).options(name=label, runtime_env=environment)
+        def starting(label: str) -> Iterator[Callable[..., Future[Any]]]:
+            remote = ray.remote(num_cpus=1, max_retries=0)(Executor.run_packed).options(
+                name=label, runtime_env=environment
+            )
             units: list[Any] = []
 
             def start(_: Callable[..., Any], *call: Any) -> Future[Any]:
@@ -95,9 +93,7 @@ class Ray(Engine):
 
         try:
             deaths = (WorkerCrashedError, OutOfMemoryError, NodeDiedError)
-            yield Executor(
-                engine="the Ray cluster", deaths=deaths, check=partial(check_worker, required), starting=starting
-            )
+            yield Executor(engine="the Ray cluster", deaths=deaths, check=required.check, starting=starting)
         finally:
             if not was_connected:
                 ray.shutdown()

@@ -1,11 +1,28 @@
-"""Checks of arguments that the readers have in common."""
+"""Arguments that functions have in common: paths and checks."""
 
-from collections.abc import Iterable
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
 from operator import index as as_int
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+#: Keys of a recipe to change: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
+Overrides = Iterable[str] | Mapping[str, Any]
+
+
+def folder_of(path: str | Path | None) -> Path | None:
+    """Return a path with ~ expanded; None for None."""
+    return None if path is None else Path(path).expanduser()
 
 
 def whole(what: str, value: int, least: int = 0, most: int | None = None) -> int:
@@ -36,3 +53,8 @@ def probability(what: str, value: float) -> float:
     if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
         raise UsageError(f"{what} is a probability", found=value, allowed="0 to 1")
     return float(value)
+
+
+def as_numpy(batch: npt.ArrayLike | Tensor) -> npt.NDArray[Any]:
+    """Return a batch as an array of this process; tensors may be on any device."""
+    return np.asarray(batch.detach().float().cpu().numpy() if hasattr(batch, "detach") else batch)

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from dancedata.core.errors import StoreError
 from dancedata.core.segments import Segment
-from dancedata.core.text import shown
+from dancedata.core.text import counted, quoted, shown
 
+T = TypeVar("T")
+
+#: The order in which splits are listed; others follow by name.
+SPLIT_ORDER = ("train", "val", "test")
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
 #: A value of a free column.
 ColumnValue = str | int | float | bool | tuple[str, ...] | tuple[int, ...] | tuple[float, ...]
 #: `ClipRef.audio_start_by` where a build finds the offset.
@@ -194,3 +201,60 @@ class Scan:
     def __repr__(self) -> str:
         counts = f"{len(self.clips)} clips, {len(self.rejects)} rejects, {len(self.notes)} notes"
         return f"Scan(layout={self.layout!r}, {counts})"
+
+
+def is_name(name: object) -> bool:
+    """Return whether a text can be part of a file name and of an HDF5 path."""
+    return isinstance(name, str) and _NAME.match(name) is not None
+
+
+def check_name(name: str, what: str) -> None:
+    """Raise StoreError unless `is_name`."""
+    if not is_name(name):
+        raise StoreError(f"not a valid name for a {what}", found=quoted(name),
+                         allowed="ASCII letters, digits and _ . + -, beginning with a letter or digit")  # fmt: skip
+
+
+def slice_name(clip: str, index: int) -> str:
+    """Return the name of a window in EDGE's files, and the id of a slice."""
+    return f"{clip}_slice{index}"
+
+
+def union_find(groups: Iterable[Iterable[T]]) -> list[set[T]]:
+    """Join groups that share a member; scipy's DisjointSet takes half a second to import."""
+    joined: dict[T, set[T]] = {}
+    for group in groups:
+        members = set(group)
+        members.update(*(joined[member] for member in members & joined.keys()))
+        joined |= dict.fromkeys(members, members)
+    return list({id(members): members for members in joined.values()}.values())
+
+
+@dataclass(frozen=True)
+class FreeColumn:
+    """One free column, over the clips that are not copies.
+
+    `name`: With the prefix, "x/level".
+    `clips`, `of`: Clips with a value, and all.
+    `least`, `middle`, `most`: Of numbers, also of those in lists; None for others.
+    `values`: Texts and truth values, also those in lists: number of clips of the most frequent ones.
+    `distinct`: Number of different values, or entries of lists.
+    """
+
+    name: str
+    type: str
+    clips: int
+    of: int
+    least: float | None
+    middle: float | None
+    most: float | None
+    values: dict[str, int]
+    distinct: int
+
+    def __str__(self) -> str:
+        held = f"{self.name}: {self.type}, {self.clips:,} of {counted(self.of, 'clip')}"
+        if self.least is not None:
+            return f"{held}, {self.least:g} to {self.most:g}, median {self.middle:g}"
+        listed = ", ".join(f"{shown(value, 60)}: {n:,}" for value, n in self.values.items())
+        more = f", {self.distinct - len(self.values):,} more" if self.distinct > len(self.values) else ""
+        return f"{held}{': ' * bool(listed)}{listed}{more}"

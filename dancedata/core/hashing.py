@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 
@@ -35,7 +35,7 @@ def json_sha256(obj: Any) -> str:
 
 def recipe_hash(recipe: Mapping[str, Any]) -> str:
     """Return the hash of all of a recipe with its defaults that shapes the result: not its name or description."""
-    return json_sha256({key: value for key, value in recipe.items() if key not in ("name", "description")})
+    return json_sha256(hashed_keys(recipe))
 
 
 def self_hash(document: Mapping[str, Any]) -> str:
@@ -49,3 +49,17 @@ def dataset_hashes(document: Mapping[str, Any]) -> dict[str, str]:
     recipe = recipe_hash(document["recipe"]) if "recipe" in document else None
     stated = {"recipe_sha256": recipe, "source_sha256": source, "self_sha256": document.get("self_sha256")}
     return {name: sha256 for name, sha256 in stated.items() if sha256}
+
+
+def document_differences(old: Any, new: Any, at: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield (key, old value, new value) for every key in which two JSON documents differ."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in sorted({*old, *new}):
+            yield from document_differences(old.get(key), new.get(key), f"{at}.{key}" if at else str(key))
+    elif old != new:
+        yield at, old, new
+
+
+def hashed_keys(recipe: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys of a recipe that affect a dataset: all except its name and description."""
+    return {key: value for key, value in recipe.items() if key not in ("name", "description")}

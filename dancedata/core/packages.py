@@ -6,6 +6,7 @@ dancedata itself may be on no index, so commands name the packages of an extra, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -38,7 +39,8 @@ class MissingPackageError(UsageError, ImportError):
     """An optional package is not installed."""
 
 
-def version(name: str) -> str:
+@lru_cache
+def package_version(name: str) -> str:
     """Return the version of an installed distribution; ModuleNotFoundError if it is not installed."""
     # Imported here, with a mail parser: help and worker processes need no version.
     import importlib.metadata

@@ -1,6 +1,6 @@
 """Plug-ins in single Python files that a recipe, an option or a call names: local plug-ins.
 
-The hash of a file's bytes is part of the documents of its plug-ins (`dancedata.building.documents`), and with them of
+The hash of a file's bytes is part of the documents of its plug-ins (`dancedata.files.documents`), and with them of
 cache keys and of a recipe's hash. Files are executed only where `load_plugins` names them; worker processes get the
 classes with their code.
 """

@@ -33,6 +33,8 @@ DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frame
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
 OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "early_music", "cut_music")
 OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
+#: Music below this level is silent, dBFS; the last bit of 16 has -98.
+SILENT_DBFS = -80.0
 #: Flags of what a recipe's `repair` changed: of a frame, and of all frames of a clip.
 REPAIRED = ("repaired_spike", "repaired_gap", "repaired_floor", "repaired_jitter")
 #: Bones of a capture that keep their length within this are rigid, metres.

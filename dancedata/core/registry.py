@@ -47,14 +47,23 @@ class Registry(Generic[P]):
     package
         Where they live: "dancedata.datasets".
     base
-        The class that all of them are derived from.
+        The class that all of them are derived from; of a room above this one "ROOM.MODULE:NAME".
     """
 
-    def __init__(self, kind: str, package: str, base: type[P]) -> None:
+    def __init__(self, kind: str, package: str, base: type[P] | str) -> None:
         self.kind = kind
         self.package = package
-        self.base = base
+        self._base = base
         self._classes: dict[str, type[P]] = {}
+
+    @property
+    def base(self) -> type[P]:
+        """The class that all plug-ins are derived from."""
+        if isinstance(self._base, str):
+            module, _, name = self._base.partition(":")
+            base: type[P] = getattr(importlib.import_module(f"{self.package.partition('.')[0]}.{module}"), name)
+            self._base = base
+        return self._base
 
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
@@ -212,8 +221,14 @@ PRIMITIVE_FINDERS = Registry("finder of primitives", "dancedata.keymotion", Prim
 AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
 FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
 METRICS = Registry("metric", "dancedata.metrics", Metric)
-#: Their base class is evaluation's, which sets it here; a wall asks "dancedata" for `clip_scores`.
-PROTOCOLS: Registry[Any] = Registry("protocol", "dancedata.evaluation.protocols", Plugin)
+#: A wall asks the protocol "dancedata" for `clip_scores`.
+PROTOCOLS: Registry[Any] = Registry("protocol", "dancedata.evaluation.protocols", "evaluation.protocol:Protocol")
+FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", "building.plugins:Field")
+TRANSFORMS: Registry[Any] = Registry("transform", "dancedata.building.transforms", "building.take:Transform")
+ANNOTATORS: Registry[Any] = Registry("annotator", "dancedata.building.annotators", "building.plugins:Annotator")
+RULES: Registry[Any] = Registry("window rule", "dancedata.building.rules", "building.plugins:WindowRule")
+STARTS: Registry[Any] = Registry("finder of offsets", "dancedata.alignment", "building.plugins:StartFinder")
+ENGINES: Registry[Any] = Registry("engine of clusters", "dancedata.clusters", "execution.engines:Engine")
 
 
 def beat_rows_late(field: str) -> int:
@@ -232,4 +247,8 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "augmentations": AUGMENTATIONS,
     "window filters": FILTERS,
     "metrics": METRICS,
+    "fields": FIELDS,
+    "transforms": TRANSFORMS,
+    "annotators": ANNOTATORS,
+    "window rules": RULES,
 }

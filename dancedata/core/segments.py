@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -142,3 +142,47 @@ class Segment:
 def ticks(seconds: Fraction) -> int:
     """Return a time in ticks of 1/705,600,000 s, the nearest, halves up."""
     return math.floor(seconds * TICKS_PER_SECOND + Fraction(1, 2))
+
+
+def layer_json(layer: Layer, rows: int, empty: int) -> dict[str, Any]:
+    """Return the entry of a layer in dataset.json: `rows` segments, and `empty` ones that cover no frame."""
+    mirror = [list(pair) for pair in layer.mirror]
+    return {**asdict(layer), "units": dict(layer.units), "mirror": mirror, "rows": rows, "empty": empty}
+
+
+def layer_of(entry: Mapping[str, Any]) -> Layer:
+    """Read what `layer_json` returned; KeyError or ValueError for anything else."""
+    kind, sided = entry["kind"], entry["sided"]
+    if kind not in ("span", "instant") or sided not in ("no", "mirrored", "unknown"):
+        raise ValueError(f"a layer of kind {kind!r}, sided {sided!r}")
+    texts = {name: str(entry[name]) for name in ("name", "language", "author", "licence", "citation", "by")}
+    units = tuple((str(label), str(unit)) for label, unit in entry["units"].items())
+    mirror = tuple((str(a), str(b)) for a, b in entry["mirror"])
+    return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)
+
+
+@dataclass(frozen=True)
+class LayerNumbers:
+    """Numbers of a layer, over clips that are not copies.
+
+    `segments`, `clips`, `texts`, `words`: Numbers of segments, of clips with one, of texts, and of words in them.
+    `median_s`: Length of a segment in seconds, median; None without segments.
+    `coverage`: Share of all frames that at least one of its segments covers.
+    `labels`: The most frequent labels.
+    `still`: Segments within one span of the facts in which the dancer keeps still; None without facts.
+    """
+
+    name: str
+    kind: str
+    language: str
+    author: str
+    licence: str
+    sided: str
+    segments: int
+    clips: int
+    median_s: float | None
+    coverage: float
+    texts: int
+    words: int
+    labels: Mapping[str, int]
+    still: int | None

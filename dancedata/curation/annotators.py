@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
 
+from dancedata.core.registry import ANNOTATORS
 from dancedata.core.segments import CLIP_END, Layer, Segment
 from dancedata.core.typing import override
 from dancedata.curation.scores import VERSION, score_motion
-from dancedata.kernel import ANNOTATORS, Annotator, Scene, Take
+from dancedata.kernel import Annotator, Scene, Take
 
 LAYER = Layer("faults", by=f"curation {VERSION}", sided="no")
 

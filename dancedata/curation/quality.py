@@ -10,20 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.arguments import recipe_of
-from dancedata.building.compute import compute
-from dancedata.building.csv_report import csv_text, require_new_csv, write_csv
-from dancedata.building.left_out import left_out_lines, relative_to
-from dancedata.building.measuring import takes_of
-from dancedata.building.result import Result
-from dancedata.building.sources import identify
+from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.clip import Reject
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
+from dancedata.core.rejects import left_out_lines, relative_to
 from dancedata.core.text import counted, csv_cell, shown, table
 from dancedata.curation.annotators import Faults
 from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span
+from dancedata.files.addresses import local_folder
+from dancedata.files.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.kernel import (
     DATASET_FILE,
     Cache,
@@ -31,16 +28,12 @@ from dancedata.kernel import (
     Recipe,
     RecipeLike,
     Store,
-    default_cache,
-    folder_of,
+    annotate_clips,
+    chosen_recipe,
     jobs_of,
-    local_folder,
     open_store,
     scan_folder,
-    with_lost_entries,
 )
-from dancedata.recipes.parse import Overrides
-from dancedata.recipes.recipe import resolve
 
 #: Multiples of the limits at which clips are counted.
 MULTIPLES = (0.5, 1.0, 2.0, 4.0)
@@ -239,7 +232,7 @@ def quality(
     """
     file = folder_of(out)
     require_new_csv(file)
-    parsed = None if isinstance(what, Motion | Store) else recipe_of(what, recipe, dataset, overrides)
+    parsed = None if isinstance(what, Motion | Store) else chosen_recipe(what, recipe, dataset, overrides)
     reporter = Progress(quiet=not progress)
     if isinstance(what, Motion):
         result = Quality("motion", (ClipQuality("motion", what.grid.rate, score_motion(what)),))
@@ -251,10 +244,7 @@ def quality(
             with open_store(path) as store:
                 result = _of_store(store, reporter)
         else:
-            held = Cache((folder_of(cache) or default_cache()).absolute())
-            if parsed is not None:
-                parsed = resolve(parsed, held.file_sha256)
-            result = _of_source(path, dataset, parsed, held, jobs_of(jobs), reporter)
+            result = _of_source(path, dataset, parsed, Cache.at(cache), jobs_of(jobs), reporter)
     if file is None:
         return result
     write_csv(file, result.to_csv())
@@ -278,18 +268,10 @@ def _of_source(
     if recipe is None and any(reject.reason == "missing_music" for reject in scan.rejects):
         reader, scan = scan_folder(path, _without_music(reader))
     steps = () if recipe is None else tuple(step for step in recipe.transforms if step.moves)
-    alone = replace(scan, clips=tuple(replace(ref, group="") for ref in scan.clips))  # each as his file has him
-    faults = Faults()
-
-    def run(cache: Cache) -> tuple[list[Result], list[Reject]]:
-        sources = identify(cache, reader, (), alone, jobs=jobs, progress=progress)
-        takes, unusable = takes_of(cache, reader, sources, jobs=jobs, progress=progress)
-        results = [Result(replace(take, steps=steps), (0,), (0,)) for take in takes]
-        results = compute(cache, results, [faults], jobs=jobs, progress=progress)
-        return results, [*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects)]
-
-    results, rejects = with_lost_entries(held, run, progress)
-    rows = tuple(_scored(result.take.name, result.made[faults.id][0]) for result in results if result.stay)
+    by_clip, rejects = held.retry_lost(
+        lambda cache: annotate_clips(cache, reader, scan, Faults(), steps, jobs=jobs, progress=progress), progress
+    )
+    rows = tuple(_scored(clip, of_clip) for clip, of_clip in by_clip.items())
     return Quality(str(path), rows, tuple(relative_to(reject, path) for reject in rejects))
 
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
-from dancedata.building.plugins import Seen
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.registry import RULES
 from dancedata.core.segments import Segment
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
 from dancedata.curation.annotators import LAYER, Faults
 from dancedata.curation.scores import MEASURES, VERSION, checked_limit
-from dancedata.kernel import RULES, Annotator, WindowRule
+from dancedata.kernel import Annotator, Seen, WindowRule
 
 _KEYS = ("limit", "leave_out", "splits")
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
+from dancedata.core.registry import TRANSFORMS
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.curation.repair import LIMITS, STAGES, UNITS, VERSION, repaired
 from dancedata.curation.scores import MEASURES, checked_limit
-from dancedata.kernel import TRANSFORMS, Scene, Transform
+from dancedata.kernel import Scene, Transform
 
 
 @TRANSFORMS.register("repair")

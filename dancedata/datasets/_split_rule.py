@@ -224,7 +224,7 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     Returns: Name of a song -> the first name, by the alphabet, of those that have its samples; without the first
         ones.
     """
-    from dancedata.kernel import joined_sets
+    from dancedata.core.clip import union_find
 
     names: dict[Path, set[str]] = {}
     for clip in clips:
@@ -234,7 +234,7 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     for alike in _grouped(names, _beginning):
         if len(set().union(*(names[path] for path in alike))) > 1:
             same += [{name for path in equal for name in names[path]} for equal in _grouped(alike, _samples)]
-    groups = [sorted(group) for group in joined_sets(same)]
+    groups = [sorted(group) for group in union_find(same)]
     return {name: group[0] for group in sorted(groups) for name in group[1:]}
 
 

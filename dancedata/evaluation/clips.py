@@ -9,11 +9,9 @@ from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed, shown
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
-from dancedata.kernel import Sample, Store, optional_fields, slice_length
-from dancedata.samples import recording_of
+from dancedata.kernel import Sample, Store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
 from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_readers
-from dancedata.store.queries import reference
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +69,13 @@ def store_clips(
     """
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
-    stride = _stride_of_slices(store, protocol, role) if slice_length(store) is not None else 1
+    stride = _stride_of_slices(store, protocol, role) if store.slice_length is not None else 1
     records = [c for c in store if c.split in splits and not c.source and (name in c)]
     records = [c for c in records if c.slice_start % stride == 0]
     clips = tuple(
         StoreClip(
-            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start, recording=recording_of(c),
-            reference=reference(store), field=name, reader=reader,
+            id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start, recording=c.recording,
+            reference=store.reference, field=name, reader=reader,
         )
         for c in records
     )  # fmt: skip
@@ -98,7 +96,7 @@ def without_field(
     store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None
 ) -> tuple[tuple[str, str], ...]:
     """Return the clips that `store_clips` leaves out as they lack its field, with the reason; arguments as there."""
-    if not optional_fields(store):
+    if not store.optional_fields:
         return ()
     name, _ = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
@@ -124,7 +122,7 @@ def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | Non
         members = tuple(
             StoreClip(
                 id=str(of), music=clip.music, tempo_bpm=clip.tempo_bpm, audio_start=sample.music_start_s,
-                recording=sample.recording, reference=reference(sample.store), field=name, reader=reader,
+                recording=sample.recording, reference=sample.store.reference, field=name, reader=reader,
                 window=window, mirrored=of.mirrored,
             )
             for clip, window in zip(sample.clips, sample.windows, strict=True)
@@ -143,9 +141,9 @@ def _stride_of_slices(store: Store, protocol: Protocol, role: Role) -> int:
     """Return the distance of the slices that are the protocol's pieces; UsageError if none are."""
     pieces = protocol.pieces(role)
     length, stride = pieces.frames(store.grid)
-    if length != slice_length(store) or stride is None or pieces.skip:
+    if length != store.slice_length or stride is None or pieces.skip:
         raise UsageError("slices are not the pieces of the protocol", where=str(store.path),
-                         found=f"slices of {slice_length(store)} frames; {protocol.name} measures {pieces}",
+                         found=f"slices of {store.slice_length} frames; {protocol.name} measures {pieces}",
                          fix="build without slices")  # fmt: skip
     return stride
 
@@ -189,7 +187,7 @@ def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, 
     """
     candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
     # Those that every clip has come first.
-    candidates = dict(sorted(candidates.items(), key=lambda item: item[0] in optional_fields(store)))
+    candidates = dict(sorted(candidates.items(), key=lambda item: item[0] in store.optional_fields))
     problems = {name: columns_problem(reader, rule) for name, reader in candidates.items()}
     for name, problem in problems.items():
         if not problem:

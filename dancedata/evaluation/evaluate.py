@@ -12,8 +12,7 @@ from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.options import EvaluationOptions, Inputs
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
 from dancedata.evaluation.report import Report, report_of
-from dancedata.execution.units import start_workers
-from dancedata.kernel import Cache, Executor, Progress, default_cache, with_lost_entries
+from dancedata.kernel import Cache, Executor, Progress, start_workers
 from dancedata.scene.inputs.songs import MusicSources
 
 #: Tolerance in seconds before warning about short music.
@@ -31,10 +30,10 @@ def evaluate_inputs(
 ) -> Report:
     """Measure the set and the pool, and compare them; StoreError if a dataset was changed after its build."""
     progress = progress or Progress(quiet=True)
-    root = Cache((cache or default_cache()).absolute())
+    root = Cache.at(cache)
     folder = inputs.clip_set.folder
     with start_workers(jobs, root, folder, {"numpy", "scipy"}, backend=backend, scheduler=scheduler) as workers:
-        return with_lost_entries(root, lambda cache: _report(Resources(cache, workers, progress), inputs), progress)
+        return root.retry_lost(lambda cache: _report(Resources(cache, workers, progress), inputs), progress)
 
 
 def _report(resources: Resources, inputs: Inputs) -> Report:
@@ -76,7 +75,7 @@ def pool_for(request: EvaluationOptions, root: Cache, *, jobs: int = 1) -> Pool 
         resources = Resources(cache, Executor(jobs), progress)
         return measured_pool(resources, request.protocol, pool, numbers)
 
-    return with_lost_entries(root, measured, progress)
+    return root.retry_lost(measured, progress)
 
 
 def _in_pool(inputs: Inputs) -> int:

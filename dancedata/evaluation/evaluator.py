@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy.typing as npt
 
+from dancedata.core.arguments import as_numpy
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import counted, listed, shown
@@ -23,13 +24,10 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
-from dancedata.kernel import Cache, Reader, Sample, Scaler, Store, as_numpy, default_cache
-from dancedata.samples import Samples
+from dancedata.kernel import Cache, Reader, Sample, Samples, Scaler, Store
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
 from dancedata.scene.like import opened, scaling_of, store_of
-from dancedata.store.beats import BEAT, field_beats
-from dancedata.store.queries import reader_name
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -141,7 +139,7 @@ class Evaluator:
             normalized=scaling.normalized,
             scaler=scaling.scaler if scaling.normalized else None,
         )
-        self._cache = Cache(Path(cache or default_cache()).absolute())
+        self._cache = Cache.at(cache)
         self.pool = pool_for(request, self._cache, jobs=jobs)
         if self.pool is not None:
             self.pool.require(rules, str(rules.motion.grid or self.reader.grid))
@@ -259,7 +257,7 @@ class Evaluator:
         if music.ndim == 3 and music.shape[2] != field.columns.width:
             raise UsageError("music is not of the audio field of the dataset", found=f"shape {music.shape}",
                              allowed=f"(B, M, {field.columns.width}), "
-                             f"beats in column {field.columns.slice(BEAT).start}, or (B, M)")  # fmt: skip
+                             f"beats in column {field.columns.slice('beat').start}, or (B, M)")  # fmt: skip
         if len(music) != len(sizes):
             raise UsageError("music and motion differ in length", found=f"{len(music)} and {len(sizes)}")
         grid, n = self.reader.grid, music.shape[1]
@@ -272,7 +270,7 @@ class Evaluator:
                 allowed=f"{longest} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
                 fix="give the rows of the same frames; a field of another rate: Evaluator(..., music=FIELD)",
             )  # fmt: skip
-        return [field_beats(rows[:end], field) for rows, end in zip(music, ends, strict=True)]
+        return [field.beats(rows[:end]) for rows, end in zip(music, ends, strict=True)]
 
     def gather(self, gather: Gather | None = None, *, repeated: Literal["same", "first"] = "same") -> Self:
         """Join the samples of all processes; every process has to call it, and then has all of them.
@@ -339,7 +337,7 @@ class Evaluator:
             self.protocol, clips, self.pool, role="generated", source="samples of a model",
             draws=DRAWS if intervals else 0, warnings=self._about_music(), left_out=sorted(self._left_out.items()),
             truth=self._truth(), truth_source=f"the same dances of {self.store.path.name}",
-            dataset=reader_name(self.store), cache=self._cache,
+            dataset=self.store.reader_name, cache=self._cache,
         )  # fmt: skip
 
     def _truth(self) -> list[MeasuredClip]:

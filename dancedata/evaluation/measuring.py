@@ -12,22 +12,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dancedata.building.rejects import reject_of
 from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, carried_over, has_body
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric
+from dancedata.core.rejects import reject_of
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
-from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import package_version
-from dancedata.kernel import Cache, document_of, require_intact, run_units
+from dancedata.files.documents import document_of
+from dancedata.kernel import Cache, run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.poses import Pose
@@ -209,7 +208,7 @@ def measure_clips(
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:
         read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
-        require_intact(clip_set.store, read, sha256=cache.file_sha256)
+        clip_set.store.require_intact(read, sha256=cache.file_sha256)
     common = {number: _common_key(protocol, role, protocol.measures[number]) for number in numbers}
     readable, rejects, calls, cached = [], [], [], []
     for clip in clip_set.clips:
@@ -264,12 +263,10 @@ def _common_key(protocol: Protocol, role: Role, measure: Measure) -> str:
 
 def metric_key(metric: Metric, **what: Any) -> str:
     """Return the key of numbers of a metric that depend on `what`, and on the packages and the machine."""
-    return Cache.key(
+    return Cache.numeric_key(
         STAGE,
         version=EVALUATE_STAGE,
         metric=[metric.name, metric.version, document_of(metric)],
-        packages={name: package_version(name) for name in ("numpy", "scipy")},
-        arithmetic=expected(),
         **what,
     )
 

@@ -1,6 +1,6 @@
 """Beats of the music of clips: of the caller, of music files, or of a dataset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
@@ -9,11 +9,6 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.compute import made
-from dancedata.building.fields.music import MusicField
-from dancedata.building.inputs import Music
-from dancedata.building.plugins import Ask
-from dancedata.building.signals import timeline_of
 from dancedata.core.clip import Reject
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError
@@ -23,25 +18,23 @@ from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
-from dancedata.execution.units import Jobs
 from dancedata.kernel import (
     Cache,
     Clip,
+    Executor,
     Field,
+    Music,
+    MusicField,
     Progress,
     SignalId,
     Store,
     identify_audio,
     make_named,
-    require_intact,
     run_units,
-    slice_length,
+    song_rows,
 )
 from dancedata.scene.inputs.clip import ClipInput
 from dancedata.scene.inputs.songs import MusicSources, Song
-from dancedata.store.beats import BEAT, field_beats
-from dancedata.store.listed_file import FileHash
-from dancedata.store.queries import fields_with
 
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
@@ -52,7 +45,7 @@ class Resources:
     """Cache, workers and progress of an evaluation."""
 
     cache: Cache
-    jobs: Jobs
+    jobs: int | Executor
     progress: Progress
 
 
@@ -73,7 +66,7 @@ class ClipMusic:
     def of_rows(cls, rows: npt.NDArray[Any], field: Field | MusicField) -> Self:
         """Return the beats of rows (T, D) of an audio field."""
         rows = np.asarray(rows)
-        return cls(field_beats(rows, field), float(field.grid.seconds(len(rows))))
+        return cls(field.beats(rows), float(field.grid.seconds(len(rows))))
 
     def after(self, start: int, grid: FrameGrid) -> MusicBeats:
         """Return the beats of the piece that begins at frame `start` of `grid`, counted from there."""
@@ -176,7 +169,7 @@ def song_beats(
     if beside:
         problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
     timelines = {
-        clip.id: (clip, *timeline_of(signal, clip.audio_start, field.grid))
+        clip.id: (clip, *signal.timeline(clip.audio_start, field.grid))
         for clip in clips_with_file
         if clip.id not in beside and isinstance(signal := signals[files[clip.music]], SignalId)
     }
@@ -184,9 +177,15 @@ def song_beats(
         clip_id: Music(signal, bpm=clip.tempo_bpm if rule.tempo else None)
         for clip_id, (clip, signal, _) in timelines.items()
     }
-    compute = _tracks if field.windows is None else _windows
-    beats, rejects = compute(resources, field, list(dict.fromkeys(songs.values())))
-    problems += [reject.detail for reject in (*signals.values(), *rejects) if isinstance(reject, Reject)]
+    distinct = list(dict.fromkeys(songs.values()))
+    rows = song_rows(resources.cache, field, distinct, jobs=resources.jobs, progress=resources.progress)
+    rejects = {row.detail: row for of_song in rows.values() for row in of_song if isinstance(row, Reject)}
+    beats = {
+        song: ClipMusic.of_rows(of_song[0], field) if field.windows is None else _by_piece(of_song, field)
+        for song, of_song in rows.items()
+        if of_song and not any(isinstance(row, Reject) for row in of_song)
+    }
+    problems += [reject.detail for reject in (*signals.values(), *rejects.values()) if isinstance(reject, Reject)]
     return {
         clip: beats[song].from_row(timelines[clip][2], field.grid) for clip, song in songs.items() if song in beats
     }, problems
@@ -213,37 +212,20 @@ def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
     return make_named(FEATURES, "audio", name, {})
 
 
-_Beats = tuple[dict[Music, ClipMusic], list[Reject]]
-
-
-def _tracks(resources: Resources, field: MusicField, songs: Sequence[Music]) -> _Beats:
-    asks = {song: field.ask(song) for song in songs}
-    by_key = _made(resources, field, list(asks.values()))
-    results = {song: by_key[ask.key] for song, ask in asks.items()}
-    beats = {song: ClipMusic.of_rows(rows, field) for song, rows in results.items() if not isinstance(rows, Reject)}
-    return beats, [result for result in results.values() if isinstance(result, Reject)]
-
-
-def _windows(resources: Resources, field: MusicField, songs: Sequence[Music]) -> _Beats:
-    nothing = MusicBeats.of([], field.grid)
-    asks = {song: field.slice_asks(song) for song in songs}
-    by_key = _made(resources, field, [ask for of_song in asks.values() for ask in of_song])
-    beats: dict[Music, ClipMusic] = {}
-    for song, of_song in asks.items():
-        rows = {field.slice_grid.start(number): by_key[ask.key] for number, ask in enumerate(of_song)}
-        if rows and not any(isinstance(result, Reject) for result in rows.values()):
-            by_piece = {start: field_beats(np.asarray(array), field) for start, array in rows.items()}
-            beats[song] = ClipMusic(nothing, by_piece=by_piece)
-    rejects = {result.detail: result for result in by_key.values() if isinstance(result, Reject)}
-    return beats, list(rejects.values())
-
-
-def _made(resources: Resources, field: MusicField, asks: Sequence[Ask]) -> dict[str, Any]:
-    return made(resources.cache, field, asks, jobs=resources.jobs, progress=resources.progress)
+def _by_piece(rows: Sequence[Any], field: MusicField) -> ClipMusic:
+    """Return the beats of each slice of a song, by the frame at which it begins."""
+    starts = map(field.slice_grid.start, range(len(rows)))
+    by_piece = {start: field.beats(np.asarray(array)) for start, array in zip(starts, rows, strict=True)}
+    return ClipMusic(MusicBeats.of([], field.grid), by_piece=by_piece)
 
 
 def stored_beats(
-    store: Store, rule: MusicRule, pieces: Pieces, clip_set: ClipSet, songs: Mapping[str, str], sha256: FileHash
+    store: Store,
+    rule: MusicRule,
+    pieces: Pieces,
+    clip_set: ClipSet,
+    songs: Mapping[str, str],
+    sha256: Callable[[Path], str],
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
@@ -266,7 +248,7 @@ def stored_beats(
             sources[clip.id] = record.id, clip.audio_start - record.audio_start
         elif clip.music in longest:
             sources[clip.id] = longest[clip.music], clip.audio_start
-    require_intact(store, {source for source, _ in sources.values()}, sha256=sha256)
+    store.require_intact({source for source, _ in sources.values()}, sha256=sha256)
     read = {s: music_of(store, name, s) for s in dict.fromkeys(s for s, _ in sources.values())}
     return {clip: read[s].from_second(begin) for clip, (s, begin) in sources.items()}
 
@@ -290,18 +272,18 @@ def _records(store: Store) -> dict[str, Clip]:
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:
     """Return the audio field of a store that has the protocol's beats."""
-    if slice_length(store) not in (None, pieces.frames(store.grid)[0]):
+    if store.slice_length not in (None, pieces.frames(store.grid)[0]):
         return None
-    if rule.by_piece and slice_length(store) is None:
+    if rule.by_piece and store.slice_length is None:
         return None
-    fields = [field for field in fields_with(store, BEAT) if rule.grid in (None, field.grid)]
+    fields = [field for field in store.fields_with("beat") if rule.grid in (None, field.grid)]
     named = (field.name for feature in rule.features for field in fields if field.name.split(".")[0] == feature)
     return next(named, None)
 
 
 def about_slices(store: Store, rule: MusicRule) -> list[str]:
     """Return a warning if a store has beats of each slice alone, and a protocol takes those of whole songs."""
-    if rule.by_piece or slice_length(store) is None:
+    if rule.by_piece or store.slice_length is None:
         return []
     return [
         "beats are those of each slice of the dataset by itself; the protocol takes those of whole songs: scores of "

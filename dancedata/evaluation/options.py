@@ -21,7 +21,8 @@ from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.scores import DRAWS
-from dancedata.kernel import DATASET_FILE, Reader, Sample, Scaler, Store, local_folder, make_named, open_store
+from dancedata.files.addresses import local_folder
+from dancedata.kernel import DATASET_FILE, Reader, Sample, Scaler, Store, make_named, open_store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
@@ -29,7 +30,6 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.like import scaling_of
 from dancedata.scene.poses import ColumnsReader, motion_readers
 from dancedata.scene.scaling import Scaling
-from dancedata.store.queries import reader_name
 
 #: Joint positions (T, J, 3) or motions, by the id of a clip.
 Motions = Mapping[str, "npt.ArrayLike | Motion"]
@@ -132,7 +132,7 @@ class EvaluationOptions:
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
             music=music, truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
-            dataset="" if real is None else reader_name(real),
+            dataset="" if real is None else real.reader_name,
         )  # fmt: skip
 
     def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:

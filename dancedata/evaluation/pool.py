@@ -20,9 +20,9 @@ from dancedata.evaluation.measuring import MeasuredClip, measure_clips
 from dancedata.evaluation.music import Resources
 from dancedata.evaluation.protocol import Protocol
 from dancedata.files.atomic import write_bytes
+from dancedata.files.documents import document_of
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.values import open_arrays
-from dancedata.kernel import document_of
 from dancedata.metrics.set_statistics import checked_rows
 
 #: Layout of pool files. 2: with the hash of what numbers depend on.

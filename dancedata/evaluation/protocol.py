@@ -312,9 +312,6 @@ class Protocol(Plugin):
         return f"{self.name}, version {self.version}"
 
 
-PROTOCOLS.base = Protocol
-
-
 def with_metrics(protocol: Protocol, names: Iterable[str]) -> Protocol:
     """Return a protocol with further metrics after its own, by their names; UsageError for one that does not fit.
 

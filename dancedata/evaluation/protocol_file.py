@@ -12,7 +12,7 @@ from dancedata.core.registry import METRICS
 from dancedata.core.text import shown
 from dancedata.evaluation.protocol import PROTOCOLS, Measure, MotionRule, MusicRule, PaperResult, Pieces, Protocol
 from dancedata.files.yaml import read_yaml
-from dancedata.recipes.plugins import make_dataclass, make_plugin
+from dancedata.kernel import make_dataclass
 
 _TEXTS = ("name", "citation", "source", "licence_note", "pool_split")
 _REQUIRED = ("protocol", "name", "version", "citation", "source", "motion", "measures")
@@ -110,7 +110,11 @@ def _measure(where: str, entry: Any, problems: list[str]) -> Measure | None:
     if len(names) != 1:
         problems.append(f"{where}: name one metric, such as {{pfc: {{variant: code}}}}; found {shown(repr(entry))}")
         return None
-    metric = make_plugin(METRICS, where, str(names[0]), entry[names[0]], problems)
+    name = str(names[0])
+    if name not in METRICS:
+        problems.append(f"{where}: unknown metric {shown(repr(name))}; {did_you_mean(name, METRICS.names())}")
+        return None
+    metric = make_dataclass(METRICS.get(name), f"{where}.{name}", entry[name], problems)
     others = {key: value for key, value in entry.items() if key in keys}
     for key, value in others.items():
         if not (isinstance(value, bool) if key == "steady" else type(value) is int and value > 0):

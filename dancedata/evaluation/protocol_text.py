@@ -5,7 +5,7 @@ from typing import Any
 
 from dancedata.evaluation.protocol import PROTOCOLS, Protocol
 from dancedata.evaluation.report import LABELS
-from dancedata.kernel import document_of
+from dancedata.files.documents import document_of
 
 
 def protocols_json() -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.packages import load
+from dancedata.core.packages import load, package_version
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
@@ -20,7 +20,6 @@ from dancedata.evaluation.pool import Pool, one_rate, rows_of
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text, scores_of
 from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
-from dancedata.execution.cache import package_version
 from dancedata.kernel import Cache
 from dancedata.scene.inputs.clip import ClipInput, MemoryClip
 from dancedata.scene.poses import Pose

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, overload
 
 import numpy.typing as npt
 
+from dancedata.core.arguments import folder_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.options import EvaluationOptions
@@ -17,8 +18,7 @@ from dancedata.evaluation.report import Report
 from dancedata.evaluation.scores import DRAWS
 from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
-from dancedata.execution.units import engine_of
-from dancedata.kernel import Progress, Store, folder_of, jobs_of, saved_samples
+from dancedata.kernel import Progress, Store, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import opened, store_of
 
@@ -187,7 +187,6 @@ def evaluate(
         intervals=intervals,
         save_pool=folder_of(save_pool),
     )
-    engine_of(backend, scheduler)
     return evaluate_inputs(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),

@@ -21,7 +21,7 @@ from functools import lru_cache
 from multiprocessing import resource_tracker
 from typing import Any, TypeVar
 
-from dancedata.core.packages import version
+from dancedata.core.packages import package_version
 from dancedata.core.system import SYSTEM, processor, processor_flags, started_with
 
 T = TypeVar("T")
@@ -49,7 +49,7 @@ def variables() -> dict[str, str]:
     others = {"PYTHONSAFEPATH": "1"}
     if not has_reference():
         return others
-    is_renamed = tuple(map(int, version("numpy").split(".")[:2])) >= (2, 4)  # its groups of features are
+    is_renamed = tuple(map(int, package_version("numpy").split(".")[:2])) >= (2, 4)  # its groups of features are
     tunables = os.environ.get(_TUNABLES, "").split(":")
     return others | {
         "OPENBLAS_CORETYPE": "Haswell",

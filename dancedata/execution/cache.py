@@ -17,17 +17,23 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import folder_of
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256
-from dancedata.core.packages import version
+from dancedata.core.packages import package_version
 from dancedata.core.system import open_file
-from dancedata.execution import cache_files as files
+from dancedata.execution.arithmetic import expected
 from dancedata.execution.progress import Progress
+from dancedata.files import cache_files as files
 from dancedata.files.regular_file import sha256_file
 
 ENVIRONMENT = "DANCEDATA_CACHE"
 #: Results that took longer than this to compute are flushed to disk before they appear in the cache.
 DURABLE_FROM_S = 0.5
+#: Number of times that a build starts again because entries were removed or damaged while it ran.
+LOST_ENTRIES = 3
+
+T = TypeVar("T")
 
 
 def default_cache() -> Path:
@@ -50,12 +56,6 @@ def _expanded(path: Path) -> Path:
         raise UsageError(
             "the home folder of the cache is unknown", found=path, fix=f"set {ENVIRONMENT} to a folder, or --cache"
         ) from error
-
-
-@lru_cache
-def package_version(name: str) -> str:
-    """Return the version of an installed distribution."""
-    return version(name)
 
 
 class EntryLostError(StoreError):
@@ -151,6 +151,17 @@ class Cache:
 
     root: Path
     careful: bool = False
+
+    @classmethod
+    def at(cls, folder: str | Path | None = None) -> Cache:
+        """Return the cache of a folder; default: `default_cache`."""
+        return cls((folder_of(folder) or default_cache()).absolute())
+
+    @staticmethod
+    def numeric_key(stage: str, **what: Any) -> str:
+        """Return the key of numbers that numpy and scipy compute: their versions and the instructions shape them."""
+        packages = {name: package_version(name) for name in ("numpy", "scipy")}
+        return Cache.key(stage, packages=packages, arithmetic=expected(), **what)
 
     @staticmethod
     def key(stage: str, **what: Any) -> str:
@@ -265,6 +276,23 @@ class Cache:
         identity = [real, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns, stat.st_ino]
         return Cache.key("files", what=what, file=identity)
 
+    def retry_lost(self, run: Callable[[Cache], T], progress: Progress) -> T:
+        """Run a build, and run it again if an entry of the cache is lost.
+
+        Checksums of arrays are compared when arrays are read, which may be late. After the first mismatch, those of
+        all entries are compared when they are looked up: all damaged entries are then computed again in one go.
+
+        Raises EntryLostError: if entries are lost repeatedly: something removes them, or the disk is failing.
+        """
+        cache = self
+        for _ in range(LOST_ENTRIES):
+            try:
+                return run(cache)
+            except EntryLostError as error:
+                progress.write(f"{error.where}: {error.problem}; all entries are compared with their checksums now")
+                cache = replace(cache, careful=True)
+        return run(cache)
+
     def _path(self, stage: str, key: str, suffix: str) -> Path:
         return Path(self._name(stage, key, suffix))
 
@@ -286,26 +314,3 @@ def _clear_errors(root: Path) -> Iterator[None]:
     except OSError as error:
         raise StoreError("the cache cannot be written", where=root, found=str(error),
                          fix=f"set {ENVIRONMENT} to a writable folder with free space") from error  # fmt: skip
-
-
-#: Number of times that a build starts again because entries were removed or damaged while it ran.
-LOST_ENTRIES = 3
-
-T = TypeVar("T")
-
-
-def with_lost_entries(cache: Cache, run: Callable[[Cache], T], progress: Progress) -> T:
-    """Run a build, and run it again if an entry of the cache is lost.
-
-    Checksums of arrays are compared when arrays are read, which may be late. After the first mismatch, those of all
-    entries are compared when they are looked up: all damaged entries are then computed again in one go.
-
-    Raises EntryLostError: if entries are lost repeatedly: something removes them, or the disk is failing.
-    """
-    for _ in range(LOST_ENTRIES):
-        try:
-            return run(cache)
-        except EntryLostError as error:
-            progress.write(f"{error.where}: {error.problem}; all entries are compared with their checksums now")
-            cache = replace(cache, careful=True)
-    return run(cache)

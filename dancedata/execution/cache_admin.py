@@ -13,7 +13,7 @@ from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import listed
-from dancedata.execution import cache_files as files
+from dancedata.files import cache_files as files
 
 _UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}

@@ -9,12 +9,10 @@ from typing import ClassVar
 
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Plugin
-from dancedata.core.registry import Registry
+from dancedata.core.registry import ENGINES
+from dancedata.execution import arithmetic
 from dancedata.execution.executors import Executor
 from dancedata.execution.requirements import Requirements
-
-#: A host in an address.
-HOST = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
 
 
 class Engine(Plugin):
@@ -28,15 +26,19 @@ class Engine(Plugin):
         The form of its addresses.
     """
 
+    #: A host in an address.
+    HOST: ClassVar[str] = r"(\[[^\]\s]+\]|[^\s:/\[\]]+)"
     example: ClassVar[str]
     address: ClassVar[re.Pattern[str]]
+
+    #: Environment variables of workers that compute as builds do; the instructions of builds, and of a process.
+    variables = staticmethod(arithmetic.variables)
+    expected = staticmethod(arithmetic.expected)
+    here = staticmethod(arithmetic.here)
 
     @abstractmethod
     def connect(self, address: str, required: Requirements) -> AbstractContextManager[Executor]:
         """Yield the executor of a cluster; UsageError without its package, DanceDataError if none answers."""
-
-
-ENGINES = Registry("engine of clusters", "dancedata.clusters", Engine)
 
 
 def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
@@ -44,7 +46,7 @@ def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
 
     Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
     """
-    engines = {name: ENGINES.make(name, {}) for name in ENGINES.names()}
+    engines: dict[str, Engine] = {name: ENGINES.make(name, {}) for name in ENGINES.names()}
     if backend not in (None, "loky", *engines):
         raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *engines)))
     if scheduler is None:

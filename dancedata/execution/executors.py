@@ -95,11 +95,11 @@ class Executor:
                 for number, call in calls.items():
                     message = cloudpickle.dumps((function, call))
                     try:
-                        futures[start(run_packed, self.check, message)] = number
+                        futures[start(self.run_packed, self.check, message)] = number
                     except self.deaths as error:
                         dead[number] = error
                     except Exception as error:
-                        raise lost(self.engine, error) from error
+                        raise self.lost(self.engine, error) from error
             for future in as_completed(futures):
                 try:
                     result = _unpacked(self._answer(future))
@@ -119,7 +119,32 @@ class Executor:
         except self.deaths:
             raise
         except Exception as error:
-            raise lost(self.engine, error) from error
+            raise self.lost(self.engine, error) from error
+
+    @staticmethod
+    def run_packed(check: Callable[[], None] | None, message: bytes) -> bytes:
+        """Run a unit in a worker that passes the check; return, pickled, (False, result) or (True, error).
+
+        The worker is checked before it imports the unit's modules.
+        """
+        try:
+            return bytes(cloudpickle.dumps((False, _run(check, message))))
+        except Exception as error:  # noqa: BLE001  (it is raised in the process that builds)
+            try:
+                return bytes(cloudpickle.dumps((True, error)))
+            except Exception as cause:  # noqa: BLE001  (a result or an error that cannot travel)
+                return pickle.dumps((True, _not_sendable(cause)))
+
+    @staticmethod
+    def lost(engine: str, error: BaseException) -> DanceDataError:
+        """Return the error for workers that are gone, or that cannot run `run_packed`."""
+        cause = getattr(error, "cause", None)
+        cause = cause if isinstance(cause, BaseException) else error
+        return DanceDataError(
+            f"the workers of {engine} were lost, or cannot run units",
+            found=f"{type(cause).__name__}: {first_line(cause).rstrip('.')}",
+            fix="check that all have the environment of the machine that builds; the same command resumes",
+        )
 
 
 @contextmanager
@@ -189,20 +214,6 @@ def _kill(pool: Any) -> None:
 _running = threading.Lock()
 
 
-def run_packed(check: Callable[[], None] | None, message: bytes) -> bytes:
-    """Run a unit in a worker that passes the check; return, pickled, (False, result) or (True, error).
-
-    The worker is checked before it imports the unit's modules.
-    """
-    try:
-        return bytes(cloudpickle.dumps((False, _run(check, message))))
-    except Exception as error:  # noqa: BLE001  (it is raised in the process that builds)
-        try:
-            return bytes(cloudpickle.dumps((True, error)))
-        except Exception as cause:  # noqa: BLE001  (a result or an error that cannot travel)
-            return pickle.dumps((True, _not_sendable(cause)))
-
-
 def _run(check: Callable[[], None] | None, message: bytes) -> Any:
     if not _running.acquire(blocking=False):
         # They would undo each other's limit on BLAS, and change last digits.
@@ -250,14 +261,3 @@ def _not_sendable(error: BaseException) -> DanceDataError:
 def first_line(error: BaseException) -> str:
     """Return the first line of an error's message."""
     return str(error).strip().split("\n")[0]
-
-
-def lost(engine: str, error: BaseException) -> DanceDataError:
-    """Return the error for workers that are gone, or that cannot run `run_packed`."""
-    cause = getattr(error, "cause", None)
-    cause = cause if isinstance(cause, BaseException) else error
-    return DanceDataError(
-        f"the workers of {engine} were lost, or cannot run units",
-        found=f"{type(cause).__name__}: {first_line(cause).rstrip('.')}",
-        fix="check that all have the environment of the machine that builds; the same command resumes",
-    )

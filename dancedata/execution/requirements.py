@@ -12,11 +12,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from dancedata.core.errors import DanceDataError
+from dancedata.core.packages import package_version
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import expected, here
-from dancedata.execution.cache import Cache, package_version
-from dancedata.execution.cache_files import TEMPORARY, locked_file, temporary_name
+from dancedata.execution.cache import Cache
 from dancedata.execution.executors import worker_name
+from dancedata.files.cache_files import TEMPORARY, locked_file, temporary_name
 from dancedata.files.locks import is_abandoned
 
 _FIX = "workers need the cache, the source and the same paths: a shared file system"
@@ -37,6 +38,10 @@ class Requirements:
     source: Path
     names_sha256: str
     versions: tuple[tuple[str, str], ...]
+
+    def check(self) -> None:
+        """Raise DanceDataError unless this process meets them, see `check_worker`."""
+        check_worker(self)
 
 
 @contextmanager

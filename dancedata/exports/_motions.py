@@ -61,11 +61,10 @@ def field_name(job: ExportJob, field: str) -> str:
 
 def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     """Return the readers of fields that decode; last those that only give back positions, or that clips may lack."""
-    from dancedata.kernel import optional_fields
     from dancedata.scene.poses import motion_readers  # reads HDF5, which listing plug-ins need not
 
     readers = {name: r for name, r in motion_readers(job.store).items() if r.representation.decodes}
-    optional = optional_fields(job.store)
+    optional = job.store.optional_fields
     return dict(
         sorted(readers.items(), key=lambda item: (item[1].representation.positions_only, item[0] in optional))
     )

@@ -76,11 +76,10 @@ class SampleTable:
     @cached_property
     def _facts(self) -> dict[str, str]:
         from dancedata.kernel import CLIP_COLUMNS
-        from dancedata.store.tables_out import free_types
 
         kinds = {"id": "text", "split": "text", "seconds": "float"}
         kinds |= {c.name: c.kind for c in CLIP_COLUMNS} | _SHOWN
-        kinds |= free_types(self.job.store)
+        kinds |= self.job.store.free_types
         if self.whole:
             return kinds
         of_windows = {"clip": "text", "split": "text", "start": "int", "length": "int"}
@@ -121,14 +120,9 @@ class SampleTable:
         return sum(grid.rows_up(frames, of=field.grid) * field.row_bytes for field in fields)
 
     def _batch(self, samples: Sequence[Sample]) -> Any:
-        from dancedata.store.tables_out import clip_row, free_types, window_row
-
-        pa, store, free = import_module("pyarrow"), self.job.store, free_types(self.job.store)
-        of_clips = {clip.id: clip_row(store, clip, free) for clip, _ in samples}
-        facts = [
-            of_clips[clip.id] | ({} if window is None else window_row(store, clip.split, window))
-            for clip, window in samples
-        ]
+        pa, store = import_module("pyarrow"), self.job.store
+        of_clips = {clip.id: store.table_row(clip) for clip, _ in samples}
+        facts = [of_clips[clip.id] | ({} if window is None else store.table_row(window)) for clip, window in samples]
         arrays = [pa.array([row[n] for row in facts], self.schema.field(n).type) for n in self._facts]
         arrays += [self._column(pa, store.field(name), samples) for name in self.fields]
         return pa.record_batch(arrays, schema=self.schema)

@@ -11,14 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.audio_signal import AudioSignal, wav_bytes
+from dancedata.core.audio_signal import AudioSignal, pcm16, wav_bytes
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
-from dancedata.kernel import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.clip import Window
@@ -187,7 +186,7 @@ def _needs_sound(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Mi
 
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
-    from dancedata.kernel import slice_name
+    from dancedata.core.clip import slice_name
 
     clips = {clip.id: clip for clip in job.clips(split)}
     windows = job.store.windows(split, length=LENGTH, stride=STRIDE, fields=(MOTION, feature))
@@ -197,16 +196,14 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
 
 def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
-    from dancedata.kernel import slice_length
-
     windows = job.store.info["windows"]
-    if slice_length(job.store) is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
+    if job.store.slice_length is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):
         return
     clips = {clip.slice_of or clip.id for clip in job.clips(*splits)}
     names = []
     for row in job.store.rejects:
         clip, _, number = str(row.get("clip")).rpartition("_slice")
-        if slice_length(job.store) is not None and clip in clips and number.isdecimal():
+        if job.store.slice_length is not None and clip in clips and number.isdecimal():
             names.append(f"{row['clip']} ({row.get('reason')})")
         elif row.get("clip") in clips and isinstance(row.get("window"), int):
             names.append(f"{row['clip']} from frame {row['window']} ({row.get('reason')})")

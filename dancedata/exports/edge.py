@@ -56,12 +56,11 @@ class Edge(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        from dancedata.kernel import slice_length
 
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")
-        if slice_length(job.store) is None:
+        if job.store.slice_length is None:
             folder.note(
                 "the music was computed over whole songs, where EDGE's scripts take five seconds at a time: for "
                 "their numbers build the recipe aist++-edge-exact"

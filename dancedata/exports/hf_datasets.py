@@ -11,7 +11,7 @@ from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports._samples import SampleExport, SampleTable
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
-from dancedata.kernel import document_of
+from dancedata.files.documents import document_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -39,11 +39,11 @@ def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
     """
     import torch
 
-    from dancedata.store.normalize import CONSTANT_RANGE
+    from dancedata.kernel import Scaler
 
     low, high, n_rows = _extremes(pieces)
     spread = high - low
-    scale = np.float32(2) / np.where(spread < np.float32(CONSTANT_RANGE), np.float32(1), spread)
+    scale = np.float32(2) / np.where(spread < np.float32(Scaler.CONSTANT_RANGE), np.float32(1), spread)
     arrays = {
         "scale_": scale,
         "min_": np.float32(-1) - low * scale,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.clip import Window
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import FEATURES
@@ -18,7 +18,6 @@ from dancedata.exports._slices import FPS, LENGTH, STRIDE, Slice, cut_sounds, qu
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music, needs_splits
 from dancedata.files.atomic_folder import AtomicFolder
-from dancedata.kernel import pcm16
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
@@ -129,7 +128,7 @@ class Tcdiff(MotionExport):
 
 def _slices(job: ExportJob, split: str) -> list[Slice]:
     """Return the windows of the groups of a split, each with the group's first dancer, in the loader's order."""
-    from dancedata.kernel import slice_name
+    from dancedata.core.clip import slice_name
 
     grid = WindowGrid(LENGTH, STRIDE)
     return [

@@ -4,7 +4,7 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -85,3 +85,13 @@ def write_json(path: Path, obj: Any) -> None:
     """Write indented JSON with sorted keys, atomically."""
     text = json.dumps(obj, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
     write_text(path, text + "\n")
+
+
+def dump_json(obj: Any) -> str:
+    """Return indented JSON: UTF-8, keys in the order given, no NaN."""
+    return json.dumps(obj, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return one JSON object per line, keys sorted."""
+    return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)

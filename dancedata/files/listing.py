@@ -3,6 +3,7 @@
 import glob
 import unicodedata
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
@@ -11,6 +12,15 @@ from dancedata.core.text import listed
 
 #: What a folder to build from has: folders of motion, or a manifest.
 MOTION_FOLDERS, MANIFESTS = ("motions", "motion"), ("manifest.csv", "manifest.jsonl")
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """Name, size and hash of a file that a description lists."""
+
+    file: str
+    size: int
+    sha256: str
 
 
 def list_folder(folder: Path) -> list[Path]:

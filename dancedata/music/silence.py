@@ -9,13 +9,12 @@ from fractions import Fraction
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.quality import SILENT_DBFS
 
 #: Pieces of a second whose levels are compared.
 _PIECES = 20
 #: Level of what has no power, dBFS.
 _NOTHING = -200
-#: Music below this level is silent, dBFS; the last bit of 16 has -98.
-SILENT_DBFS = -80.0
 #: Music whose level changes by less between twentieths of a second has no onset, dB: a hum. Noise has 0.4 and more.
 STEADY_DB = 0.2
 

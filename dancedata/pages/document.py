@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
-from dancedata.building.free_columns import FreeColumn
-from dancedata.building.segment_numbers import LayerNumbers
+from dancedata.core.clip import FreeColumn
+from dancedata.core.segments import LayerNumbers
 from dancedata.pages.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles
 from dancedata.pages.groups import Groups
 from dancedata.pages.measure import ClipNumbers

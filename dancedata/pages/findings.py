@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from dancedata.building.left_out import BY_CHOICE
+from dancedata.core.rejects import BY_CHOICE
 from dancedata.core.text import counted, listed
 from dancedata.pages.document import SHIFTED_MS, Document
 from dancedata.pages.groups import group_findings

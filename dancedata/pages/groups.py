@@ -16,7 +16,6 @@ from dancedata.pages.bin_counts import BinCounts, FrameHistogram
 from dancedata.scene.figure import Figure
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.pieces import Piece
-from dancedata.store.queries import group_sizes
 
 #: Two dancers look at each other where both face the other within this angle, degrees.
 FACING_DEG = 45
@@ -84,7 +83,7 @@ class MeasuredGroups:
         `windows`: Windows of the group.
         """
         first = dancers[0]
-        sizes = group_sizes(store)
+        sizes = store.group_sizes
         row = GroupRow(
             first.group, first.split, tuple(c.id for c in dancers), tuple(c.member for c in dancers),
             tuple(c.role for c in dancers), sizes.get(first.group, len(dancers)), first.n_frames, windows,

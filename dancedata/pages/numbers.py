@@ -9,16 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.free_columns import free_columns
-from dancedata.building.leaks import AlikeSongs, alike_songs, sound_field
-from dancedata.building.segment_numbers import layer_numbers
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
-from dancedata.kernel import Clip, Store, network_weights, songs_of
+from dancedata.kernel import AlikeSongs, Clip, Store, alike_songs, songs_of, sound_field
 from dancedata.pages.bin_counts import ClipHistogram, FiveNumbers, FrameHistogram, Quantiles, counted_between
 from dancedata.pages.document import (
     About,
     ClipRow,
+    ColumnRange,
     Contents,
     Counts,
     Document,
@@ -40,7 +38,6 @@ from dancedata.pages.document import (
 from dancedata.pages.groups import groups_of
 from dancedata.pages.measure import PROMINENT, SLIDE_M_S, STILL_M_S, Measured
 from dancedata.pages.outliers import outliers
-from dancedata.pages.ranges import column_ranges
 from dancedata.pages.scales import ClipValue, Scales, clip_values, music_gaps
 from dancedata.pages.scaling import scaled_groups
 from dancedata.scene.pose_space import Space, poses_of
@@ -49,6 +46,8 @@ from dancedata.scene.pose_space import Space, poses_of
 UNKNOWN = "unknown"
 #: Smaller ranges are those of a column that does not change.
 _CONSTANT = 1e-6
+#: Quantiles of columns.
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 #: Reasons for looking at a clip, in the order in which their lists take turns, and the value above which they hold.
 _WHY = {"flags": 0.0, "sliding": 0.05, "still": 0.3}
 #: Borders of the bins of angles, degrees.
@@ -74,8 +73,8 @@ def document(measured: Measured, scales: Scales) -> Document:
         fields={name: _field(store, name) for name in store.fields},
         left_out=_left_out(store.rejects),
         flags=_flags(store),
-        segments=layer_numbers(store),
-        columns=free_columns(store),
+        segments=store.layer_numbers(),
+        columns=store.free_columns(),
         ranking=_ranking(measured),
         clips=tuple(_row(measured, clip) for clip in store if not clip.source),
     )
@@ -92,7 +91,7 @@ def _about(store: Store) -> About:
         description=store.info.get("recipe", {}).get("description", ""),
         notes=tuple(store.info.get("source", {}).get("notes", [])),
         skeleton={"name": store.skeleton.name, "joints": store.skeleton.n_joints},
-        weights=network_weights(store),
+        weights=store.weights,
         licences=tuple(terms_text(clips_by_terms(store))),
     )
 
@@ -283,6 +282,19 @@ def _shared(store: Store, key: Callable[[Clip], str], alike: Sequence[AlikeSongs
     counts = {a: {b: len(both[a, b]) for b in store.splits} for a in store.splits}
     pairs = [(a, b) for i, a in enumerate(store.splits) for b in store.splits[i + 1 :]]
     return Shared(counts, {f"{a} and {b}": tuple(both[a, b]) for a, b in pairs if both[a, b]})
+
+
+def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
+    """Return the range of each column of a field over the rows that train windows cover.
+
+    Empty for codes, and if no train window has rows of the field.
+    """
+    f, stats = store.field(name), store.stats["fields"].get(name)
+    if stats is None or f.codebook is not None:
+        return ()
+    quantiles = store.quantiles(name, _QUANTILES).tolist()
+    rows = zip(f.columns.labels, stats["min"], *quantiles, stats["max"], stats["mean"], strict=True)
+    return tuple(ColumnRange(label, *map(float, numbers)) for label, *numbers in rows)
 
 
 def _field(store: Store, name: str) -> FieldNumbers:

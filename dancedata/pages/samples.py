@@ -13,7 +13,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import PageFiles
-from dancedata.kernel import ClipRecord, Progress, Store, open_store, require_intact
+from dancedata.kernel import ClipRecord, Progress, Store, open_store
 from dancedata.pages.measure import Measured, clip_numbers, measure
 from dancedata.pages.numbers import document
 from dancedata.pages.outliers import outliers
@@ -68,7 +68,7 @@ def write_samples_report(
     if to is not None:
         target = PageFiles.of(Path(to), [Path(against)], max_mb=max_mb, overwrite=overwrite)
     with open_store(against) as store:
-        require_intact(store)
+        store.require_intact()
         beats = {clip: of_clip.beats.seconds for clip, of_clip in scores.music.items()}
         scenes = MotionScenes(scores.inputs, Path(scores.source).name, None, store.skeleton, beats)
         report, dancers = _compared(scenes, measure(store, Progress(quiet=not progress)), scores)

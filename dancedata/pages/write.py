@@ -10,9 +10,9 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
-from dancedata.execution.addresses import local_folder
-from dancedata.execution.progress import Progress
+from dancedata.files.addresses import local_folder
 from dancedata.files.page_files import PageFiles
+from dancedata.kernel import Progress, Store, open_store
 from dancedata.pages.document import SCHEMA, Document
 from dancedata.pages.figures import FigureSpec
 from dancedata.pages.heat import Timeline, heat_map, joint_map
@@ -25,8 +25,6 @@ from dancedata.pages.scales import Scales
 from dancedata.pages.stills import still
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.pose_space import frontal
-from dancedata.store import Store, open_store
-from dancedata.store.queries import require_intact
 
 #: Number of clips of a page.
 Clips = int | Literal["all", "none"]
@@ -153,12 +151,12 @@ def write_report(
         options = _PageOptions(target, _checked(clips), _embeds(audio), folder, rights)
     reporter = Progress(quiet=not progress)
     with open_store(store) as opened_store:
-        require_intact(opened_store)
+        opened_store.require_intact()
         measured = measure(opened_store, reporter)
         if against is None:
             return _report(measured.reader, document(measured, Scales.of([measured])), None, None, options)
         with open_store(against) as other:
-            require_intact(other)
+            other.require_intact()
             beside = measure(other, reporter)
             scales = Scales.of([measured, beside])
             compared = None if differences is None else differences(opened_store.path, other.path)

@@ -1,17 +1,18 @@
 """Recipes: YAML that names one plug-in for each slot, with its parameters."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from dancedata.core.arguments import Overrides
 from dancedata.core.errors import RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, WindowSpec, as_fraction
 from dancedata.core.plugin_files import load_plugins
@@ -22,16 +23,16 @@ from dancedata.files.yaml import load_yaml, read_yaml
 from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, named_entries, slot_keys
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.slots import make_slots
+from dancedata.store.schema import DATASET_FILE
+
+if TYPE_CHECKING:
+    from dancedata.store.dataset import Store
 
 #: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
 _TWINS = {"length_s": "length_frames", "length_frames": "length_s"}
 _TWINS |= {key.replace("length", "stride"): twin.replace("length", "stride") for key, twin in _TWINS.items()}
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
-
-
-#: ``["windows.stride_s=1"]`` or ``{"windows.stride_s": 1}``.
-Overrides = Iterable[str] | Mapping[str, Any]
 
 
 def recipe_names() -> tuple[str, ...]:
@@ -171,6 +172,11 @@ def _steps(document: Mapping[str, Any], parts: list[str]) -> list[str]:
         level = named_entries(level) if registry is not None else level
         steps.append(step)
     return steps
+
+
+def stored_recipe(store: "Store") -> Recipe:
+    """Return the recipe of a dataset; RecipeError where its plug-ins are not installed."""
+    return parse_recipe(store.info.get("recipe", {}), where=f"{store.path}/{DATASET_FILE}")
 
 
 def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:

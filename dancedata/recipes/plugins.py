@@ -11,17 +11,20 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.core.errors import DanceDataError, RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import without_file_key
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import (
+    ANNOTATORS,
     AUGMENTATIONS,
     DATASETS,
     FEATURES,
+    FIELDS,
     KEYMOTIONS,
     REPRESENTATIONS,
+    RULES,
+    TRANSFORMS,
     Registry,
 )
 from dancedata.core.text import shown

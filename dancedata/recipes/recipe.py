@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dancedata.building.documents import document_of
 from dancedata.building.fields.motion import RepresentationField
 from dancedata.building.fields.music import FeatureField
 from dancedata.building.plugins import Annotator, Field, WindowRule
@@ -20,6 +19,7 @@ from dancedata.core.hashing import recipe_hash
 from dancedata.core.plugin_files import PluginFile, plugin_file
 from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.skeleton import Skeleton
+from dancedata.files.documents import document_of
 
 if TYPE_CHECKING:
     from dancedata.building.transforms.copy import Copy

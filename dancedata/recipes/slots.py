@@ -9,20 +9,24 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from dancedata.building.fields.motion import MotionField, RepresentationField
 from dancedata.building.fields.music import FeatureField, MusicField
-from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS, Annotator, Field, WindowRule
+from dancedata.building.plugins import Annotator, Field, WindowRule
 from dancedata.building.take import Transform
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugin_files import unknown_plugin
 from dancedata.core.plugins import CopyAugmentation, Dataset, FileFeature, Plugin
 from dancedata.core.registry import (
+    ANNOTATORS,
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
     FEATURES,
+    FIELDS,
     FILTERS,
     KEYMOTIONS,
     REPRESENTATIONS,
+    RULES,
+    TRANSFORMS,
     Registry,
 )
 from dancedata.core.skeleton import SMPL24

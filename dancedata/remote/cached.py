@@ -18,12 +18,12 @@ from typing import Any
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.system import python_command
-from dancedata.execution.addresses import Origin, origin_of
-from dancedata.execution.cache import default_cache
-from dancedata.execution.cache_files import DATASETS, mark
-from dancedata.execution.progress import Progress
+from dancedata.files.addresses import Origin, origin_of
 from dancedata.files.atomic import write_bytes, write_json
+from dancedata.files.cache_files import DATASETS, mark
+from dancedata.files.listing import FileEntry
 from dancedata.files.strict_json import read_json
+from dancedata.kernel import Cache, Listing, Progress
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.client import crossed_a_fork
 from dancedata.remote.fetch import (
@@ -35,9 +35,6 @@ from dancedata.remote.fetch import (
     written,
 )
 from dancedata.remote.source import NotThereError, not_cached, refused
-from dancedata.store.dataset_json import FileEntry
-from dancedata.store.listing import check_names, copied_files, description_of, read_description
-from dancedata.store.schema import DATASET_FILE, PUBLICATION_FILE
 
 #: Folder of what addresses held last.
 ADDRESSES = "addresses"
@@ -64,7 +61,7 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
         If the server has no finished dataset there, or does not answer.
     """
     address = parse_address(path)
-    root = cache or default_cache()
+    root = Cache.at(cache).root
     remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
     if is_offline():
         return _last(address, remembered, root)
@@ -73,7 +70,7 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
             return _last(address, remembered, root)
     place = resolved(address)
     name, data, document = _description(place)
-    check_names(document, f"{place}/{name}")
+    Listing.of(document, f"{place}/{name}")
     if place != address:
         Progress().write(f"{address} is now commit {place.revision}")
     folder = root / DATASETS / str(document["self_sha256"])
@@ -94,12 +91,12 @@ def _description(address: Address) -> tuple[str, bytes, Mapping[str, Any]]:
     """Return name and content of dataset.json, or of publication.json where only a recipe is published."""
     source = source_of(address)
     try:
-        return DATASET_FILE, *fetch_description(source, address)
+        return Listing.DATASET, *fetch_description(source, address)
     except NotThereError:
         with suppress(NotThereError):
-            data, document = fetch_description(source, address, PUBLICATION_FILE)
+            data, document = fetch_description(source, address, Listing.PUBLICATION)
             if "dataset" in document:  # else of an upload that has not come to its end
-                return PUBLICATION_FILE, data, document
+                return Listing.PUBLICATION, data, document
         raise
 
 
@@ -112,7 +109,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
     """Return the folder that an address had last."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         folder = root / DATASETS / str(read_json(remembered, 1 << 16)["self_sha256"])
-        if _HASH.fullmatch(folder.name) and description_of(folder).is_file():
+        if _HASH.fullmatch(folder.name) and Listing.path(folder).is_file():
             with suppress(OSError):  # another user's
                 os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
@@ -121,7 +118,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
 
 @lru_cache(maxsize=4)
 def _listed(folder: Path) -> Mapping[str, FileEntry]:
-    return {file.file: file for file in copied_files(read_description(folder))}
+    return {file.file: file for file in Listing.read(folder).files()}
 
 
 def fetch(path: Path) -> None:

@@ -9,11 +9,9 @@ from typing import TypeAlias
 from urllib.parse import quote
 
 from dancedata.core.errors import UsageError
-from dancedata.execution.progress import Progress
 from dancedata.files.page_files import PageFiles
+from dancedata.kernel import Progress, Store, open_store
 from dancedata.remote.card_text import MARK, card_text
-from dancedata.store import Store, open_store
-from dancedata.store.queries import require_intact
 
 #: Largest card, megabytes.
 _MAX_MB = 5.0
@@ -65,7 +63,7 @@ def write_card(
             "refusing to overwrite a file that is not a card of dancedata", where=path, fix="choose another --out"
         )
     with open_store(store) as opened:
-        require_intact(opened)
+        opened.require_intact()
         drawn = {} if pictures is None else pictures(opened, Progress(quiet=not progress))
         words = {f"{quote(target.folder.name)}/{name}": what for name, (what, _) in drawn.items()}
         text = card_text(opened, words)

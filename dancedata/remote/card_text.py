@@ -10,8 +10,7 @@ from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown
 from dancedata.formats.hub_head import OTHER, Publication, citations, head, strictest
-from dancedata.store import Store
-from dancedata.store.queries import network_weights, required_fields
+from dancedata.kernel import Store
 
 #: Found in files that this module wrote, and only there.
 MARK = "<!-- written by dancedata export --to card; changes are lost when it is written again -->"
@@ -75,7 +74,7 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
                 _text(split),
                 len(clips),
                 copies,
-                len(store.windows(split, fields=required_fields(store))),
+                len(store.windows(split, fields=store.required_fields)),
                 songs,
                 f"{minutes:.1f}",
             )
@@ -98,7 +97,7 @@ def _fields(store: Store) -> str:
         field = store.field(name)
         groups = ", ".join(f"{_text(g.name)} ({g.width})" for g in field.columns.groups)
         rows.append((f"`{name}`", field.kind, field.columns.width, str(field.rate), field.dtype, groups))
-    stated = "".join(f"- weights of `{name}`: {_text(text)}\n" for name, text in network_weights(store).items())
+    stated = "".join(f"- weights of `{name}`: {_text(text)}\n" for name, text in store.weights.items())
     table = _table(("field", "kind", "columns", "rows per second", "type", "groups"), rows)
     return f"## Features\n\n{table}\n{stated}"
 

@@ -12,17 +12,13 @@ import yaml
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.version import __version__
-from dancedata.execution.progress import Progress
+from dancedata.files.atomic import dump_json, dump_lines
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 from dancedata.formats.hub_head import Publication
+from dancedata.kernel import Listing, Progress, Store
 from dancedata.remote.card import Pictures
 from dancedata.remote.card_text import card_text, plain_recipe
-from dancedata.store import Store
-from dancedata.store.dataset_json import MAX_BYTES
-from dancedata.store.listing import check_names, copied_files
-from dancedata.store.schema import CARD_FILE, DATASET_FILE, PUBLICATION_FILE, REJECTS_FILE, STATS_FILE
-from dancedata.store.writer import dump_json, dump_lines
 
 #: Folder of the card's pictures.
 PICTURES = "README_files"
@@ -63,25 +59,26 @@ def contents(
     `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
     Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
-    check_names(store.info, f"{store.path}/{DATASET_FILE}")
+    listing = Listing.of(store.info, f"{store.path}/{Listing.DATASET}")
     if place.recipe_only:
         files = [*_recipe(store), *_beside(beside)]
         more = {"dataset": dict(store.info)}
     else:
-        files = [Upload(f.file, store.path / f.file, f.size, f.sha256) for f in copied_files(store.info)]
+        files = [Upload(f.file, store.path / f.file, f.size, f.sha256) for f in listing.files()]
         more = {}
-    publication = Upload.of_bytes(PUBLICATION_FILE, dump_json(_described(store, place, files, more)).encode())
-    if publication.size > MAX_BYTES:
+    publication = Upload.of_bytes(Listing.PUBLICATION, dump_json(_described(store, place, files, more)).encode())
+    if publication.size > Listing.MAX_BYTES:
         raise UsageError("the dataset has too many files and clips for one publication", where=str(store.path),
-                         found=f"{PUBLICATION_FILE} of {publication.size:,} bytes", allowed=f"{MAX_BYTES:,}",
+                         found=f"{Listing.PUBLICATION} of {publication.size:,} bytes",
+                         allowed=f"{Listing.MAX_BYTES:,}",
                          fix="publish its parts as datasets of their own")  # fmt: skip
     files += _card(store, place, pictures, progress)
     if place.recipe_only:
         return [*files, publication]
-    description = read_regular(store.path / DATASET_FILE, MAX_BYTES)
+    description = read_regular(store.path / Listing.DATASET, Listing.MAX_BYTES)
     if parse_json(description.decode())["self_sha256"] != store.info["self_sha256"]:
-        raise changed(DATASET_FILE)
-    return [*files, publication, Upload.of_bytes(DATASET_FILE, description)]
+        raise changed(Listing.DATASET)
+    return [*files, publication, Upload.of_bytes(Listing.DATASET, description)]
 
 
 def _described(store: Store, place: Publication, files: Sequence[Upload], more: Mapping[str, Any]) -> dict[str, Any]:
@@ -105,7 +102,7 @@ def _recipe(store: Store) -> Iterator[Upload]:
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     yield Upload.of_bytes(RECIPE_FILE, recipe.encode())
     yield Upload.of_bytes(CLIPS_FILE, dump_lines(list(_clips(store))).encode())
-    for name in (STATS_FILE, REJECTS_FILE):
+    for name in (Listing.STATS, Listing.REJECTS):
         entry = store.info["files"][name]
         yield Upload(name, store.path / name, entry["size"], entry["sha256"])
 
@@ -119,14 +116,15 @@ def _clips(store: Store) -> Iterator[dict[str, Any]]:
 
 
 def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
-    taken = {DATASET_FILE, PUBLICATION_FILE, CARD_FILE, RECIPE_FILE, CLIPS_FILE, STATS_FILE, REJECTS_FILE}
+    reserved = (Listing.DATASET, Listing.PUBLICATION, Listing.CARD, Listing.STATS, Listing.REJECTS)
+    taken = {*reserved, RECIPE_FILE, CLIPS_FILE}
     for path in paths:
         name = path.name
         if name in taken:
             raise UsageError("a publication has another file of this name", where=path, fix="rename it")
         taken.add(name)
         try:
-            check_names({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
+            Listing.of({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
         except DanceDataError:
             raise UsageError(
                 "the name of this file cannot be published", where=path, allowed="letters, digits, and _ . + -"
@@ -146,6 +144,6 @@ def _card(store: Store, place: Publication, pictures: Pictures | None, progress:
             progress.write(f"the card has no pictures: {error}")
     words = {f"{PICTURES}/{name}": what for name, (what, _) in drawn.items()}
     return [
-        Upload.of_bytes(CARD_FILE, card_text(store, words, place).encode()),
+        Upload.of_bytes(Listing.CARD, card_text(store, words, place).encode()),
         *(Upload.of_bytes(f"{PICTURES}/{name}", data) for name, (_, data) in drawn.items()),
     ]

@@ -15,15 +15,14 @@ from dancedata.core.errors import StoreError
 from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.core.system import flush_folder
 from dancedata.core.text import size_text
-from dancedata.execution.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
-from dancedata.execution.progress import Progress
+from dancedata.files.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
+from dancedata.files.listing import FileEntry
 from dancedata.files.strict_json import parse_json
+from dancedata.kernel import Listing, Progress
 from dancedata.remote.address import Address
 from dancedata.remote.client import Client
 from dancedata.remote.hub import HubClient
 from dancedata.remote.source import Interrupted, OutOfRange, read_within, refused, steady, wrong_bytes
-from dancedata.store.dataset_json import MAX_BYTES, FileEntry
-from dancedata.store.schema import DATASET_FILE
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
@@ -44,7 +43,9 @@ def resolved(address: Address) -> Address:
     return persist(lambda: source_of(address).resolve(), str(address))
 
 
-def fetch_description(source: Client, address: Address, name: str = DATASET_FILE) -> tuple[bytes, Mapping[str, Any]]:
+def fetch_description(
+    source: Client, address: Address, name: str = Listing.DATASET
+) -> tuple[bytes, Mapping[str, Any]]:
     """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
     where = f"{address}/{name}"
     problem = ""
@@ -65,10 +66,10 @@ def fetch_description(source: Client, address: Address, name: str = DATASET_FILE
 
 
 def read_small(source: Client, name: str, where: str) -> bytes:
-    """Return the bytes of a file; StoreError if there are more than MAX_BYTES."""
-    too_large = refused(f"the file is larger than any {name}", name, f"more than {MAX_BYTES:,} bytes")
+    """Return the bytes of a file; StoreError if there are more than a description has."""
+    too_large = refused(f"the file is larger than any {name}", name, f"more than {Listing.MAX_BYTES:,} bytes")
     # It is small: no ranges.
-    return persist(lambda: read_within(source.open(name, 0).chunks, MAX_BYTES, lambda _: too_large), where)
+    return persist(lambda: read_within(source.open(name, 0).chunks, Listing.MAX_BYTES, lambda _: too_large), where)
 
 
 def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, report: Report) -> None:

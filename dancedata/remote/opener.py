@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from dancedata.core.typing import override
-from dancedata.execution.addresses import OPENERS, Opener
+from dancedata.files.addresses import OPENERS, Opener
 from dancedata.remote.cached import fetch, fetch_soon, folder_of_address
 from dancedata.remote.pull import fetch_all
 

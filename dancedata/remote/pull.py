@@ -7,12 +7,11 @@ from typing import Any
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, size_text
-from dancedata.execution.addresses import is_address, origin_of
-from dancedata.execution.progress import Progress
+from dancedata.files.addresses import is_address, origin_of
+from dancedata.kernel import Listing, Progress
 from dancedata.remote.address import ALLOWED
 from dancedata.remote.cached import fetch_files, folder_of_address
 from dancedata.remote.fetch import has_file
-from dancedata.store.listing import copied_files, read_description
 
 #: Files that are fetched at once.
 JOBS = 6
@@ -68,13 +67,12 @@ def pull(
     if not is_address(address):
         raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)
     folder = folder_of_address(address, None if cache is None else Path(cache).expanduser().absolute())
-    document = read_description(folder)
+    listing = Listing.read(folder)
     splits = None if split is None else (split,) if isinstance(split, str) else tuple(split)
-    known = list(dict.fromkeys(entry["split"] for entry in document["shards"]))
     for name in splits or ():
-        if name not in known:
-            raise UsageError(f"no split named {name!r}", where=str(address), fix=did_you_mean(name, known))
-    files = list(copied_files(document, splits))
+        if name not in listing.splits:
+            raise UsageError(f"no split named {name!r}", where=str(address), fix=did_you_mean(name, listing.splits))
+    files = listing.files(splits)
     missing = [file for file in files if not has_file(folder / file.file, file.size)]
     fetched = fetch_files(folder, missing, Progress(quiet=not progress), JOBS) if missing else 0
     origin = origin_of(folder)
@@ -84,7 +82,7 @@ def pull(
 
 def fetch_all(folder: Path) -> None:
     """Fetch the missing files of a dataset of the cache."""
-    files = copied_files(read_description(folder))
+    files = Listing.read(folder).files()
     missing = [file for file in files if not has_file(folder / file.file, file.size)]
     if missing:
         fetch_files(folder, missing, jobs=JOBS)

@@ -12,18 +12,16 @@ from dancedata.core.errors import UsageError
 from dancedata.core.packages import require
 from dancedata.core.registry import DATASETS
 from dancedata.core.text import counted, size_text
-from dancedata.execution.addresses import is_address, require_whole
-from dancedata.execution.progress import Progress
+from dancedata.files.addresses import is_address, require_whole
 from dancedata.files.listing import MANIFESTS
 from dancedata.formats.hub_head import Publication
+from dancedata.kernel import Progress, Store, open_store
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
 from dancedata.remote.card import Pictures
 from dancedata.remote.contents import contents
 from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
-from dancedata.store import Store, open_store
-from dancedata.store.queries import reader_name, require_intact, source_folder
 
 _TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
@@ -148,7 +146,7 @@ def push(
         if rights is None and not recipe_only:
             require_permission(opened, to=to)
         require_whole(opened.path)
-        require_intact(opened)
+        opened.require_intact()
         digits = opened.info["self_sha256"][:_DIGITS]
         name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
         read_at = address.at(name)
@@ -167,7 +165,7 @@ def push(
 
 def _manifests(store: Store) -> list[Path]:
     """Return the list of clips that was written for the dataset's reader, where its source is on this machine."""
-    source, name = source_folder(store), reader_name(store)
+    source, name = store.source_folder, store.reader_name
     if source is None or name not in DATASETS.names() or not DATASETS.get(name).has_listing(source):
         return []
     return [source / manifest for manifest in MANIFESTS if (source / manifest).is_file()]

@@ -9,7 +9,7 @@ from dancedata.core.licence import Licence
 from dancedata.core.registry import DATASETS
 from dancedata.core.terms import clips_by_terms
 from dancedata.core.text import counted, quoted, shown
-from dancedata.store import Store
+from dancedata.kernel import Store
 
 #: Most characters of a clause.
 _CLAUSE = 600

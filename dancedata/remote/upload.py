@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
-from dancedata.execution.progress import Progress
+from dancedata.kernel import Listing, Progress
 from dancedata.remote.address import Address
 from dancedata.remote.card import PICTURE_FILES
 from dancedata.remote.card_text import MARK
@@ -25,8 +25,6 @@ from dancedata.remote.contents import PICTURES, Upload, changed
 from dancedata.remote.fetch import fetch_description, read_small
 from dancedata.remote.hub import HubClient, endpoint_of
 from dancedata.remote.source import NotThereError, public_line, refused
-from dancedata.store.listing import check_names
-from dancedata.store.schema import CARD_FILE, DATASET_FILE, PUBLICATION_FILE
 
 if TYPE_CHECKING:
     from huggingface_hub import HfApi
@@ -141,12 +139,12 @@ class HubUpload:
         """Return the paths of an earlier publication and its card; empty if there are none."""
         source, before = HubClient(self.address.at(head)), set()
         with suppress(NotThereError):
-            _, document = fetch_description(source, source.address, PUBLICATION_FILE)
-            check_names(document, f"{source.address}/{PUBLICATION_FILE}")
-            before = {*document["files"], PUBLICATION_FILE, DATASET_FILE}
+            _, document = fetch_description(source, source.address, Listing.PUBLICATION)
+            Listing.of(document, f"{source.address}/{Listing.PUBLICATION}")
+            before = {*document["files"], Listing.PUBLICATION, Listing.DATASET}
         with suppress(NotThereError):
-            if MARK.encode() in read_small(source, CARD_FILE, f"{source.address}/{CARD_FILE}"):
-                before |= {CARD_FILE, *(f"{PICTURES}/{name}" for name in PICTURE_FILES)}
+            if MARK.encode() in read_small(source, Listing.CARD, f"{source.address}/{Listing.CARD}"):
+                before |= {Listing.CARD, *(f"{PICTURES}/{name}" for name in PICTURE_FILES)}
         return {self._path(name) for name in before}
 
     def _commit(

@@ -10,9 +10,10 @@ from dancedata.core.bodies import SKELETONS, has_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
+from dancedata.core.registry import TRANSFORMS
 from dancedata.core.text import shown
 from dancedata.core.typing import override
-from dancedata.kernel import TRANSFORMS, Scene, Transform
+from dancedata.kernel import Scene, Transform
 from dancedata.retarget.maps import load_map
 from dancedata.retarget.transfer import VERSION, Retargeted, retargeted
 

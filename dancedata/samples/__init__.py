@@ -11,17 +11,8 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.core.text import listed
-from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
-
-
-def recording_of(clip: ClipRecord) -> str:
-    """Return the unit of intervals that a clip, no copy, is of: itself, or what slices or parts of a file share."""
-    if clip.slice_of:
-        return clip.slice_of
-    is_part = clip.source_start is not None or clip.source_end is not None
-    return (clip.made_of[:12] if is_part else "") or clip.id
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +110,7 @@ class Samples:
                             found=f"frames {start} to {start + length}",
                             allowed=f"0 to {n_frames} of {of.clip}")  # fmt: skip
         origin = self.store[clips[0].source] if clips[0].source else clips[0]
-        recording = recording_of(origin) if len(clips) == 1 else origin.group
+        recording = origin.recording if len(clips) == 1 else origin.group
         return Sample(of, self.store, clips, start, length, recording)
 
     def require(self, name: str | SampleId) -> Sample:

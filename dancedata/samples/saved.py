@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import as_numpy
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.text import listed, quoted, shown
@@ -29,11 +30,6 @@ if TYPE_CHECKING:
 ABOUT, SCALER = "samples.json", "scaler.json"
 _HASHES = ("self_sha256", "recipe_sha256", "source_sha256")
 _MAX_BYTES = 1 << 20
-
-
-def as_numpy(batch: npt.ArrayLike | Tensor) -> npt.NDArray[Any]:
-    """Return a batch as an array of this process; tensors may be on any device."""
-    return np.asarray(batch.detach().float().cpu().numpy() if hasattr(batch, "detach") else batch)
 
 
 @dataclass(frozen=True)

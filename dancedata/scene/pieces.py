@@ -14,8 +14,6 @@ from dancedata.metrics.key_motion import SIGMA_FRAMES, KeyMotion, key_motion
 from dancedata.scene.figure import Figure
 from dancedata.scene.poses import ColumnsReader
 from dancedata.scene.scenes import drawable_fields, rhythm_fields
-from dancedata.store.beats import field_beats
-from dancedata.store.queries import required_fields
 
 #: Names of the groups of columns with contact labels.
 _CONTACTS = ("contact", "foot_contact")
@@ -76,7 +74,7 @@ class ClipReader:
         """Choose the fields: motion with contacts before other motion, and the first of the others that fit."""
         readers = drawable_fields(store)
         # Of fields that every clip has, where one can be drawn: clips without the field have no figures.
-        readers = {name: reader for name, reader in readers.items() if name in required_fields(store)} or readers
+        readers = {name: reader for name, reader in readers.items() if name in store.required_fields} or readers
         with_contacts = (n for n in readers if set(_CONTACTS) & set(readers[n].representation.columns.names))
         motion = next(with_contacts, next(iter(readers), None))
         fields = [store.field(name) for name in store.fields]
@@ -113,7 +111,7 @@ class ClipReader:
         else:
             lead, rows = 0, clip.read_song(field.name)
             n_rows = len(rows)
-        return field_beats(rows, field).after(-lead, field.grid), float(field.grid.seconds(n_rows))
+        return field.beats(rows).after(-lead, field.grid), float(field.grid.seconds(n_rows))
 
 
 def measured_units(store: Store) -> list[Sequence[Clip]]:

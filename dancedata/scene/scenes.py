@@ -23,9 +23,7 @@ from dancedata.scene.figure import Figure, Movement
 from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.poses import ColumnsReader, motion_reader, pose_readers
 from dancedata.scene.scene_list import MAX_NAME, Flag, Item, Rhythm, Scene, SceneList, Word
-from dancedata.store.beats import BEAT, field_beats
 from dancedata.store.dataset import reopen
-from dancedata.store.queries import fields_with, group_sizes, reference, required_fields
 
 _ONSET, _DOWNBEAT = "onset_envelope", "downbeat"
 #: Most segments of a layer that are drawn.
@@ -47,7 +45,7 @@ def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
 
 def rhythm_fields(store: Store) -> tuple[str, ...]:
     """Return the audio fields that have beats, librosa35 first: two datasets are then compared by the same beats."""
-    names = [field.name for field in fields_with(store, BEAT)]
+    names = [field.name for field in store.fields_with("beat")]
     return tuple(sorted(names, key=lambda name: FEATURES.split(name)[0] != "librosa35"))
 
 
@@ -56,7 +54,7 @@ def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
 
     The rows begin with the clip or, where its music begins later, `lead` rows after it.
     """
-    rate, stored = float(field.rate), field_beats(rows, field)
+    rate, stored = float(field.rate), field.beats(rows)
     beats = (stored.seconds + lead / rate).clip(min=0)
     downbeats: tuple[int, ...] = ()
     if _DOWNBEAT in field.columns.names:
@@ -82,7 +80,7 @@ class Scenes(SceneList):
         self.place, self.grid, self.body = str(store.path), store.grid, store.skeleton
         self.readers = drawable_fields(store)
         self.fields = tuple(self.readers)
-        common = [name for name in self.readers if name in required_fields(store)]
+        common = [name for name in self.readers if name in store.required_fields]
         self.field = next(iter([*common, *self.readers]), None) if field is None else self._drawable(field)
         self._rhythm_field = next(iter(rhythm_fields(store)), None)
         self._identity = self._file_identity()
@@ -150,7 +148,7 @@ class Scenes(SceneList):
         return {
             "name": shown(meta.get("name", self.store.path.name), MAX_NAME), "fps": float(self.grid.rate),
             "rate": str(self.grid), **total,
-            "made": reference(self.store)[1],
+            "made": self.store.reference[1],
             "licence": shown(meta.get("licence", ""), 600), "citation": shown(meta.get("citation", ""), 600),
         }  # fmt: skip
 
@@ -159,7 +157,7 @@ class Scenes(SceneList):
         try:
             if self._file_identity() == self._identity:
                 return False
-            reopen(*reference(self.store))
+            reopen(*self.store.reference)
         except (OSError, StoreError):
             return True
         self._identity = self._file_identity()
@@ -298,7 +296,7 @@ class Scenes(SceneList):
     @cached_property
     def _sizes(self) -> dict[str, int]:
         """Dancers of each group in the source."""
-        return group_sizes(self.store)
+        return self.store.group_sizes
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

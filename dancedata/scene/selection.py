@@ -27,7 +27,6 @@ from dancedata.scene.source import ClipSource, Sounds
 from dancedata.scene.wall import Wall, WallSounds
 from dancedata.scene.windows import SampleScenes, samples_in
 from dancedata.store import Store, open_store
-from dancedata.store.queries import source_folder
 from dancedata.store.schema import DATASET_FILE
 
 #: Attributes of a request whose option has another name.
@@ -218,7 +217,7 @@ class ViewSelection:
         scenes = request.scenes()
         sounds: Sounds | None = None
         if isinstance(scenes, Scenes):
-            music = request.music or source_folder(scenes.store)
+            music = request.music or scenes.store.source_folder
             with suppress(SourceError) if request.music is None else nullcontext():
                 sounds = None if music is None else ClipSource(scenes.store, music)
         elif isinstance(scenes, MotionScenes) and scenes.music is not None:

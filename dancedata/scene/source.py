@@ -19,7 +19,7 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.kernel import SourceMusic, Store, load_audio, resample
-from dancedata.recipes.parse import parse_recipe
+from dancedata.recipes.parse import stored_recipe
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Item, Scene
 
@@ -105,7 +105,7 @@ class ClipSource:
         """Return the music of a copy at another tempo, stretched as the build did."""
         if not item.clip.source:
             return signal
-        recipe = parse_recipe(self.store.info.get("recipe", {}), where=f"{self.store.path}/dataset.json")
+        recipe = stored_recipe(self.store)
         spec = next((s for s in recipe.augment if s.clip_id(item.clip.source) == item.clip.id), None)
         if spec is None:
             return signal

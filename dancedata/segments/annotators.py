@@ -9,10 +9,12 @@ from typing import Any, ClassVar, Literal
 
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import canonical_json
+from dancedata.core.registry import ANNOTATORS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import shown
 from dancedata.core.typing import override
-from dancedata.kernel import ANNOTATORS, Annotator, Scene, Take, document_of
+from dancedata.files.documents import document_of
+from dancedata.kernel import Annotator, Scene, Take
 from dancedata.metrics.events import KINDS, MIRROR, UNITS, events
 
 Kind = Literal["turns", "jumps", "travel", "energy", "floor_work", "contacts"]

@@ -1,32 +1,22 @@
 """dancedata info --segments: segments of a dataset, listed, written as files and replaced."""
 
-import os
-import shutil
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from dancedata.building.out_folder import check_out, locked, new_dataset
-from dancedata.building.segment_numbers import layer_numbers
-from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import RecipeError, UsageError
-from dancedata.core.hashing import json_sha256
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
 from dancedata.core.text import counted, listed, table
-from dancedata.files.atomic import atomic_file, write_text
-from dancedata.files.regular_file import sha256_file
+from dancedata.files.addresses import local_folder
+from dancedata.files.atomic import atomic_file
 from dancedata.files.segment_files import write_segment_file
-from dancedata.kernel import DATASET_FILE, Clip, Store, local_folder, open_store
-from dancedata.recipes.parse import parse_recipe
-from dancedata.store.queries import overlay
-from dancedata.store.schema import SEGMENTS_FILE, layer_of
-from dancedata.store.table_writer import write_segments
-from dancedata.store.writer import dump_json
+from dancedata.kernel import Clip, Store, open_store, rewrite_segments, stored_recipe
 
 SUFFIXES = (".csv", ".jsonl")
+#: The segment of a copy, of a segment of its clip and the name of the clip or group.
+Changed = Callable[[Segment, str], Segment | None]
 
 
 @dataclass(frozen=True)
@@ -60,12 +50,6 @@ def _cell(value: Any) -> Any:
     return f"{value:.2f}" if isinstance(value, float) else "" if value is None else value
 
 
-class _Clip(NamedTuple):
-    id: str
-    n_frames: int
-    segments: Sequence[Segment]
-
-
 def segments(
     path: str | Path, *, to: str | Path | None = None, set_file: str | Path | None = None, layer: str | None = None
 ) -> SegmentsResult:
@@ -88,7 +72,7 @@ def segments(
         file = None if to is None else Path(to).expanduser()
         if file is not None:
             _write(store, file, layer)
-        numbers = [asdict(row) for row in layer_numbers(store) if layer in (None, row.name)]
+        numbers = [asdict(row) for row in store.layer_numbers() if layer in (None, row.name)]
         return SegmentsResult(folder, tuple(numbers), file, notes)
 
 
@@ -107,32 +91,29 @@ def _write(store: Store, file: Path, layer: str | None) -> None:
 
 
 def _set(folder: Path, file: Path) -> tuple[str, ...]:
-    """Replace layers of a dataset; its other files become those of the new folder as they are. Return notes."""
-    with locked(folder):
-        check_out(folder, overwrite=True)
-        with open_store(folder, segments=file) as laid, open_store(folder) as store:
-            augment, lexicons = _recipe(store)
-            of_file = overlay(laid).segments
-            stored_layers: dict[tuple[Any, ...], Layer] = {
-                (layer_id(layer), layer.kind): layer for layer in store.layers
-            }
-            read = [[_with_labels_of(s, stored_layers) for s in segments] for segments in of_file.values()]
-            stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
-            new = {layer_id(s.layer) for segments in stated.values() for s in segments}
-            clips = {
-                split: [
-                    _Clip(clip.id, clip.n_frames, [
-                        *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
-                        *_of_clip(stated, store, clip, augment),
-                    ])
-                    for clip in store if clip.split == split
-                ]
-                for split in store.splits
-            }  # fmt: skip
-            with new_dataset(folder) as out:
-                _link(folder, out, store)
-                _write_dataset(out, store, clips)
-            return (*overlay(laid).notes, *_lost(stated, store))
+    """Replace layers of a dataset. Return notes."""
+    notes: list[str] = []
+
+    def replaced(store: Store) -> dict[str, list[Segment]]:
+        with open_store(folder, segments=file) as laid:
+            of_file = laid.overlay.segments
+            notes.extend(laid.overlay.notes)
+        copies, lexicons = _recipe(store)
+        stored_layers: dict[tuple[Any, ...], Layer] = {(layer_id(layer), layer.kind): layer for layer in store.layers}
+        read = [[_with_labels_of(s, stored_layers) for s in segments] for segments in of_file.values()]
+        stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
+        new = {layer_id(s.layer) for segments in stated.values() for s in segments}
+        notes.extend(_lost(stated, store))
+        return {
+            clip.id: [
+                *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
+                *_of_clip(stated, store, clip, copies),
+            ]
+            for clip in store
+        }
+
+    rewrite_segments(folder, replaced)
+    return tuple(notes)
 
 
 def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
@@ -163,53 +144,25 @@ def layer_id(layer: Layer) -> tuple[str, str, str]:
 
 
 def _of_clip(
-    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, augment: Mapping[str, Copy]
+    stated: Mapping[str, Sequence[Segment]], store: Store, clip: Clip, copies: Mapping[str, Changed]
 ) -> Sequence[Segment]:
     """Return the segments of a file for a clip; of a copy without rows those of its clip, changed like the copy."""
     if clip.id in stated or clip.source not in stated:
         return stated.get(clip.id, ())
-    spec = augment.get(clip.id.removeprefix(f"{clip.source}__"))
-    if spec is None:
+    changed = copies.get(clip.id.removeprefix(f"{clip.source}__"))
+    if changed is None:
         raise UsageError("the segments of a copy cannot be made: what made the copy is not known",
                          where=f"clip {clip.id}", fix="add rows of the copy to the file")  # fmt: skip
     unit = store[clip.source].group or clip.source
-    segments = (spec.segment_of(segment, unit) for segment in stated[clip.source])
+    segments = (changed(segment, unit) for segment in stated[clip.source])
     return [segment for segment in segments if segment is not None]
 
 
-def _recipe(store: Store) -> tuple[Mapping[str, Copy], Sequence[Lexicon]]:
-    """Return the augmentations and lexicons of a dataset's recipe; without them if a plug-in is not installed."""
+def _recipe(store: Store) -> tuple[Mapping[str, Changed], Sequence[Lexicon]]:
+    """Return what changes segments of copies, and lexicons, of a dataset's recipe; none if a plug-in is missing."""
     try:
-        recipe = parse_recipe(store.info.get("recipe", {}))
+        recipe = stored_recipe(store)
     except RecipeError:
         return {}, (ENGLISH,)
     lexicons = dict.fromkeys(lexicon for annotator in recipe.annotators for lexicon in annotator.lexicons)
-    return {copy.name: copy for copy in recipe.augment}, [*lexicons]
-
-
-def _link(folder: Path, out: Path, store: Store) -> None:
-    """Put all files of a dataset into a new folder, except its segments and dataset.json."""
-    written = {DATASET_FILE, SEGMENTS_FILE}
-    for path in folder.iterdir():
-        if path.name in written or not path.is_file() or path.name.startswith(".dancedata"):
-            continue
-        with suppress(OSError):  # a file system without links
-            os.link(path, out / path.name)
-            continue
-        shutil.copyfile(path, out / path.name)
-
-
-def _write_dataset(out: Path, store: Store, clips: Mapping[str, Sequence[_Clip]]) -> None:
-    layers = sorted({s.layer for of_split in clips.values() for clip in of_split for s in clip.segments}, key=repr)
-    document = {key: value for key, value in store.info.items() if key not in ("self_sha256", "layers")}
-    entries = write_segments(out / SEGMENTS_FILE, store, list(clips.values()), layers)
-    counts = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
-    for layer, entry in zip(layers, entries, strict=True):
-        entry["empty"] = max(entry["empty"], counts.get(layer, 0))  # a file of --to does not have those of the build
-    document |= {"layers": entries} if entries else {}
-    document["files"] = {name: entry for name, entry in document["files"].items() if name != SEGMENTS_FILE}
-    path = out / SEGMENTS_FILE
-    if path.exists():
-        document["files"][SEGMENTS_FILE] = {"size": path.stat().st_size, "sha256": sha256_file(path)}
-    document["self_sha256"] = json_sha256(document)
-    write_text(out / DATASET_FILE, dump_json(document))
+    return {copy.name: copy.segment_of for copy in recipe.augment}, [*lexicons]

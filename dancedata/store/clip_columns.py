@@ -101,6 +101,14 @@ class ClipRecord:
         """Id of the clip of the source: of the one that this one is a copy or a slice of."""
         return self.slice_of or self.source or self.id
 
+    @property
+    def recording(self) -> str:
+        """Unit of intervals that the clip, no copy, is of: itself, or what slices or parts of a file share."""
+        if self.slice_of:
+            return self.slice_of
+        is_part = self.source_start is not None or self.source_end is not None
+        return (self.made_of[:12] if is_part else "") or self.id
+
 
 @dataclass(frozen=True)
 class ClipColumn:

@@ -141,9 +141,15 @@ class Clip(ClipRecord):
         UsageError
             For a field without beats, or a dataset without such a field.
         """
-        from dancedata.store.beats import clip_beats
-
-        return clip_beats(self.store, self.id, field)
+        fields = {f.name: f for f in self.store.fields_with("beat")}
+        name = field or next(iter(fields), "")
+        if name not in fields:
+            raise UsageError("no beats are stored" if not field else f"field {field!r} has no beats",
+                             where=str(self.store.path),
+                             allowed=", ".join(fields) or "a dataset with librosa35 or beats")  # fmt: skip
+        lead, rows = self.rows_within(name)
+        seconds = fields[name].beats(rows).seconds + lead / float(fields[name].rate)
+        return np.asarray(seconds.clip(min=0))
 
     def __repr__(self) -> str:
         length = f"{self.n_frames} frames, {float(self.store.grid.seconds(self.n_frames)):.2f} s"

@@ -8,22 +8,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 
+from dancedata.core.clip import FreeColumn, Window
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment, steps_of
+from dancedata.core.segments import LayerNumbers
 from dancedata.core.text import shown
-from dancedata.execution.addresses import Origin, local_folder, origin_of
+from dancedata.files.addresses import Origin, local_folder, origin_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_choice import clips_with, require_where
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset_json import REBUILD, stated_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
-from dancedata.store.queries import reference
 from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
+from dancedata.store.stats import train_quantiles
 
 _KINDS = ("minmax", "zscore", "zscore_grouped")
 
@@ -75,7 +79,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     store = Store(folder, description, listed)
     store._mapped = mapped
     if files:
-        store._overlay = SegmentOverlay.read(
+        store.overlay = SegmentOverlay.read(
             [Path(f).expanduser() for f in files], store._description.self_sha256, store._seconds_of
         )
     return store
@@ -103,12 +107,14 @@ class Store(SegmentQueries):
         The motion's skeleton.
     info
         dataset.json.
+    overlay
+        Segments of files that were named when the dataset was opened, and notes on them.
     """
 
     _mapped = True
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return reopen, (*reference(self), self._overlay, self._mapped)
+        return reopen, (*self.reference, self.overlay, self._mapped)
 
     def __repr__(self) -> str:
         return f"Store({str(self.path)!r}, splits={self.splits}, fields={tuple(self.fields)}, fps={self.fps})"
@@ -179,6 +185,25 @@ class Store(SegmentQueries):
         """stats.json: per field, over the rows that train windows cover."""
         return self._side_files.stats
 
+    def quantiles(self, field: str, q: Sequence[float]) -> npt.NDArray[np.float64]:
+        """Return quantiles of the columns of a field over the rows that train windows cover, (len(q), D).
+
+        By linear interpolation; UsageError for codes, StoreError where no train window has rows of the field.
+        """
+        return train_quantiles(self, self.field(field), q)
+
+    def free_columns(self) -> tuple[FreeColumn, ...]:
+        """Return the free columns of the table of clips in numbers, by name."""
+        from dancedata.store.free_columns import free_columns
+
+        return free_columns(self, self.clips())
+
+    def layer_numbers(self) -> tuple[LayerNumbers, ...]:
+        """Return the numbers of each layer of segments, in the order of `layers`."""
+        from dancedata.store.segment_numbers import layer_numbers
+
+        return layer_numbers(self)
+
     def __len__(self) -> int:
         """Return the number of clips."""
         return self._tables.n_clips
@@ -220,6 +245,12 @@ class Store(SegmentQueries):
         from dancedata.store.tables_out import table_of
 
         return table_of(self, self.clips(), table)
+
+    def table_row(self, of: ClipRecord | Window) -> dict[str, Any]:
+        """Return the row of a clip or a window in its table, see `to_pandas`."""
+        from dancedata.store.tables_out import clip_row, window_row
+
+        return window_row(self, self[of.clip].split, of) if isinstance(of, Window) else clip_row(self, of)
 
     def scaler(
         self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax", covers: Augment = ()
@@ -276,7 +307,7 @@ class Store(SegmentQueries):
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
     store = open_store(path, mapped=mapped)
-    store._overlay = overlay or store._overlay
+    store.overlay = overlay or store.overlay
     if store._description.self_sha256 != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")
     return store

@@ -13,22 +13,15 @@ import numpy as np
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, self_hash
-from dancedata.core.segments import Layer
+from dancedata.core.segments import Layer, layer_of
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted, shown
-from dancedata.execution.addresses import origin_of
+from dancedata.files.addresses import origin_of
 from dancedata.files.atomic import PREFIX
+from dancedata.files.listing import FileEntry
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.store.schema import (
-    DATASET_FILE,
-    FORMAT,
-    PUBLICATION_FILE,
-    TABLES_FILE,
-    Field,
-    is_shard_name,
-    layer_of,
-)
+from dancedata.store.schema import DATASET_FILE, FORMAT, PUBLICATION_FILE, TABLES_FILE, Field, is_shard_name
 
 REBUILD = "build the dataset again"
 #: Largest dataset.json and stats.json, bytes.
@@ -42,15 +35,6 @@ _LARGE = 1e300
 _MAX_PERIOD = 1 << 31
 #: Largest rejects.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28
-
-
-@dataclass(frozen=True)
-class FileEntry:
-    """Size and hash of a file in dataset.json."""
-
-    file: str
-    size: int
-    sha256: str
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,15 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.system import open_file
 from dancedata.core.text import shown
-from dancedata.execution.addresses import origin_of, require_file
-from dancedata.execution.cache_files import mark_in_use
+from dancedata.files.addresses import origin_of, require_file
+from dancedata.files.cache_files import mark_in_use
+from dancedata.files.listing import FileEntry
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     MAX_LINES_BYTES,
     REBUILD,
     Description,
-    FileEntry,
     json_rejects,
     json_stats,
     load_description,

@@ -15,7 +15,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation, SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
-from dancedata.store.queries import fields_with
 from dancedata.store.row_queries import RowQueries
 
 #: End of the name of a field with the motion as it was before the recipe's repairs.
@@ -83,7 +82,7 @@ def sample_field(store: RowQueries, name: str) -> SampleField:
 def stored_representations(store: RowQueries) -> dict[str, Representation]:
     """Return the plug-in of each motion field for which one is installed, in the order of the dataset."""
     representations = {}
-    for field in fields_with(store, kind="motion"):
+    for field in store.fields_with(kind="motion"):
         with suppress(UsageError):  # `stored_representation` of this field raises the reason
             recipe = store.info.get("recipe")
             representations[field.name] = stored_representation(recipe, field.name, field.columns)

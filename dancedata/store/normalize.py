@@ -6,7 +6,7 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,6 @@ from dancedata.core.text import listed, shown
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
 
-#: Columns of float32 with a smaller range count as constant: 10 float32 eps, as in scikit-learn and EDGE.
-CONSTANT_RANGE = 10 * float(np.finfo(np.float32).eps)
 Kind = Literal["minmax", "zscore"]
 #: Names of the two numbers of each column, in its file.
 _NUMBERS: Mapping[str, tuple[str, str]] = {"minmax": ("data_min", "data_max"), "zscore": ("mean", "std")}
@@ -98,6 +96,9 @@ class Scaler:
     mean: npt.NDArray[np.float64]
     std: npt.NDArray[np.float64]
 
+    #: Columns of float32 with a smaller range count as constant: 10 float32 eps, as in scikit-learn and EDGE.
+    CONSTANT_RANGE: ClassVar[float] = 10 * float(np.finfo(np.float32).eps)
+
     def __init__(
         self,
         kind: Kind,
@@ -130,7 +131,7 @@ class Scaler:
         self.data_range = high - low if ranges else high
         step = 10 * float(np.finfo(np.float16).eps) if self.dtype == np.float16 else 0.0
         magnitude = np.maximum(np.abs(low), np.abs(high)) if ranges else np.abs(low)
-        self.constant = np.asarray(self.data_range < np.maximum(CONSTANT_RANGE, step * magnitude))
+        self.constant = np.asarray(self.data_range < np.maximum(self.CONSTANT_RANGE, step * magnitude))
         safe = np.where(self.constant, 1.0, self.data_range)
         self.scale = 2.0 / safe if ranges else 1.0 / safe
         self.offset = -1.0 - low * self.scale if ranges else -low * self.scale

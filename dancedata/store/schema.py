@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import numpy.typing as npt
 
+from dancedata.core.clip import SPLIT_ORDER, check_name, is_name
 from dancedata.core.codebook import Codebook, DType
-from dancedata.core.columns import Columns
+from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
-from dancedata.core.segments import Layer
+from dancedata.core.registry import beat_rows_late
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import listed, quoted
+
+if TYPE_CHECKING:
+    from dancedata.core.dance import MusicBeats
 
 #: Version of the layout.
 FORMAT = 3
 #: Every dataset's bytes start at a multiple of this, so that a mapped file gives aligned arrays.
 ALIGNMENT = 64
-#: The order in which splits are listed; others follow by name.
-SPLIT_ORDER = ("train", "val", "test")
 DATASET_FILE = "dataset.json"
 STATS_FILE = "stats.json"
 REJECTS_FILE = "rejects.jsonl"
@@ -38,11 +41,12 @@ LOCAL_FILE = "local.json"
 PUBLICATION_FILE = "publication.json"
 SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*\Z")
 _SHARD = re.compile(r"(.+-\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 
 Kind = Literal["motion", "keymotion", "audio", "scene"]
 _KINDS = ("motion", "keymotion", "audio", "scene")
+#: The column of beats without the others.
+_BEAT_ALONE = Columns((Group("beat", 1, "0/1"),), None)
 _DTYPES = {"real": ("float32", "float16"), "code": ("int16", "int32", "uint8")}
 
 
@@ -104,6 +108,15 @@ class Field:
         """Bytes of one row."""
         return self.columns.width * np.dtype(self.dtype).itemsize
 
+    def beats(self, rows: npt.NDArray[Any]) -> MusicBeats:
+        """Return the beats of rows (T, D) of the field, or of its column of beats alone (T,), at their instants."""
+        from dancedata.core.dance import MusicBeats
+
+        late = beat_rows_late(self.name)
+        if rows.ndim == 1:
+            return MusicBeats.of_rows(rows[:, None], _BEAT_ALONE, self.grid, late=late)
+        return MusicBeats.of_rows(rows, self.columns, self.grid, late=late)
+
     @cached_property
     def grid(self) -> FrameGrid:
         """The grid of the rows."""
@@ -127,7 +140,7 @@ class Field:
         """Read an entry that `to_json` gave; ValueError for anything else."""
         values = "code" if "codebook" in obj else "real"
         is_supported = obj["kind"] in _KINDS and obj["dtype"] in _DTYPES[values]
-        if not is_supported or not isinstance(obj["name"], str) or not _NAME.match(obj["name"]):
+        if not is_supported or not is_name(obj["name"]):
             raise ValueError(f"a field {quoted(obj['name'])}, {quoted(obj['kind'])} of {quoted(obj['dtype'])}")
         columns = Columns.from_json(obj["columns"])
         return cls(
@@ -217,13 +230,6 @@ class StoreHeader:
                              fix="choose a window length that is a multiple of both periods")  # fmt: skip
 
 
-def check_name(name: str, what: str) -> None:
-    """Raise StoreError unless `name` can be part of a file name and of an HDF5 path."""
-    if not _NAME.match(name):
-        raise StoreError(f"not a valid name for a {what}", found=quoted(name),
-                         allowed="ASCII letters, digits and _ . + -, beginning with a letter or digit")  # fmt: skip
-
-
 def sort_splits(splits: set[str]) -> tuple[str, ...]:
     """Sort splits into their fixed order: train, val, test, then others by name."""
     standard = [s for s in SPLIT_ORDER if s in splits]
@@ -238,25 +244,3 @@ def shard_name(split: str, number: int, total: int) -> str:
 def is_shard_name(name: str) -> bool:
     """Whether `name` is that of a shard, or of the tables or segments."""
     return _SHARD.match(name) is not None
-
-
-def slice_name(clip: str, index: int) -> str:
-    """Return the name of a window in EDGE's files, and the id of a slice."""
-    return f"{clip}_slice{index}"
-
-
-def layer_json(layer: Layer, rows: int, empty: int) -> dict[str, Any]:
-    """Return the entry of a layer in dataset.json: `rows` segments, and `empty` ones that cover no frame."""
-    mirror = [list(pair) for pair in layer.mirror]
-    return {**asdict(layer), "units": dict(layer.units), "mirror": mirror, "rows": rows, "empty": empty}
-
-
-def layer_of(entry: Mapping[str, Any]) -> Layer:
-    """Read what `layer_json` returned; KeyError or ValueError for anything else."""
-    kind, sided = entry["kind"], entry["sided"]
-    if kind not in ("span", "instant") or sided not in ("no", "mirrored", "unknown"):
-        raise ValueError(f"a layer of kind {kind!r}, sided {sided!r}")
-    texts = {name: str(entry[name]) for name in ("name", "language", "author", "licence", "citation", "by")}
-    units = tuple((str(label), str(unit)) for label, unit in entry["units"].items())
-    mirror = tuple((str(a), str(b)) for a, b in entry["mirror"])
-    return Layer(kind=kind, sided=sided, units=units, mirror=mirror, **texts)

@@ -26,7 +26,7 @@ class SegmentQueries(RowQueries):
     @cached_property
     def layers(self) -> tuple[Layer, ...]:
         """Layers of segments, by their numbers; those of laid-over files are the last."""
-        return self._description.layers + self._overlay.layers
+        return self._description.layers + self.overlay.layers
 
     @overload
     def segments(self, of: str | ClipRecord, layer: str | None = None) -> list[Segment]: ...
@@ -50,7 +50,7 @@ class SegmentQueries(RowQueries):
         clip_id = of.id if isinstance(of, ClipRecord) else of
         table, row = self._segment_table, self._row(clip_id)
         stored = [] if table is None else segments_of(table, table.rows_of(row), self.layers, self._tables.ids)
-        segments = self._overlay.over(clip_id, stored)
+        segments = self.overlay.over(clip_id, stored)
         return [segment for segment in segments if layer in (None, segment.layer.name)]
 
     def _segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
@@ -82,7 +82,7 @@ class SegmentQueries(RowQueries):
     def _placed(self, row: int, window: Window, layer: str | None) -> list[PlacedRow]:
         tables, table = self._tables, self._segment_table
         clip = tables.ids[row]
-        if clip in self._overlay.segments:
+        if clip in self.overlay.segments:
             n_frames = int(tables.n_frames[row])
             in_window = [
                 PlacedRow.of_segment(s, *s.frames(self.grid, n_frames), window) for s in self.segments(clip, layer)

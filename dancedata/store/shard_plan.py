@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.clip import check_name
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
-from dancedata.store.schema import Field, StoreHeader, check_name, shard_name, sort_splits
+from dancedata.store.schema import Field, StoreHeader, shard_name, sort_splits
 from dancedata.store.stored_clip import AudioBlock, LazyArray, StoredClip, check_clip
 from dancedata.store.window_list import IntArray
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
+from dancedata.core.clip import union_find
 from dancedata.core.text import listed
 from dancedata.store.clip_columns import ClipRecord
 
@@ -36,18 +37,8 @@ def songs_of(clips: Sequence[ClipRecord]) -> dict[str, str]:
         pairs = (("name", origin.music), ("", music_hash(origin)))
         keys[clip.id] = [(kind, value) for kind, value in pairs if value]
     names: dict[tuple[str, str], str] = {}
-    for group in joined_sets(keys.values()):
+    for group in union_find(keys.values()):
         first, *others = sorted(value for kind, value in group if kind) or sorted(value for _, value in group)
         label = f"{first} (also {listed(others, 3)})" if others else first
         names |= dict.fromkeys(group, label)
     return {clip: names[of_clip[0]] for clip, of_clip in keys.items() if of_clip}
-
-
-def joined_sets(groups: Iterable[Iterable[T]]) -> list[set[T]]:
-    """Join groups that share a member; scipy's DisjointSet takes half a second to import."""
-    joined: dict[T, set[T]] = {}
-    for group in groups:
-        members = set(group)
-        members.update(*(joined[member] for member in members & joined.keys()))
-        joined |= dict.fromkeys(members, members)
-    return list({id(members): members for members in joined.values()}.values())

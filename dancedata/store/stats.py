@@ -1,7 +1,7 @@
 """stats.json: statistics of the rows that train windows cover, per field and column, in one pass over the shards."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from hashlib import sha256
 from itertools import groupby, pairwise
@@ -22,6 +22,8 @@ from dancedata.store.window_list import IntArray
 _MOST_COUNTS = 65_536
 #: Rows of a clip that are read at a time.
 _ROWS = 1 << 12
+#: Values in memory at a time, of quantiles.
+_VALUES = 1 << 24
 
 
 class Block(NamedTuple):
@@ -89,6 +91,19 @@ def train_masks(store: RowQueries, f: Field) -> Iterator[tuple[int, npt.NDArray[
     for number, (starts, n_rows, _) in enumerate(train_rows(store, f, hashed=False) if "train" in splits else ()):
         [block] = covered([(starts, n_rows, [(number, 0, n_rows)])], length)
         yield splits["train"].shards.start + number, block.counts > 0
+
+
+def train_quantiles(store: RowQueries, f: Field, q: Sequence[float]) -> npt.NDArray[np.float64]:
+    """Return quantiles of the columns of a field over its `train_rows`, (len(q), D), by linear interpolation."""
+    readers, length = store._shards("train"), store.grid.rows(store._tables.window_length, of=f.grid)
+    blocks = covered(train_rows(store, f), length)
+    step = max(1, _VALUES // max(1, sum(int(block.counts.sum()) for block in blocks)))
+    parts = []
+    for left in range(0, f.columns.width, step):
+        rows = _rows(blocks, lambda k: nullcontext(partial(readers[k].rows, f.name)))
+        values = np.concatenate([part[:, left : left + step] for part in rows]) + np.float64(0)  # no -0.0
+        parts.append(np.quantile(values, q, axis=0, overwrite_input=True))
+    return np.concatenate(parts, axis=1)
 
 
 def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[ShardRows]:

@@ -1,5 +1,6 @@
 """The fields, tables and files of an open store."""
 
+import os
 from collections.abc import Mapping
 from fractions import Fraction
 from functools import cached_property
@@ -7,17 +8,23 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from dancedata.core.columns import Columns
-from dancedata.core.errors import UsageError, did_you_mean, nearest
+from dancedata.core.errors import DanceDataError, UsageError, did_you_mean, nearest
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
+from dancedata.files.strict_json import read_json
 from dancedata.store.dataset_json import Description, SplitRows
 from dancedata.store.listed_file import ListedFile, SideFiles
-from dancedata.store.schema import SEGMENTS_FILE, TABLES_FILE, Field, sort_splits
+from dancedata.store.schema import LOCAL_FILE, SEGMENTS_FILE, TABLES_FILE, Field, Kind, sort_splits
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.table_file import SegmentTable, read_segments, read_tables
 from dancedata.store.tables import Tables
+
+#: Largest local.json: a path.
+_MAX_LOCAL = 1 << 16
 
 
 class StoreTables:
@@ -37,7 +44,7 @@ class StoreTables:
         self._side_files = SideFiles(path, description)
         self._files = files
         self._shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
-        self._overlay = SegmentOverlay()
+        self.overlay = SegmentOverlay()
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
@@ -45,6 +52,58 @@ class StoreTables:
             fix = did_you_mean(str(name), self._fields)
             raise UsageError(f"no field named {shown(name)!r}", where=str(self.path), fix=fix)
         return self._fields[name]
+
+    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
+        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
+        fields = (f for f in self._fields.values() if f.kind == kind)
+        return tuple(f for f in fields if set(groups) <= set(f.columns.names))
+
+    @property
+    def optional_fields(self) -> tuple[str, ...]:
+        """Names of the fields that a clip may not have."""
+        return tuple(name for name, field in self._fields.items() if field.optional)
+
+    @property
+    def required_fields(self) -> tuple[str, ...]:
+        """Names of the fields that every clip has."""
+        return tuple(name for name, field in self._fields.items() if not field.optional)
+
+    @property
+    def slice_length(self) -> int | None:
+        """Frames of the slices, see `ClipRecord.slice_of`; None where clips are whole."""
+        tables = self._tables
+        return int(tables.n_frames[0]) if "slice_of" in tables.columns else None
+
+    @property
+    def group_sizes(self) -> dict[str, int]:
+        """Number of dancers that each group has in the source, stored or not."""
+        groups = self._tables.groups
+        return dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
+
+    @property
+    def free_types(self) -> dict[str, str]:
+        """Types of the free columns, by name with the prefix: "x/level"."""
+        return dict(self._tables.types)
+
+    @property
+    def reference(self) -> tuple[str, str]:
+        """Arguments of `reopen`: the path, and a hash of dataset.json."""
+        return str(self.path), self._description.self_sha256
+
+    @property
+    def reader_name(self) -> str:
+        """Name of the reader that the dataset was built with; "" where it has no recipe."""
+        return str(next(iter(self.info.get("recipe", {}).get("dataset", {})), ""))
+
+    @property
+    def source_folder(self) -> Path | None:
+        """Folder that the dataset was built from on this machine; None where it is unknown, or has moved."""
+        try:
+            place = read_json(self.path / LOCAL_FILE, _MAX_LOCAL)["source"]
+            folder = Path(os.path.normpath(self.path.absolute() / place))
+        except (OSError, ValueError, LookupError, TypeError, DanceDataError):
+            return None
+        return folder if folder.is_dir() else None
 
     @property
     def licences(self) -> tuple[Licence, ...]:

@@ -13,16 +13,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dancedata.core.clip import check_name
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.licence import Licence
-from dancedata.core.segments import Layer
+from dancedata.core.segments import Layer, layer_json
 from dancedata.files.atomic import atomic_file
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE, ClipColumn
 from dancedata.store.columns import MAX_ROWS, MISSING, checked, free_kind, write_column
 from dancedata.store.hdf5 import SparseFile
-from dancedata.store.schema import FORMAT, SEGMENTS_FILE, TABLES_FILE, StoreHeader, check_name, layer_json
+from dancedata.store.schema import FORMAT, SEGMENTS_FILE, TABLES_FILE, StoreHeader
 from dancedata.store.segments import SegmentedClip, SegmentRow, segment_rows
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import StoredClip

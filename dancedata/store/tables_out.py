@@ -11,7 +11,6 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.core.text import shown
 from dancedata.store.clip_columns import FREE, ClipRecord
-from dancedata.store.queries import optional_fields, required_fields
 from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
@@ -25,26 +24,21 @@ def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> D
     pandas = load("pandas", "pandas", what="to_pandas")
     rows = list(_TABLES[name](store, clips))
     frame: DataFrame = pandas.DataFrame.from_records(rows, columns=None if rows else _EMPTY[name])
-    for column, kind in free_types(store).items() if name == "clips" and rows else ():
+    for column, kind in store.free_types.items() if name == "clips" and rows else ():
         values = [row[column] for row in rows]
         if kind == "int" and None in values:  # pandas would make them float64, which has 53 bits
             frame[column] = pandas.array(values, dtype="Int64")
     return frame
 
 
-def free_types(store: SegmentQueries) -> dict[str, str]:
-    """Return the types of the free columns, by name with the prefix."""
-    return dict(store._tables.types)
-
-
-def clip_row(store: SegmentQueries, clip: ClipRecord, free: Iterable[str]) -> dict[str, Any]:
-    """Return a clip's row of the table of clips; `free` has the names of the free columns."""
+def clip_row(store: SegmentQueries, clip: ClipRecord) -> dict[str, Any]:
+    """Return a clip's row of the table of clips."""
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     names = [each.name for each in fields(ClipRecord) if each.name not in {*row, "columns"}]
     row |= {name: _plain(getattr(clip, name)) for name in names}
     row["licence"] = _licence(store, clip)
-    row |= {"without": list(store._without(clip.id, store.fields))} if optional_fields(store) else {}
-    return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in free}
+    row |= {"without": list(store._without(clip.id, store.fields))} if store.optional_fields else {}
+    return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in store._tables.types}
 
 
 def _licence(store: SegmentQueries, clip: ClipRecord) -> str:
@@ -59,12 +53,11 @@ def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, A
 
 
 def _clips(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
-    free = free_types(store)
-    return (clip_row(store, clip, free) for clip in clips)
+    return (clip_row(store, clip) for clip in clips)
 
 
 def _windows(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
-    fields = required_fields(store)  # windows of clips without an optional field as well
+    fields = store.required_fields  # windows of clips without an optional field as well
     return (
         window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
     )

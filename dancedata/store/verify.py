@@ -10,7 +10,7 @@ import numpy as np
 
 from dancedata.core.errors import StoreError
 from dancedata.core.text import listed, shown
-from dancedata.execution.addresses import local_folder, origin_of, require_whole
+from dancedata.files.addresses import local_folder, origin_of, require_whole
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord

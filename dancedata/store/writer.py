@@ -12,7 +12,7 @@ from typing import Any
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.files.atomic import write_text
+from dancedata.files.atomic import dump_json, dump_lines, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.schema import (
     CARD_FILE,
@@ -126,16 +126,6 @@ def _check_folder(out: Path) -> None:
     if (out / DATASET_FILE).exists():
         raise StoreError("the folder holds a finished dataset already", where=str(out),
                          fix="write to another folder, or remove it first")  # fmt: skip
-
-
-def dump_json(obj: Any) -> str:
-    """Return indented JSON: UTF-8, keys in the order given, no NaN."""
-    return json.dumps(obj, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def dump_lines(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return one JSON object per line, keys sorted."""
-    return "".join(json.dumps(dict(row), ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n" for row in rows)
 
 
 def _describe(header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan) -> dict[str, Any]:

@@ -22,8 +22,6 @@ import numpy.typing as npt
 
 from dancedata.audio.hf.feature import HuggingFace
 from dancedata.audio.jukebox.feature import Jukebox
-from dancedata.building.left_out import BY_CHOICE
-from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.building.transforms.copy import Copy
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.bodies import SMPLX55
@@ -41,15 +39,20 @@ from dancedata.core.plugins import (
     WindowFilter,
 )
 from dancedata.core.registry import (
+    ANNOTATORS,
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
     FEATURES,
+    FIELDS,
     FILTERS,
     KEYMOTIONS,
     METRICS,
     REPRESENTATIONS,
+    RULES,
+    TRANSFORMS,
 )
+from dancedata.core.rejects import BY_CHOICE
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS

@@ -71,8 +71,8 @@ def recipe_with(*, dataset: str, skeleton: Skeleton = SMPL24, keys: Mapping[str,
 
 
 def _check_scan(scan: Scan, *, has_audio: bool) -> None:
+    from dancedata.core.clip import check_name
     from dancedata.music.signal import load_audio
-    from dancedata.store.schema import check_name
 
     ids = [c.id for c in scan.clips]
     require(len(ids) >= 2, "the example has two clips or more")

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building import plugins as building
 from dancedata.core.columns import Columns, Group
 from dancedata.core.dance import OUTCOMES, Dance, Undefined
 from dancedata.core.draw import Draw
@@ -148,7 +147,7 @@ def check_plugin(cls: type[Any]) -> None:
     described = "\n".join(inspect.getdoc(base) or "" for base in cls.__mro__)  # a base may add fields
     for field in dataclasses.fields(cls):
         require(re.search(rf"^{field.name}\b", described, re.M) is not None, f"the docstring describes {field.name}")
-    from dancedata.building.documents import document_of
+    from dancedata.files.documents import document_of
     from dancedata.recipes.plugins import make_plugin, one_of
 
     problems: list[str] = []
@@ -165,7 +164,7 @@ def check_plugin(cls: type[Any]) -> None:
 
 def registry_of(cls: type[Any]) -> Registry[Any]:
     """Return the registry that a plug-in is in; AssertionError if it is in none."""
-    for registry in (*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS):
+    for registry in (*REGISTRIES.values(), EXPORTS):
         if cls in (registry.get(name) for name in registry.names()):
             return registry
     raise AssertionError(f"expected: {cls.__name__} is registered")

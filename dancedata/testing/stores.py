@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.clip import slice_name
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import WindowGrid
 from dancedata.core.skeleton import SMPL24
-from dancedata.store.schema import Field, StoreHeader, slice_name
+from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 

@@ -16,7 +16,6 @@ from dancedata.store.clip_columns import FREE
 from dancedata.store.columns import MISSING
 from dancedata.store.dataset import Store
 from dancedata.store.tables import Tables
-from dancedata.store.tables_out import free_types
 
 #: End of the details of rejects.
 ASKED = "as where= asks for"
@@ -48,7 +47,7 @@ def require_columns(
     Raises UsageError: for an unknown column, and clips without a value.
     """
     names = (columns,) if isinstance(columns, str) else tuple(columns)
-    types = free_types(store)
+    types = store.free_types
     for name in names:
         if name not in types:
             fix = did_you_mean(str(name), list(types)) if types else "build with free columns, x/NAME"
@@ -68,6 +67,6 @@ def require_columns(
 
 def value_of(store: Store, columns: Mapping[str, Any], name: str) -> Any:
     """Return the value of a free column in a sample: "", nan or [] where a clip has no text, number or list."""
-    kind = free_types(store)[name]
+    kind = store.free_types[name]
     value = columns.get(name.removeprefix(FREE), MISSING[kind])
     return list(value) if isinstance(value, tuple) else value

@@ -12,7 +12,6 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import beat_rows_late
 from dancedata.store.dataset import Store
-from dancedata.store.queries import fields_with
 from dancedata.store.schema import Field
 from dancedata.store.window_list import IntArray, WindowList
 
@@ -41,7 +40,7 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
     """Return the first field with both labels; None without one, or if a field has the name of a label."""
     if set(LABELS) & set(fields):
         return None
-    for field in _preferred(fields_with(store, *LABELS), fields):
+    for field in _preferred(store.fields_with(*LABELS), fields):
         if field.name in fields:
             return BeatLabels(field.name, tuple(field.columns.slice(label).start for label in LABELS))
     return None
@@ -96,7 +95,7 @@ def estimated_tempo(store: Store, clip: str, fields: Sequence[str]) -> float:
     Times that differ from the median by more than a quarter, where a beat was missed, do not count. The beats are
     those that `beat_starts` takes; nan without two that follow each other.
     """
-    if not fields_with(store, "beat"):
+    if not store.fields_with("beat"):
         return math.nan
     beats = _field_with(store, "beat", fields)
     column = beats.columns.slice("beat").start
@@ -117,7 +116,7 @@ def _preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field
 
 
 def _field_with(store: Store, group: str, fields: Sequence[str]) -> Field:
-    for field in _preferred(fields_with(store, group), fields):
+    for field in _preferred(store.fields_with(group), fields):
         return field
     raise UsageError(f"no field of the dataset has the column {group}", where=str(store.path),
                      found=f"fields {', '.join(store.fields)}",

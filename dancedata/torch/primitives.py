@@ -12,7 +12,6 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import PRIMITIVES, PrimitiveFinder
 from dancedata.core.registry import PRIMITIVE_FINDERS
 from dancedata.store.dataset import Store
-from dancedata.store.queries import fields_with
 from dancedata.torch.options import Primitives, Variant, clash
 
 
@@ -62,7 +61,7 @@ def primitive_spec(
     if length % asked.n:
         raise clash(f"windows of {length} frames", asked, "a window is a whole number of local segments")
     whole_window = length == asked.n
-    names = [f.name for f in fields_with(store, kind="keymotion")]
+    names = [f.name for f in store.fields_with(kind="keymotion")]
     reads = asked.variant == "paper" and not whole_window
     if reads and not names:
         raise UsageError("the store does not hold key motions", where=str(store.path),

@@ -20,7 +20,7 @@ from dancedata.core.sample_id import SampleId, id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.execution.addresses import fetch_soon
+from dancedata.files.addresses import fetch_soon
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler

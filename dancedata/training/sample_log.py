@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
+from dancedata.core.arguments import as_numpy
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.text import counted
 from dancedata.files import atomic
 from dancedata.files.atomic import require_free
-from dancedata.kernel import as_numpy
 from dancedata.training.sample_page import Generated, sample_page
 
 if TYPE_CHECKING:

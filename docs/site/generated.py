@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.plugins import ANNOTATORS, RULES, TRANSFORMS
 from dancedata.cli.plugins import documented
 from dancedata.core.registry import (
+    ANNOTATORS,
     AUGMENTATIONS,
     CONTACTS,
     DATASETS,
@@ -24,6 +24,8 @@ from dancedata.core.registry import (
     FILTERS,
     KEYMOTIONS,
     REPRESENTATIONS,
+    RULES,
+    TRANSFORMS,
     Registry,
 )
 from dancedata.core.resources import resources

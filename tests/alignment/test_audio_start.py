@@ -33,7 +33,6 @@ from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.pieces import ClipReader
 from dancedata.scene.scenes import Scenes
 from dancedata.store import Store, verify_store
-from dancedata.store.beats import field_beats
 from dancedata.store.songs import songs_of
 from dancedata.synthetic import synthesise_song
 from dancedata.torch import Scale, WindowDataset
@@ -217,7 +216,7 @@ def test_beats_of_music_files_are_counted_from_frame_0(
         found[name] = music["a"].beats.seconds
     within = found["files"][found["files"] < SECONDS - 0.1]
     np.testing.assert_allclose(within, found["store"][found["store"] < SECONDS - 0.1], atol=1e-9)
-    heard = field_beats(rows_of(song), store.field("librosa35")).seconds - float(Fraction(start))
+    heard = store.field("librosa35").beats(rows_of(song)).seconds - float(Fraction(start))
     if Fraction(start) * 30 % 1 == 0:
         np.testing.assert_allclose(found["files"], heard[heard >= 0], atol=1e-9)
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 import dancedata
 from dancedata.audio import _bailando
 from dancedata.audio.bailando438 import Bailando438
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.music.samples import pcm16, resample
+from dancedata.music.samples import resample
 from dancedata.recipes.parse import parse_recipe
 from tests.conftest import DATA, HAS_SHARED, Arrays, unpack
 from tests.features import assert_within

@@ -20,9 +20,8 @@ from dancedata.audio.librosa35.feature import Librosa35, _log_once
 from dancedata.audio.librosa35.filters import filter_bank
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.librosa35.tuning import N_TUNINGS
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.grid import FrameGrid
-from dancedata.music.samples import pcm16
 from dancedata.music.signal import load_audio
 from dancedata.synthetic import synthesise_song
 from tests.features import assert_within

@@ -8,10 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.feature import Librosa35, _log_once
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.music.samples import pcm16
 from tests.messages import raises_message
 
 GRID = FrameGrid.of(30)

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.core.audio_signal import pcm16
 from dancedata.core.grid import FrameGrid
-from dancedata.music.samples import pcm16
 from dancedata.music.signal import load_audio
 from tests.features import assert_within
 

@@ -9,8 +9,9 @@ import pytest
 import soundfile
 from numpy.typing import NDArray
 
+from dancedata.core.audio_signal import pcm16, resampled_length
 from dancedata.core.errors import DataError
-from dancedata.music.samples import pcm16, resample, resampled_length
+from dancedata.music.samples import resample
 from dancedata.music.signal import audio_length, load_audio
 from tests.messages import raises_message
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import soundfile
 
-from dancedata.building.implausible import describe_implausible
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
+from dancedata.core.implausible import describe_implausible
 from dancedata.core.quality import OF_MUSIC, music_flags
 from dancedata.music.ffmpeg import ffmpeg_version, find_ffmpeg
 from dancedata.music.signal import audio_length, load_audio

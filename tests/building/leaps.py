@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.building.fields.motion import SceneField
-from dancedata.building.plugins import ANNOTATORS, FIELDS, RULES, TRANSFORMS, Annotator, Seen, WindowRule
+from dancedata.building.plugins import Annotator, Seen, WindowRule
 from dancedata.building.take import Scene, Take, Transform
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.motion import Motion
+from dancedata.core.registry import ANNOTATORS, FIELDS, RULES, TRANSFORMS
 from dancedata.core.segments import Layer, Segment
 
 

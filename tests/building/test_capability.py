@@ -13,7 +13,7 @@ import yaml
 import dancedata
 from dancedata.building.fields.key_motion import KeyMotionField
 from dancedata.building.fields.motion import RepresentationField, SceneField
-from dancedata.building.plugins import ANNOTATORS, FIELDS, TRANSFORMS, Seen
+from dancedata.building.plugins import Seen
 from dancedata.building.result import Result, Rows
 from dancedata.building.spine import expand
 from dancedata.building.take import Take, Transform
@@ -24,7 +24,7 @@ from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugin_files import FILE_KEY
-from dancedata.core.registry import DATASETS, REPRESENTATIONS
+from dancedata.core.registry import ANNOTATORS, DATASETS, FIELDS, REPRESENTATIONS, TRANSFORMS
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, verify_store
 from tests.messages import raises_message
@@ -196,7 +196,8 @@ def test_a_build_notices_that_a_file_of_a_transform_has_changed(tmp_path: Path) 
 def test_an_error_in_a_plugin_names_it_and_what_was_made(tmp_path: Path, plugin: str, key: str, where: str) -> None:
     (tmp_path / "none.py").write_text(
         "from dataclasses import dataclass\n"
-        "from dancedata.building.plugins import RULES, TRANSFORMS, WindowRule\n"
+        "from dancedata.building.plugins import WindowRule\n"
+        "from dancedata.core.registry import RULES, TRANSFORMS\n"
         "from dancedata.building.take import Transform\n"
         f"@{key.upper()}.register('nothing')\n@dataclass(frozen=True)\n"
         f"class Nothing({'Transform' if key == 'transforms' else 'WindowRule'}):\n"

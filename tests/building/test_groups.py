@@ -23,7 +23,6 @@ from dancedata.core.registry import AUGMENTATIONS, DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.store import Store, verify_store
-from dancedata.store.queries import group_sizes
 from dancedata.torch import GroupDataset
 from tests.messages import raises_message
 from tests.takes import keys_of, take_of
@@ -152,7 +151,7 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
     kept = build(source, tmp_path / "kept", cache, groups={"incomplete": "keep"})
     assert {row["clip"]: row["reason"] for row in kept.rejects} == {"a_p1": "nan"}
     assert [c.member for c in kept.clips() if c.group == "a"] == [0, 2]
-    assert list(group_sizes(kept).values()) == [3, 2]
+    assert list(kept.group_sizes.values()) == [3, 2]
     # Without the bad dancer from the start, the rows are the same.
     alone = {key: value[[0, 2]] for key, value in np.load(source / "a.npz").items()}
     write(tmp_path / "without", "a", 2, **alone)

@@ -8,7 +8,7 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.building.signals import SignalId, identify_audio, known_signal
+from dancedata.building.signals import SignalId, identify_audio
 from dancedata.execution.cache import Cache
 from dancedata.music.ffmpeg import ffmpeg_version
 from dancedata.synthetic import synthesise_motion, synthesise_song
@@ -59,7 +59,7 @@ def test_a_song_is_decoded_again_by_another_ffmpeg(
         signal = identify_audio(cache, tmp_path / name)
         assert isinstance(signal, SignalId)
         assert signal.ffmpeg == ffmpeg
-        assert known_signal(cache, tmp_path / name) == signal
+        assert SignalId.cached(cache, tmp_path / name) == signal
     monkeypatch.setattr("dancedata.music.ffmpeg.ffmpeg_version", lambda: "another")
-    assert known_signal(cache, tmp_path / "a.wav") is None
-    assert known_signal(cache, tmp_path / "b.wav") is not None
+    assert SignalId.cached(cache, tmp_path / "a.wav") is None
+    assert SignalId.cached(cache, tmp_path / "b.wav") is not None

@@ -25,7 +25,6 @@ from dancedata.pages.measure import measure
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.scene.scenes import Scenes
 from dancedata.store import open_store, verify_store, write_store
-from dancedata.store.queries import optional_fields
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.synthetic import synthesise_motion, synthesise_song
@@ -79,7 +78,7 @@ def test_a_clip_that_one_field_cannot_take_is_kept_for_the_others(mixed: Path, c
     assert {row["reason"] for row in ds.rejects} == {"no_field"}
     assert rejects["bvh_1"]["detail"].startswith(f"kept without {FIELD}: the motion has no fingers")
     assert rejects["bvh_1"]["file"] == "a.bvh"
-    assert optional_fields(ds) == (FIELD,)
+    assert ds.optional_fields == (FIELD,)
     # A strict build, and one from the cache alone, are the same.
     again = mixed.parent / "again"
     dancedata.build(RECIPE, captures, again, cache=cache, strict=True)
@@ -268,7 +267,7 @@ def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch
     dancedata.build(recipe, captures, out, cache=tmp_path / "cache", jobs=1, strict=True)
     assert not [p for p in verify_store(out) if p.severity == "error"]
     ds = open_store(out)
-    assert optional_fields(ds) == ("lodge",)
+    assert ds.optional_fields == ("lodge",)
     assert {clip.id for clip in ds if "lodge" not in clip} == WITHOUT
     details = {row["clip"]: row["detail"] for row in ds.rejects if row["reason"] == "no_field"}
     assert set(details) == WITHOUT

@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
-from dancedata.building.left_out import BY_CHOICE, left_out_lines
 from dancedata.cli.app import app
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import self_hash
 from dancedata.core.registry import DATASETS
+from dancedata.core.rejects import BY_CHOICE, left_out_lines
 from dancedata.music.signal import load_audio
 from dancedata.store import Store
 from tests.commands import as_json, run

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.building import plugins as building
 from dancedata.cli.plugins import KINDS, write_plugin
 from dancedata.core.errors import UsageError
 from dancedata.core.registry import REGISTRIES
@@ -23,7 +22,7 @@ from tests.messages import raises_message
 
 def test_every_kind_has_a_template() -> None:
     assert {id(kind.registry) for kind in KINDS.values()} == {
-        id(registry) for registry in (*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS)
+        id(registry) for registry in (*REGISTRIES.values(), EXPORTS)
     }
     text = as_json("init", "x", "--plugin-kind", "nothing", code=2)["fix"]
     assert all(kind in text for kind in KINDS)

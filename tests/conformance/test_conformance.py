@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from dancedata.audio.bailando438 import Bailando438
-from dancedata.building import plugins as building
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Mirror
 from dancedata.core.errors import UsageError
@@ -22,6 +21,7 @@ from dancedata.core.registry import (
     FILTERS,
     REGISTRIES,
     REPRESENTATIONS,
+    RULES,
     Registry,
 )
 from dancedata.core.spatial import Spatial
@@ -30,7 +30,7 @@ from dancedata.testing import conformance
 from tests.features import bailando438_rows
 from tests.messages import raises_message
 
-KINDS = [*REGISTRIES.values(), *building.REGISTRIES.values(), EXPORTS]
+KINDS = [*REGISTRIES.values(), EXPORTS]
 PLUGINS = [registry.get(name) for registry in KINDS for name in registry.names()]
 
 
@@ -104,7 +104,7 @@ WHEN = f"{inspect.getdoc(_first(CONTACTS))}\n\nwhen\n    A pair, which JSON make
         (DATASETS, {"scan": backwards}, "sorted"),
         (FILTERS, {"reason": "ugly"}, "reason is one of"),
         (FILTERS, {"reject": by_a_group}, "group"),
-        (building.RULES, {"judge": by_the_last_row}, "first frames"),
+        (RULES, {"judge": by_the_last_row}, "first frames"),
     ],
 )
 def test_a_plugin_with_one_thing_wrong_fails(

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from dancedata.building.documents import document_of
 from dancedata.core.clip import Scan
 from dancedata.core.errors import SourceError
 from dancedata.core.registry import DATASETS
+from dancedata.files.documents import document_of
 from dancedata.recipes.plugins import make_named
 from tests.datasets.scans import notes, rejects
 from tests.messages import raises_message

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from dancedata import kernel
 from tests.docs.pages import ROOT, load
 
 RINGS = load(ROOT / "benchmarks" / "rings.py")
@@ -42,6 +43,11 @@ def test_rings_are_broken_less_and_less() -> None:
     more = {rooms for rooms, number in RINGS.by_room(pairs).items() if number > BREAKS.get(rooms, 0)}
     new = [f"{a} -> {b}" for a, b in sorted(pairs) if not more.isdisjoint(RINGS.by_room({(a, b): set()}))]
     assert new == [], "pairs of rooms that broke the rings less: import the kernel and shelves alone"
+
+
+def test_satellites_import_the_public_names_of_the_kernel() -> None:
+    assert RINGS.names_of_kernel() == {}
+    assert len(kernel.__all__) <= 60
 
 
 def test_the_road_of_a_build_and_a_batch_is_short() -> None:

@@ -11,7 +11,6 @@ import pytest
 import dancedata
 from dancedata import comparison
 from dancedata.core.errors import StoreError
-from dancedata.evaluation import measuring
 from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import protocol_named
 from dancedata.pages import write_report
@@ -59,7 +58,7 @@ def test_a_flipped_bit_is_an_error_and_leaves_nothing_in_the_cache(copy: Path, f
 def test_keys_of_stored_clips_hold_their_rows(
     copy: Path, flip: Flip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(measuring, "require_intact", lambda *args, **options: None)
+    monkeypatch.setattr(Store, "require_intact", lambda *args, **options: None)
     flip("joints")
     damaged = pfc(copy, tmp_path / "shared")
     flip("joints")

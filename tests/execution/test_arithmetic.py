@@ -326,7 +326,7 @@ def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytes
     [("2.0.2", "SSSE3 SSE41 POPCNT SSE42 AVX F16C FMA3 AVX2"), ("2.4.6", "X86_V3"), ("3.0.0rc1", "X86_V3")],
 )
 def test_versions_of_numpy_name_features_in_their_own_way(monkeypatch, version, features):
-    monkeypatch.setattr(arithmetic, "version", lambda name: version)
+    monkeypatch.setattr(arithmetic, "package_version", lambda name: version)
     assert arithmetic.variables()["NPY_ENABLE_CPU_FEATURES"] == features
 
 

@@ -13,7 +13,6 @@ import pytest
 
 from dancedata.building import signals as audio_units
 from dancedata.building.compute import Unit, in_cache, make
-from dancedata.building.documents import content_hashes
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.signals import SignalId
@@ -22,9 +21,10 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution import cache as cache_module
-from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache, CachedArray, EntryLostError
 from dancedata.execution.progress import Progress
+from dancedata.files import cache_files
+from dancedata.files.documents import content_hashes
 from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
@@ -320,11 +320,11 @@ def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, t
     song = sorted((corpus / "wavs").glob("*.wav"))[0]
     copy = tmp_path / "another.wav"
     copy.write_bytes(song.read_bytes())
-    assert audio_units.known_signal(own, song) is None
+    assert audio_units.SignalId.cached(own, song) is None
     found = [audio_units.identify_audio(own, path) for path in (song, copy)]
     assert all(isinstance(signal, SignalId) for signal in found)
     assert len({signal.sha256 for signal in found}) == 1
-    assert audio_units.known_signal(own, song) == found[0]
+    assert audio_units.SignalId.cached(own, song) == found[0]
 
 
 @pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
@@ -403,7 +403,7 @@ def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own
     assert isinstance(found, Reject)
     assert found.reason == "changed"
     os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert audio_units.known_signal(own, song) is None
+    assert audio_units.SignalId.cached(own, song) is None
 
 
 def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache, monkeypatch: pytest.MonkeyPatch):

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from dancedata.cli.app import app
 from dancedata.cli.cache import describe_pruned
 from dancedata.core.errors import UsageError
-from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import parse_age, parse_size, prune
+from dancedata.files import cache_files
 from tests.messages import raises_message
 
 HOUR, DAY = 3600.0, 86400.0

@@ -15,10 +15,9 @@ from typer.testing import CliRunner
 from dancedata.building import build as build_module
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import cache_json, prune
-from dancedata.files import publish
+from dancedata.files import cache_files, publish
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store
 from tests import warm

@@ -21,11 +21,11 @@ from dancedata.building.build import build
 from dancedata.building.part import Part, build_part
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
-from dancedata.execution import cache_files
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import prune, verify_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
+from dancedata.files import cache_files
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import verify_store
 

@@ -130,8 +130,8 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
 def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, output):
     from dancedata.core.errors import DanceDataError
     from dancedata.execution import arithmetic, requirements
-    from dancedata.execution.cache_files import locked_file
     from dancedata.execution.executors import run_packed
+    from dancedata.files.cache_files import locked_file
 
     with ExitStack() as stack:
         token = tmp_path / "w.token"

@@ -9,7 +9,6 @@ import pytest
 
 import dancedata
 from dancedata.building.build import build
-from dancedata.building.documents import document_of
 from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.clip import ClipRef
@@ -19,6 +18,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
+from dancedata.files.documents import document_of
 from dancedata.formats.video_pose import open_people
 from dancedata.recipes.parse import parse_recipe
 from tests.messages import raises_message

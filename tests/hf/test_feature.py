@@ -18,11 +18,11 @@ import torch
 import dancedata
 from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
 from dancedata.audio.hf.loading import place, weight_bytes
-from dancedata.building.documents import document_of
 from dancedata.building.fields.music import MusicField
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.files.documents import document_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.testing.encoders import KINDS
 

@@ -15,11 +15,11 @@ import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
-from dancedata.music.samples import pcm16, resample
+from dancedata.music.samples import resample
 
 FPS = FrameGrid.of(30)
 LAYER = 6

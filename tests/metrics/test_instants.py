@@ -22,7 +22,6 @@ from dancedata.metrics import motion_beat_times, motion_beats
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.set_statistics import STATISTICS, frechet
 from dancedata.scene.poses import Pose
-from dancedata.store.beats import field_beats
 from dancedata.store.schema import Field
 from tests.datasets.scans import load
 
@@ -142,9 +141,9 @@ def test_beats_of_music_are_read_at_their_instants(fps: int) -> None:
         if first == 0.5:
             assert late == pytest.approx(1 / fps, abs=1e-9)  # 33.3 ms at 30, 16.7 at 60
         columns = Librosa35().columns
-        found = field_beats(rows, Field("librosa35", "audio", columns, FrameGrid.of(fps).rate)).seconds
+        found = Field("librosa35", "audio", columns, FrameGrid.of(fps).rate).beats(rows).seconds
         assert np.abs(found[:, None] - beats).min(axis=1).max() < 0.25 / fps
-        alone = field_beats(rows[:, -1], Field("librosa35.own", "audio", columns, FrameGrid.of(fps).rate)).seconds
+        alone = Field("librosa35.own", "audio", columns, FrameGrid.of(fps).rate).beats(rows[:, -1]).seconds
         assert alone == pytest.approx(stored - 1 / fps)
 
 

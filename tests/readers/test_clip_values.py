@@ -15,7 +15,6 @@ import torch
 from torch.utils.data import DataLoader
 
 import dancedata
-from dancedata.building.free_columns import free_columns
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import REPRESENTATIONS
@@ -173,7 +172,7 @@ def test_info_and_report_name_the_columns(path: Path, tmp_path: Path) -> None:
     columns = {column["name"]: column for column in as_json("info", path)["columns"]}
     assert columns["x/indoors"]["values"] == {"true": 3, "false": 2}
     with open_store(path) as store:
-        assert [column.name for column in free_columns(store)] == sorted(columns)
+        assert [column.name for column in store.free_columns()] == sorted(columns)
 
 
 def test_what_is_not_there_is_not_mentioned(tmp_path: Path) -> None:
@@ -181,7 +180,7 @@ def test_what_is_not_there_is_not_mentioned(tmp_path: Path) -> None:
     assert "columns" not in as_json("info", made.path)
     assert "licences" not in as_json("info", made.path)
     with open_store(made.path) as store:
-        assert free_columns(store) == store.licences == ()
+        assert store.free_columns() == store.licences == ()
 
 
 # ---- licences

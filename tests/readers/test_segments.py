@@ -18,7 +18,6 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.segments import Layer, Segment
 from dancedata.store import Store, open_store, verify_store, write_store
-from dancedata.store.queries import overlay
 from dancedata.torch import (
     BatchLoader,
     BatchStream,
@@ -228,7 +227,7 @@ def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store
         {"layer": "mark", "start": "1/2", "self_sha256": store.info["self_sha256"]},
     )
     opened = dancedata.open(folder, segments=more)
-    assert overlay(opened).notes == ()
+    assert opened.overlay.notes == ()
     corrected, mark, *_ = (opened.segments("train0_p1", name)[0] for name in ("description", "mark"))
     assert corrected.texts == ("corrected, to the left",)
     assert corrected.texts_mirrored == ("corrected, to the right",)
@@ -247,10 +246,10 @@ def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplo
     more = write_marks(tmp_path / "m.jsonl", {"start": 0, "end": "end", "self_sha256": "ab" * 32})
     with caplog.at_level(logging.WARNING):
         opened = dancedata.open(folder, segments=[more])
-    assert "made for another dataset" in overlay(opened).notes[0]
-    assert overlay(opened).notes[0] in caplog.text
+    assert "made for another dataset" in opened.overlay.notes[0]
+    assert opened.overlay.notes[0] in caplog.text
     clip = opened["train0_p1"]
-    assert overlay(opened).segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
+    assert opened.overlay.segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
 
 
 def test_a_file_that_does_not_fit(folder: Path, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ import pytest
 
 import dancedata
 from dancedata.store import open_store
-from dancedata.store.queries import require_intact
 from tests.remote import children
 from tests.remote.servers import Handler, Server, serving
 from tests.remote.upload_hub import TOKEN, UploadHub
@@ -149,5 +148,5 @@ def test_pulls_that_are_killed(
         assert found == expected
         monkeypatch.setenv("HF_HUB_OFFLINE", "1")
         with dancedata.open(address) as store:
-            require_intact(store)
+            store.require_intact()
         monkeypatch.delenv("HF_HUB_OFFLINE")

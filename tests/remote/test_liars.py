@@ -14,7 +14,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import json_sha256
-from dancedata.execution.addresses import local_folder
+from dancedata.files.addresses import local_folder
 from dancedata.remote import client, fetch, source
 from dancedata.remote.pull import pull
 from tests.remote.servers import S3, Fault, Handler, Hub, Server, cut, other, serving, status

@@ -12,7 +12,7 @@ import torch
 
 import dancedata
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.execution.addresses import is_address
+from dancedata.files.addresses import is_address
 from dancedata.remote.pull import pull
 from dancedata.torch import BatchLoader, EpochSampler, WindowDataset
 from tests.messages import raises_message

@@ -13,7 +13,6 @@ from dancedata.pages.document import ColumnRange
 from dancedata.pages.heat import heat_map
 from dancedata.pages.svg import strips
 from dancedata.store import open_store
-from dancedata.store.queries import network_weights
 from dancedata.testing.stores import write_random_store
 
 
@@ -48,7 +47,7 @@ def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_pa
     stated = {"librosa35": {"model": "<mert>", "licence": "cc-by-nc-4.0"}, "gone": {"licence": "x"}}
     out = relabelled(lambda k: {}, meta={"encoders": stated})
     with open_store(out) as store:
-        assert network_weights(store) == {"librosa35": "<mert>, licence: cc-by-nc-4.0"}
+        assert store.weights == {"librosa35": "<mert>, licence: cc-by-nc-4.0"}
     assert "  weights of librosa35: <mert>, licence: cc-by-nc-4.0" in describe.describe_store(out).splitlines()
     write_report(out, tmp_path / "page.html", clips="none")
     page = (tmp_path / "page.html").read_text()

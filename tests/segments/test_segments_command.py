@@ -7,7 +7,6 @@ import pytest
 from typer.testing import CliRunner
 
 import dancedata
-from dancedata.building.segment_numbers import layer_numbers
 from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
@@ -121,7 +120,7 @@ def test_the_command(built: Store, tmp_path: Path) -> None:
 
 
 def test_numbers_of_layers(built: Store) -> None:
-    moves, words = sorted(layer_numbers(built), key=lambda layer: -ord(layer.name[0]))
+    moves, words = sorted(built.layer_numbers(), key=lambda layer: -ord(layer.name[0]))
     frames = {clip.id: clip.n_frames for clip in built.clips() if not clip.source}
     assert (moves.segments, moves.clips, moves.median_s, moves.labels) == (1, 1, 1.0, {"left spin": 1})
     assert moves.coverage == pytest.approx(30 / sum(frames.values()))
@@ -145,7 +144,7 @@ def test_overlapping_segments_cover_a_frame_once(tmp_path: Path, built: Store) -
     (tmp_path / "more.csv").write_text("clip,start,end,layer\n" + lines)
     segments(built.path, set_file=tmp_path / "more.csv")
     store = dancedata.open(built.path)
-    (moves,) = (layer for layer in layer_numbers(store) if layer.segments == 4)
+    (moves,) = (layer for layer in store.layer_numbers() if layer.segments == 4)
     total = sum(clip.n_frames for clip in store if not clip.source)
     assert moves.coverage * total == pytest.approx(120)
 

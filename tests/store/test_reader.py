@@ -15,7 +15,6 @@ import pytest
 from dancedata.core.clip import Window
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.store import Store, open_store
-from dancedata.store.queries import fields_with
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from tests.messages import raises_message
@@ -119,7 +118,7 @@ def test_fields_with_groups_of_columns(make_store: Any) -> None:
     fields = [Field("pose", "motion", random_columns(7), rate)]
     fields += [Field(name, "audio", random_columns(n, mirror=False), rate) for name, n in (("one", 1), ("two", 2))]
     store = open_store(make_store(fields=fields).path)
-    names = [[field.name for field in fields_with(store, *groups)] for groups in ("", "a", "b", "ab", "ac")]
+    names = [[field.name for field in store.fields_with(*groups)] for groups in ("", "a", "b", "ab", "ac")]
     assert names == [["one", "two"], ["one", "two"], ["two"], ["two"], []]
 
 

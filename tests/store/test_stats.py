@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.errors import StoreError
-from dancedata.pages.ranges import column_ranges
+from dancedata.pages.numbers import column_ranges
 from dancedata.store import open_store, write_store
 from dancedata.testing.stores import RandomStore
 from tests.messages import raises_message

@@ -16,7 +16,7 @@ from dancedata.audio.jukebox.clips import n_frames, prepare
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
 from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
 from dancedata.audio.networks.feature import NetworkFeature, Precision
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -24,7 +24,6 @@ from dancedata.core.hashing import json_sha256
 from dancedata.core.packages import require
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.kernel import pcm16, resampled_length
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.encoder import JukeboxEncoder

@@ -31,7 +31,8 @@ from dancedata.audio.librosa35.spectra import (
 )
 from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE, Peaks, find_peaks, window_tuning
 from dancedata.audio.librosa35.windows import Windows, resampled_windows, shortest
-from dancedata.kernel import pcm16, resample, resampled_length
+from dancedata.core.audio_signal import pcm16, resampled_length
+from dancedata.kernel import resample
 
 # Largest difference of a share, where a frame is loud (seen: 3.3e-7), and as a part of the window's largest sample
 # over the frame's loudness (seen: 2.4e-5): a loud sound without pitch, such as an offset or a tone below the lowest

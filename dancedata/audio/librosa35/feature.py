@@ -20,14 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import HOP, N_COLUMNS, Settings
-from dancedata.core.audio_signal import AudioSignal
+from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-from dancedata.kernel import pcm16, resampled_length
 
 _log = logging.getLogger(__name__)
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, aligned
-from dancedata.kernel import resample, resampled_length
+from dancedata.core.audio_signal import resampled_length
+from dancedata.kernel import resample
 
 # Beyond this many samples, counted at the lower of the two rates, the response of soxr's HQ filter is below
 # 1e-7 of its peak (measured: 99 to 103 for every pair of rates tried, up and down).

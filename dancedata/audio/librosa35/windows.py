@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, cut, each_times
 from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, tail_matrix
-from dancedata.kernel import resample, resampled_length
+from dancedata.core.audio_signal import resampled_length
+from dancedata.kernel import resample
 
 # Samples at each end of a window that differ from the track's, the same at every level of the pyramid: halving turns
 # an end of one reach of the 2:1 filter into half a reach, and the filter itself adds half a reach.

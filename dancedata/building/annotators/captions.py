@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
 
-from dancedata.building.plugins import ANNOTATORS, Annotator, Ask
+from dancedata.building.plugins import Annotator, Ask
 from dancedata.building.take import Scene, Take
 from dancedata.core.errors import UsageError
+from dancedata.core.registry import ANNOTATORS
 from dancedata.core.segments import CLIP_END, Layer, Segment
 from dancedata.core.text import shown
 from dancedata.core.typing import override

@@ -8,10 +8,11 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dancedata.building.plugins import ANNOTATORS, Annotator, Ask
+from dancedata.building.plugins import Annotator, Ask
 from dancedata.building.take import Scene, Take
 from dancedata.core.motion import Motion
 from dancedata.core.quality import quality_flags
+from dancedata.core.registry import ANNOTATORS
 from dancedata.core.segments import Segment
 
 

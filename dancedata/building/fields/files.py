@@ -13,7 +13,6 @@ import numpy.typing as npt
 from dancedata.building.fields.music import FeatureField
 from dancedata.building.inputs import RowsFile
 from dancedata.building.plugins import Ask, Reach
-from dancedata.building.rejects import attempt, reject_of
 from dancedata.building.result import Rows
 from dancedata.building.rows import PlacedRows
 from dancedata.building.take import Take, Time
@@ -21,6 +20,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import FileFeature, Placed
+from dancedata.core.rejects import attempt, reject_of
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
 

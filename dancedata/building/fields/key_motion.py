@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.building.documents import document_of
 from dancedata.building.fields.motion import Encoded, MotionField
 from dancedata.building.result import Nothing
 from dancedata.core.columns import Columns
@@ -16,6 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import KeyMotionFinder, Plugin
 from dancedata.core.typing import override
+from dancedata.files.documents import document_of
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.plugins import Ask, Field, Reach, maker_hash
 from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
@@ -24,6 +23,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Plugin, Representation
 from dancedata.core.text import shown
 from dancedata.core.typing import override
+from dancedata.files.documents import content_hashes, document_of
 
 if TYPE_CHECKING:
     from dancedata.store.stored_clip import LazyArray

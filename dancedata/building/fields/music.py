@@ -11,23 +11,25 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import document_of
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
 from dancedata.building.result import Rows
-from dancedata.building.signals import SignalId, timeline_of
+from dancedata.building.signals import SignalId
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid, WindowGrid, WindowSpec
+from dancedata.core.packages import package_version
 from dancedata.core.plugins import AudioFeature, Plugin
 from dancedata.core.typing import override
 from dancedata.execution.arithmetic import expected
-from dancedata.execution.cache import Cache, package_version
+from dancedata.execution.cache import Cache
+from dancedata.files.documents import document_of
 
 if TYPE_CHECKING:
+    from dancedata.core.dance import MusicBeats
     from dancedata.store.stored_clip import AudioBlock
 
 #: Raised by hand when the stage gives other numbers for the same input.
@@ -112,6 +114,12 @@ class MusicField(FeatureField):
     def lane(self) -> str:
         return "" if self.feature.exact else self.name
 
+    def beats(self, rows: npt.NDArray[Any]) -> MusicBeats:
+        """Return the beats of rows (T, D), at their instants."""
+        from dancedata.core.dance import MusicBeats
+
+        return MusicBeats.of_rows(rows, self.columns, self.grid, late=self.feature.beat_rows_late)
+
     @property
     @override
     def batch(self) -> int:
@@ -151,11 +159,13 @@ class MusicField(FeatureField):
         signal = _signal(music)
         if music.excerpt is not None:
             return Ask(Song(signal), self.slice_key(music.bpm, signal, music.excerpt), (music.bpm, music.excerpt))
-        signal, offset = timeline_of(signal, music.start, self.grid)
+        signal, offset = signal.timeline(music.start, self.grid)
         return Ask(Song(signal), self.song_key(music.bpm, signal.sha256), (music.bpm, None), offset)
 
-    def slice_asks(self, music: Music) -> list[Ask]:
-        """Return what is asked for all slices of a song."""
+    def song_asks(self, music: Music) -> list[Ask]:
+        """Return what is asked of a song: its rows, or those of all its slices."""
+        if self.windows is None:
+            return [self.ask(music)]
         signal = _signal(music)
         n_slices = len(self.slices(signal.n_samples, signal.sample_rate)[0])
         return [self.ask(replace(music, excerpt=number)) for number in range(n_slices)]
@@ -230,7 +240,7 @@ class MusicField(FeatureField):
         music = take.dancers[dancer].music
         if music.excerpt is not None:
             return self.slice_rows
-        signal = timeline_of(_signal(music), music.start, self.grid)[0]
+        signal = _signal(music).timeline(music.start, self.grid)[0]
         return self.feature.n_rows(signal.n_samples, signal.sample_rate, self.grid)
 
     @override
@@ -247,7 +257,7 @@ class MusicField(FeatureField):
             if n_slices:
                 reason, short = "no_audio", f"{path}: the music ends before the slice does, after {audio_s} s"
         else:
-            timeline, offset = timeline_of(signal, music.start, self.grid)
+            timeline, offset = signal.timeline(music.start, self.grid)
             rows = self.feature.n_rows(timeline.n_samples, timeline.sample_rate, self.grid)
             first = max(0, self.grid.rows_up(-offset, of=grid))
             end = self.grid.rows_down(rows - offset, of=grid)

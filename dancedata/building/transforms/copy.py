@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import content_hashes, document_of
 from dancedata.building.take import RecipeField, Scene, Take, Transform
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
@@ -22,6 +21,7 @@ from dancedata.core.segments import Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.spatial import middle_of
 from dancedata.core.typing import override
+from dancedata.files.documents import content_hashes, document_of
 
 #: The split whose clips are copied.
 _SPLIT = "train"

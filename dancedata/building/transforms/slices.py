@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar
 
-from dancedata.building.plugins import TRANSFORMS
 from dancedata.building.take import Scene, Take, Time, Transform
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
+from dancedata.core.registry import TRANSFORMS
 from dancedata.core.segments import Segment
 from dancedata.core.typing import override
 
@@ -88,7 +88,7 @@ class SlicesOnGrid(Transform):
 
     def _slice(self, take: Take, k: int, at: FrameGrid) -> Take:
         """Return a slice, cut at a rate."""
-        from dancedata.store.schema import slice_name  # with h5py, which lists of plug-ins do without
+        from dancedata.core.clip import slice_name  # with h5py, which lists of plug-ins do without
 
         (dancer,), first = take.dancers, self.windows.start(k)
         start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dancedata.building.plugins import ANNOTATORS, Annotator
+from dancedata.building.plugins import Annotator
 from dancedata.building.take import Scene, Take
+from dancedata.core.registry import ANNOTATORS
 from dancedata.core.segments import Layer, Segment
 
 

@@ -9,10 +9,10 @@ from typing import ClassVar
 import numpy as np
 
 from dancedata.building.fields.motion import SceneField
-from dancedata.building.plugins import FIELDS
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Float32Array
+from dancedata.core.registry import FIELDS
 
 
 @FIELDS.register("template_name")

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from dancedata.building.plugins import RULES, Seen, WindowRule
+from dancedata.building.plugins import Seen, WindowRule
 from dancedata.core.clip import Reject
+from dancedata.core.registry import RULES
 
 
 @RULES.register("template_name")

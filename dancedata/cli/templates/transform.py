@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from dancedata.building.plugins import TRANSFORMS
 from dancedata.building.take import Scene, Transform
 from dancedata.core.errors import UsageError
+from dancedata.core.registry import TRANSFORMS
 
 
 @TRANSFORMS.register("template_name")

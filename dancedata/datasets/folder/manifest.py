@@ -265,7 +265,7 @@ def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, Co
 
 def check_row(manifest: Path, row: Row, split: str) -> None:
     """Check the constraints of a built dataset and of the audio reader."""
-    from dancedata.kernel import SPLIT_ORDER, check_name
+    from dancedata.core.clip import SPLIT_ORDER, check_name
 
     where = f"{manifest}, line {row.line}"
     usual = split.casefold()

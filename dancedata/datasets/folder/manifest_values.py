@@ -127,7 +127,7 @@ def genre_numbers(rows: Sequence[tuple[str, str, Bad]]) -> dict[str, int]:
 
 def check_free_names(columns: Sequence[str], bad: Bad) -> None:
     """Raise SourceError for free columns whose names no dataset can store, or for too many of them."""
-    from dancedata.kernel import check_name
+    from dancedata.core.clip import check_name
 
     names = [column.removeprefix(FREE) for column in columns if column.startswith(FREE)]
     for name in names:

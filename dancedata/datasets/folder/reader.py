@@ -162,7 +162,7 @@ class Folder(Dataset):
                 problem_text = f"folder: joint_map has a key that is not a joint of SMPL: {joint!r}"
                 raise UsageError(problem_text, allowed=did_you_mean(joint, SMPL24.joints))
         if isinstance(self.split, str):
-            from dancedata.kernel import check_name
+            from dancedata.core.clip import check_name
 
             check_name(self.split, "split")
         else:

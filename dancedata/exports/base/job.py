@@ -99,9 +99,7 @@ class ExportJob:
     @cached_property
     def music_folder(self) -> Path | None:
         """`source`; else the folder that the dataset was built from, where it is still there."""
-        from dancedata.store.queries import source_folder
-
-        return self.source or source_folder(self.store)
+        return self.source or self.store.source_folder
 
     def each(self, label: str, items: Sequence[T]) -> Iterator[T]:
         """Return the items one by one and show the progress."""

@@ -12,18 +12,10 @@ from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, listed, quoted, shown, size_text
 from dancedata.core.version import __version__
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
+from dancedata.files.addresses import local_folder
 from dancedata.files.atomic_folder import README, AtomicFolder, atomic_folder, read_about
-from dancedata.kernel import (
-    Progress,
-    Store,
-    document_of,
-    is_source,
-    local_folder,
-    make_named,
-    open_store,
-    optional_fields,
-    require_intact,
-)
+from dancedata.files.documents import document_of
+from dancedata.kernel import Progress, Store, is_source, make_named, open_store
 
 _TEXT = 5000
 
@@ -191,9 +183,9 @@ def export_dataset(
     with open_store(path) as store:
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
-        job = replace(job, fields=tuple(name for name in target.reads(job) if name in optional_fields(store)))
+        job = replace(job, fields=tuple(name for name in target.reads(job) if name in store.optional_fields))
         require_complete(target, job, needs_file_names(job) + target.missing(job))
-        require_intact(store)
+        store.require_intact()
         with atomic_folder(job.out, overwrite=overwrite, link=link) as folder:
             target.write(job, folder)
             _finish(target, job, folder)

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.documents import content_hashes
 from dancedata.core.bodies import crosses
 from dancedata.core.clip import ClipRef, Window
 from dancedata.core.errors import DataError
@@ -21,7 +20,8 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
-from dancedata.kernel import Cache, Store, document_of
+from dancedata.files.documents import content_hashes, document_of
+from dancedata.kernel import Cache, Store
 from dancedata.scene.poses import ColumnsReader, Pose
 from dancedata.store.dataset import reopen
 

@@ -18,6 +18,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
+from dancedata.files.documents import document_of
 from dancedata.formats.arrays import ArrayFile, stated_normalized
 from dancedata.formats.stated import (
     JOINT_NAMES,
@@ -31,7 +32,7 @@ from dancedata.formats.stated import (
 )
 from dancedata.formats.values import open_arrays
 from dancedata.formats.video_tracks import people_of
-from dancedata.kernel import Cache, Store, document_of
+from dancedata.kernel import Cache, Store
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
 from dancedata.scene.inputs.naming import motion_files
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from dancedata.core.plugins import Plugin
 from dancedata.core.registry import Registry
-from dancedata.execution.cache_files import DATASETS
+from dancedata.files.cache_files import DATASETS
 from dancedata.files.strict_json import read_json
 
 # A Path has one slash after the colon.

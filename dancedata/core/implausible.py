@@ -5,9 +5,8 @@ from typing import Any
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError
-from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT
+from dancedata.core.quality import IMPLAUSIBLE, OF_CLIPS, PLAUSIBLE_BODY_M, PLAUSIBLE_ROOT, SILENT_DBFS
 from dancedata.core.text import counted
-from dancedata.music.silence import SILENT_DBFS
 
 #: Clips that a summary names for each cure.
 _NAMED = 3

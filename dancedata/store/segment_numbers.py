@@ -3,45 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from dancedata.store.dataset import Store
+from dancedata.core.segments import LayerNumbers
+from dancedata.store.segment_queries import SegmentQueries
 
 _LABELS = 12
 IntArray = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class LayerNumbers:
-    """Numbers of a layer, over clips that are not copies.
-
-    `segments`, `clips`, `texts`, `words`: Numbers of segments, of clips with one, of texts, and of words in them.
-    `median_s`: Length of a segment in seconds, median; None without segments.
-    `coverage`: Share of all frames that at least one of its segments covers.
-    `labels`: The most frequent labels.
-    `still`: Segments within one span of the facts in which the dancer keeps still; None without facts.
-    """
-
-    name: str
-    kind: str
-    language: str
-    author: str
-    licence: str
-    sided: str
-    segments: int
-    clips: int
-    median_s: float | None
-    coverage: float
-    texts: int
-    words: int
-    labels: Mapping[str, int]
-    still: int | None
 
 
 @dataclass(frozen=True)
@@ -55,7 +26,7 @@ class _Rows:
     texts: list[tuple[str, ...]]
 
 
-def layer_numbers(store: Store) -> tuple[LayerNumbers, ...]:
+def layer_numbers(store: SegmentQueries) -> tuple[LayerNumbers, ...]:
     """Return the numbers of every layer, in the order of `store.layers`."""
     rows, n_frames = _rows(store)
     is_fact = [layer.name == "facts" for layer in store.layers]
@@ -90,7 +61,7 @@ def layer_numbers(store: Store) -> tuple[LayerNumbers, ...]:
     return tuple(numbers)
 
 
-def _rows(store: Store) -> tuple[list[_Rows], int]:
+def _rows(store: SegmentQueries) -> tuple[list[_Rows], int]:
     """Return the segments of each layer, of clips that are not copies, and the number of frames of these clips."""
     parts: list[list[tuple[int, int, int, str, tuple[str, ...]]]] = [[] for _ in store.layers]
     tables, table = store._tables, store._segment_table
