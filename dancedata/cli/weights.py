@@ -14,7 +14,7 @@ from dancedata.core.text import listed
 
 #: Seconds between two lines of progress.
 _INTERVAL_S = 5.0
-_MODEL = re.compile(r"hf:/{1,2}(?!datasets/)([^@]+)(?:@(.*))?")
+_MODEL = re.compile(r"hf:/{1,2}(?!/?datasets/)([^@]+)(?:@(.*))?")
 
 
 def are_weights(what: str, out: Path | None) -> bool:

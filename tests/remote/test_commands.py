@@ -78,6 +78,7 @@ def addresses(built: Path, secure: Server) -> Iterator[dict[str, str]]:
 @pytest.mark.parametrize("scheme", ["hf", "s3", "https"])
 def test_commands(addresses: dict[str, str], built: Path, tmp_path: Path, scheme: str) -> None:
     address = addresses[scheme]
+    assert as_json("pull", address, "--quiet")["address"].startswith(address)
     for folder, where in (("remote", address), ("local", built)):
         (tmp_path / folder).mkdir()
         dancedata.export(where, "npz", tmp_path / folder / "npz", progress=False)

@@ -133,7 +133,7 @@ def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> P
         real, root = path.resolve(), source.resolve()
         path.is_file()  # raises for a name that is too long for the file system
         foreign = not path.exists() and bool(PureWindowsPath(text).drive)
-        if not (Path(text).is_absolute() or foreign) and ".." not in path.parts and real.is_relative_to(root):
+        if not (Path(text).is_absolute() or foreign) and ".." not in Path(text).parts and real.is_relative_to(root):
             return path
         found = shown(text) if real.is_relative_to(root) else f"{shown(text)}, which is {shown(real)}"
     except (OSError, ValueError, RuntimeError) as error:  # too long, a zero byte, circular links
