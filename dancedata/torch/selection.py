@@ -164,8 +164,8 @@ def require_protocol(store: Store, protocol: str) -> None:
     lists = {name for clip in store.clips() for name in clip.lists if "." in name}
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
     if protocol not in protocols:
-        raise UsageError(f"no clip of the store is in a list of the protocol {protocol!r}", where=str(store.path),
-                         fix=did_you_mean(protocol, protocols))  # fmt: skip
+        fix = did_you_mean(protocol, protocols) if protocols else "take the splits of the dataset: select=Select()"
+        raise UsageError(f"no clip is in a list of the protocol {protocol!r}", where=str(store.path), fix=fix)
 
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:

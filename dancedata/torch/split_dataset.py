@@ -221,7 +221,8 @@ class SplitDataset(EpochDataset):
             how = "as stored" if scaler is None else f"{scaler.kind} scaler {scaler.sha256[:12]}"
             how += ", cut to [-1, 1]" if scaler is not None and self.clamp else ""
             lines.append(f"  {name}: ({', '.join(map(str, shape))}) {dtype}, {how}")
-        lines += [f"  {item!r}" for item in (self._items.primitives, self._items.words) if item is not None]
+        items = [item for item in (self._items.primitives, self._items.words) if item is not None]
+        lines += [f"  {type(item).__name__.lower()}: {item!r}" for item in items]
         return "\n".join(lines + [f"  {name}: of the clip" for name in self.columns])
 
     def _samples_text(self) -> str:

@@ -195,6 +195,11 @@ def test_readers_print_what_a_sample_is(built: Path) -> None:
     assert "edge151: (90, 151) float32" in str(ClipDataset(built, windows=Windows(length=90)))
 
 
+def test_a_preset_of_a_dataset_with_lists_names_what_takes_the_splits(built: Path) -> None:
+    with raises_message(UsageError, "select=Select", where=built.name):
+        WindowDataset(built, fields=("edge151",), select=PRESETS["lodge-local"]["select"])
+
+
 def test_edge_by_its_preset(built: Path) -> None:
     data = WindowDataset(built, **PRESETS["edge"])
     batch = next(iter(DataLoader(data, 4, sampler=EpochSampler(data, seed=0))))

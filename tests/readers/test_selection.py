@@ -154,6 +154,7 @@ def test_explicit_arguments_override_a_preset(store: Store) -> None:
 def test_a_preset_with_primitives(store: Store) -> None:
     select, fields = Select(ignore=("ignored",), protocol="one"), ("lodge139", "librosa35", Primitives(n=64))
     data = WindowDataset(store, **PRESETS["lodge-local"] | {"fields": fields, "select": select})
+    assert "\n  primitives: Primitives(n=64)" in str(data)
     batch = next(iter(BatchLoader(data, 2)))
     assert batch["primitives"].shape == (2, 13, 8, 139)
     assert float(batch["primitives"].abs().max()) <= 1
