@@ -28,6 +28,8 @@ from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.formats.stated import PERSON_MASK
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
+from dancedata.scene.inputs.files import field_of_width
+from dancedata.scene.like import opened, store_of
 
 _log = logging.getLogger(__name__)
 
@@ -84,6 +86,8 @@ def _decode_file(
         like = saved.dataset if like is None else like
         scaler = saved.chosen_scaler(scaler, normalized)
         field = field or saved.field
+    if field is None and like is not None:
+        field = field_of_width(store_of(opened(like)), path)
     if field is None:
         raise UsageError("nothing states what these columns are", where=path, fix="name it: --field edge151")
     mesh = _mesh(to, body_model, betas, frames)

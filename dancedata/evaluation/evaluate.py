@@ -39,12 +39,12 @@ def evaluate_inputs(
 def _report(resources: Resources, inputs: Inputs) -> Report:
     protocol, clip_set = inputs.protocol, inputs.clip_set
     music, problems = clip_music(resources, protocol, clip_set, inputs.music)
-    pool = measured_pool(resources, protocol, inputs.pool, inputs.pool_numbers)
-    if inputs.save_pool is not None and pool is not None:
-        save_pool(inputs.save_pool, protocol, pool)
     measured, rejects = measure_clips(resources, protocol, clip_set, inputs.numbers, music)
     if clip_set.nothing_matched is not None:
         raise clip_set.nothing_matched
+    pool = measured_pool(resources, protocol, inputs.pool, inputs.pool_numbers)
+    if inputs.save_pool is not None and pool is not None:
+        save_pool(inputs.save_pool, protocol, pool)
     if inputs.music is not None and not any(clip.fps for clip in measured):
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
     report = report_of(

@@ -156,6 +156,16 @@ def test_the_rate_of_arrays_that_do_not_state_it(tmp_path: Path) -> None:
     assert "fps: nothing states it; 30 is usual" in rows["other"].evidence
 
 
+@pytest.mark.parametrize(("clips", "songs", "by"), [(2, 2, None), (3, 2, "clip"), (3, 3, "music")])
+def test_splits_that_would_leave_one_empty_are_not_proposed(
+    clips: int, songs: int, by: str | None, tmp_path: Path
+) -> None:
+    captures(tmp_path, {f"a{k}.npz": 2 for k in range(clips)}, {f"a{k}.wav": 2 for k in range(songs)})
+    as_json("init", tmp_path)
+    split = load_recipe(tmp_path / "recipe.yaml").dataset.split
+    assert (split if by is None else split["by"]) == (by or "train")
+
+
 def captures(folder: Path, motions: dict[str, float], songs: dict[str, float]) -> dict[str, ProposedRow]:
     """Write AMASS's files and songs of some seconds; return the proposed rows by motion."""
     for name, seconds in motions.items():

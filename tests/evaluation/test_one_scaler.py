@@ -162,14 +162,15 @@ def test_a_scaler_of_something_else_is_refused(store: Store, tmp_path: Path) -> 
 
 def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) -> None:
     rows = store[store.clips()[0].id].read(FIELD)
-    normal = store.scaler(FIELD).normalize(rows)
+    normal, cache = store.scaler(FIELD).normalize(rows), tmp_path.with_name("cache")
     for wrong in (rows, normal):
         with raises_message(UsageError, "whether"):
             dancedata.decode(wrong, FIELD, like=store)
         with raises_message(UsageError, "whether", where="x.npy"):
             view(tmp_path, wrong, store)
         with raises_message(UsageError, "whether", where="x.npy"):
-            dancedata.evaluate(tmp_path, like=store, field=FIELD, intervals=False)
+            dancedata.evaluate(tmp_path, like=store, field=FIELD, intervals=False, cache=cache)
+        assert not (cache / "evaluate").exists(), "nothing is measured before"
         with raises_message(UsageError, "whether", where="x.npy"):
             comparison_of(tmp_path, store, file_format(store, field=FIELD))
     with raises_message(UsageError, "whether", where="small, field edge151"):
@@ -178,7 +179,7 @@ def test_whether_columns_are_normalised_is_stated(store: Store, tmp_path: Path) 
     (tmp_path / "x.npy").unlink()
     for normalized, columns in ((True, normal), (False, rows)):
         np.savez(tmp_path / "x.npz", columns=columns, normalized=normalized)
-        dancedata.decode(tmp_path / "x.npz", FIELD, to="npz", like=store, out=tmp_path / f"{normalized}")
+        dancedata.decode(tmp_path / "x.npz", to="npz", like=store, out=tmp_path / f"{normalized}")
         with np.load(tmp_path / f"{normalized}" / "x.npz") as made:
             assert worst(made["positions"], joints(rows, store)) < 1e-5
         with raises_message(UsageError, "whether", where="x.npz"):

@@ -20,12 +20,12 @@ MANIFEST, RECIPE = "manifest.csv", "recipe.yaml"
 #: Columns that a second run fills where they are empty; the others of a row are the user's.
 _FILLED = ("audio", "fps", "up", "unit", "audio_start_s")
 _MAX_BYTES = 1 << 24
-#: Songs below which splits by song would leave one empty.
-_FEW_SONGS = 3
+#: Songs, and clips, below which splits by them would leave one empty.
+_FEW = 3
 _RECIPE = """# Built by: dancedata build {folder}
 recipe: 1
 name: {name}
-dataset: {{folder: {{split: {{val: 0.2, test: 0.2, by: {by}, balance: true}}}}}}
+dataset: {{folder: {{{split}}}}}
 windows: {{length_s: 5, stride_s: 0.5}}
 motion: {{edge151: {{}}}}
 audio: {{librosa35: {{}}}}
@@ -104,8 +104,9 @@ def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
     songs = {row.get("audio") for row in rows} - {"", None}
     if not recipe.exists():
         name = re.sub(r"[^A-Za-z0-9_.+-]+", "-", source.absolute().name).strip("-.+") or "mine"
-        by = "music" if len(songs) >= _FEW_SONGS else "clip"
-        _write(recipe, _RECIPE.format(folder=shown(str(folder)), name=name, by=by))
+        by = "music" if len(songs) >= _FEW else "clip"
+        split = f"split: {{val: 0.2, test: 0.2, by: {by}, balance: true}}" if len(rows) >= _FEW else "split: train"
+        _write(recipe, _RECIPE.format(folder=shown(str(folder)), name=name, split=split))
     if filled or new:
         _write(path, table.text(() if known else _comments(proposal)))
     return Prepared(
