@@ -14,6 +14,7 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
+from dancedata.formats.arrays import UNSTATED, StatedScaling
 from dancedata.kernel import make_named
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ class Decoder:
     """A representation, and what a call and a file state of the scaling of its columns and their rate.
 
     `field`: Name of the representation, or of the field of `like` with it.
-    `file`, `grid`: Whether the file states that its columns are normalised, and the rate that it states; None if it
-        does not.
+    `file`, `grid`: What the file states of the scaling of its columns, and the rate that it states; None if it does
+        not.
     """
 
     field: str
@@ -44,7 +45,7 @@ class Decoder:
     normalized: bool | None
     scaler: ScalerLike
     clamp: bool
-    file: bool | None = None
+    file: StatedScaling = UNSTATED
     grid: FrameGrid | None = None
 
     @classmethod
@@ -119,7 +120,8 @@ class Decoder:
                 "a scaler of one field does not normalise root_place",
                 fix="name the reader or dataset of both fields: like=, in a command --like DATASET",
             )
-        return replace(self, field=_PLACES, representation=_places())._undone(rows[present])[0]
+        file = StatedScaling(self.file.normalized)  # whose scaler is that of the other columns
+        return replace(self, field=_PLACES, representation=_places(), file=file)._undone(rows[present])[0]
 
     def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
         """Return columns as they are stored, and their rate."""

@@ -78,7 +78,7 @@ def _decode_file(
     **parameters: Any,
 ) -> list[Path]:
     """Decode a file, and count what its motions lose on a body model."""
-    from dancedata.formats.arrays import stated_normalized
+    from dancedata.formats.arrays import stated_scaling
     from dancedata.formats.stated import stated_grid
     from dancedata.kernel import saved_samples
 
@@ -95,7 +95,7 @@ def _decode_file(
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
         mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
-        decoder = replace(decoder, file=stated_normalized(arrays), grid=stated_grid(arrays))
+        decoder = replace(decoder, file=stated_scaling(arrays), grid=stated_grid(arrays))
     if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
         raise UsageError("the frame rate of these columns is unknown", where=path,
                          fix="give it with --fps, or name the dataset that the trainer read with --like")  # fmt: skip

@@ -338,20 +338,33 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
         yield NpzFile(path, archive)
 
 
-#: The entry that states whether columns are normalised.
-_NORMALIZED = "normalized"
+#: Entries that state whether columns are normalised, and by which scaler.
+_NORMALIZED, _SCALER = "normalized", "scaler_sha256"
 
 
-def stated_normalized(arrays: ArrayFile) -> bool | None:
-    """Return what the entry "normalized" of a file states of its columns; None if it has none.
+@dataclass(frozen=True)
+class StatedScaling:
+    """What a file states of its columns: whether they are normalised, None without a word; and the scaler's hash."""
 
-    DataError "undeclared" if the entry is neither True nor False.
+    normalized: bool | None = None
+    scaler: str = ""
+
+
+#: Of columns of which no file states anything.
+UNSTATED = StatedScaling()
+
+
+def stated_scaling(arrays: ArrayFile) -> StatedScaling:
+    """Return what the entries "normalized" and "scaler_sha256" of a file state of its columns.
+
+    DataError "undeclared" if the first is neither True nor False.
     """
+    scaler = arrays.text(_SCALER) if _SCALER in arrays.names else ""
     if _NORMALIZED not in arrays.names:
-        return None
+        return StatedScaling(None, scaler)
     text = arrays.text(_NORMALIZED)
     if text not in ("True", "False"):
         raise DataError(f"the entry {_NORMALIZED!r} is not a truth value", reason="undeclared",
                         where=str(arrays.path),
                         found=text, allowed="True, False")  # fmt: skip
-    return text == "True"
+    return StatedScaling(text == "True", scaler)

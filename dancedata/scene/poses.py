@@ -16,6 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
+from dancedata.formats.arrays import UNSTATED, StatedScaling
 from dancedata.kernel import Store
 from dancedata.scene.scaling import Scaling
 from dancedata.store.motion_fields import stored_representation, stored_representations
@@ -96,7 +97,7 @@ class ColumnsReader:
     grid: FrameGrid
     scaling: Scaling = _AS_STORED
 
-    def pose(self, columns: npt.NDArray[Any], *, file: bool | None = None, where: object = None) -> Pose:
+    def pose(self, columns: npt.NDArray[Any], *, file: StatedScaling = UNSTATED, where: object = None) -> Pose:
         """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape".
 
         `file` is what their file states of normalising; UsageError as `Scaling.undo`.

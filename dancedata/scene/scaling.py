@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Representation
+from dancedata.formats.arrays import UNSTATED, StatedScaling
 from dancedata.kernel import Scaler
 
 _log = logging.getLogger(__name__)
@@ -56,7 +57,7 @@ class Scaling:
         columns: npt.NDArray[Any],
         representation: Representation,
         *,
-        file: bool | None = None,
+        file: StatedScaling = UNSTATED,
         where: Any = None,
     ) -> npt.NDArray[Any]:
         """Return the columns of `undone`."""
@@ -67,7 +68,7 @@ class Scaling:
         columns: npt.NDArray[Any],
         representation: Representation,
         *,
-        file: bool | None = None,
+        file: StatedScaling = UNSTATED,
         where: Any = None,
     ) -> tuple[npt.NDArray[Any], str]:
         """Return columns (..., D) as they are stored, float64 if they were normalised; and why that is doubtful.
@@ -76,13 +77,17 @@ class Scaling:
         Raises UsageError: if nothing states whether they are normalised, call and file differ, or the columns are not
             as stated.
         """
-        normalized = self.normalized if file is None else file
-        if file is not None and self.normalized not in (None, file) and self.scaler is not None:
+        normalized = self.normalized if file.normalized is None else file.normalized
+        if normalized != self.normalized is not None and self.scaler is not None:
             raise UsageError("the file and the call differ in whether the columns are normalised", where=where,
-                             found=f"normalized={file} in the file",
+                             found=f"normalized={file.normalized} in the file",
                              allowed=f"normalized={self.normalized}")  # fmt: skip
+        if normalized and self.scaler is not None and file.scaler not in ("", self.scaler.sha256):
+            raise UsageError("the columns are normalised by another scaler than the one named", where=where,
+                             found=f"scaler {file.scaler[:12]} in the file", allowed=self.scaler.sha256[:12],
+                             fix="name that of the training, the scaler.json beside saved samples")  # fmt: skip
         if self.scaler is None:
-            if file:
+            if file.normalized:
                 raise UsageError(
                     "the file states that its columns are normalised, and no scaler is named", where=where,
                     fix="name it: like= or scaler=, in a command --like DATASET or --scaler FILE",

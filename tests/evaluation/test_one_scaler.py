@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import dancedata
 from dancedata.cli.app import app
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.evaluation.evaluator import Evaluator
 from dancedata.evaluation.options import EvaluationOptions
@@ -112,6 +112,28 @@ def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> No
         WindowDataset(store, "val", (FIELD,)).load_state_dict(wide.state_dict())
     with raises_message(UsageError, "covers="):
         WindowDataset(store, "val", (FIELD,), scale=Scale(covers=["mirror"], scaler=wide))
+
+
+def test_samples_state_the_scaler_that_they_need(store: Store, tmp_path: Path) -> None:
+    plain, wide = (WindowDataset(store, fields=(FIELD,), scale=Scale(covers=of)) for of in ([], ["mirror"]))
+    [file] = plain.save_samples(tmp_path / "gen", [plain[3]["id"]], plain[3][FIELD][None])
+    wide.scaler(FIELD).save(tmp_path / "wide.json")
+    named: tuple[dict[str, Any], ...] = ({"scaler": tmp_path / "wide.json"}, {"like": wide})
+    for options in named:
+        with raises_message(UsageError, "another scaler", where=str(file)):
+            dancedata.evaluate(tmp_path / "gen", **options)
+    command = ["decode", str(file), "--to", "bvh", "--out", str(tmp_path / "bvh")]
+    assert "another scaler" in CliRunner().invoke(app, [*command, "--scaler", str(tmp_path / "wide.json")]).output
+    assert CliRunner().invoke(app, command).exit_code == 0
+    dancedata.evaluate(tmp_path / "gen", like=plain, intervals=False)
+
+
+def test_two_arrays_of_a_width_are_not_one_motion(store: Store, tmp_path: Path) -> None:
+    clip = store.clips()[0]
+    rows = clip.read(FIELD)
+    np.savez(tmp_path / f"{clip.id}.npz", samples=rows, motion=np.flip(rows, axis=0))
+    with raises_message(DataError, "several arrays", reason="nothing_left"):
+        dancedata.evaluate(tmp_path, like=store, normalized=False, intervals=False)
 
 
 def test_a_reader_that_leaves_normalising_to_the_trainer_has_its_scaler(store: Store) -> None:

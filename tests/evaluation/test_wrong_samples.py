@@ -80,6 +80,14 @@ def test_what_evaluate_says(store: Store, tmp_path: Path, code: str) -> None:
     said(error, words, code, lambda: dancedata.evaluate(folder, like=store, **given))
 
 
+def test_the_sources_of_samples_are_named(store: Store, tmp_path: Path) -> None:
+    clip = store.clips()[0]
+    for source in ("a", "b"):
+        np.save(tmp_path / f"{source}={clip.id}.npy", clip.read("edge151"))
+    report = dancedata.evaluate(tmp_path, like=store, normalized=False, intervals=False)
+    assert re.search("sources a, b", report.matched)
+
+
 def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
     clip = store.clips()[0]
     save_samples(

@@ -19,7 +19,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.files.documents import document_of
-from dancedata.formats.arrays import ArrayFile, stated_normalized
+from dancedata.formats.arrays import ArrayFile, stated_scaling
 from dancedata.formats.stated import (
     JOINT_NAMES,
     PERSON_MASK,
@@ -214,7 +214,11 @@ class FileClip(ClipInput):
         if reader is None:
             return None
         width = reader.representation.columns.width
-        name = next((n for n in _COLUMNS if n in arrays.names and _shape(arrays, n)[-1:] == (width,)), None)
+        names = [n for n in _COLUMNS if n in arrays.names and _shape(arrays, n)[-1:] == (width,)]
+        if len(names) > 1:
+            raise DataError(f"several arrays have {width} columns", reason="bad_shape", where=str(self.path),
+                            found=arrays.listed, fix="save one of them, or the other under another name")  # fmt: skip
+        name = names[0] if names else None
         if name is not None and len(arrays.shape(name)) == 3:
             raise DataError("the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
                             found=str(arrays.shape(name)), allowed=f"(T, {width})",
@@ -226,7 +230,7 @@ class FileClip(ClipInput):
             raise DataError("the frame rate of this file is not that of its columns", reason="bad_rate",
                             where=str(self.path), found=f"{stored} frames per second",
                             allowed=f"{reader.grid}, as --fps or --like states")  # fmt: skip
-        return reader.pose(arrays.read(name), file=stated_normalized(arrays), where=self.path)
+        return reader.pose(arrays.read(name), file=stated_scaling(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:
         stored = stated_grid(arrays)

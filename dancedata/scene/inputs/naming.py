@@ -38,7 +38,9 @@ class Named:
         windows = sum(of.id.start is not None for of in self.samples.values())
         what = counted(len(clips), "clip")
         what = f"{counted(len(self.samples), 'window')} of {what}" if windows else what
-        parts = [f"{what} of {like.path.name} ({splits})"] if self.samples else []
+        sources = sorted({of.id.source for of in self.samples.values()})
+        mixed = f", of its sources {listed(sources)} alike" if len(sources) > 1 else ""
+        parts = [f"{what} of {like.path.name} ({splits}){mixed}"] if self.samples else []
         parts += [f"{len(self.by_song)} by song, from its second 0"] if self.by_song else []
         parts += [f"{len(self.unknown)} without a clip or song: {listed(self.unknown)}"] if self.unknown else []
         return f"{name}: {counted(n, 'sample')}: {', '.join(parts)}"
