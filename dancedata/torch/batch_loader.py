@@ -16,6 +16,7 @@ from torch.utils.data import BatchSampler, SequentialSampler
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
+from dancedata.store.columns import MAX_ROWS
 from dancedata.torch.batch_reader import Layout, MemoryPool, ReadBatch
 from dancedata.torch.collate import collate_values
 from dancedata.torch.mix import Mix
@@ -99,8 +100,10 @@ class BatchLoader:
         if not isinstance(dataset, WindowDataset | Mix):
             raise UsageError("a BatchLoader reads windows", found=shown(dataset), fix="read others with a DataLoader")
         self.dataset = dataset
-        self.batch_size, self.threads = whole("batch_size", batch_size, 1), whole("threads", threads, 1)
-        self.prefetch = whole("prefetch", prefetch, 1)
+        self.batch_size, self.threads, self.prefetch = (
+            whole(name, number, 1, MAX_ROWS)
+            for name, number in (("batch_size", batch_size), ("threads", threads), ("prefetch", prefetch))
+        )
         if sampler is not None and shuffle:
             raise UsageError("shuffle cannot be combined with a sampler",
                              fix="leave it out, or give EpochSampler(..., shuffle=True)")  # fmt: skip

@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader, IterableDataset, default_collate, get_w
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
+from dancedata.store.columns import MAX_ROWS
 from dancedata.torch.buckets import BucketSampler
 from dancedata.torch.epochs import EpochDataset
 from dancedata.torch.sampler import EpochSampler
@@ -82,7 +83,7 @@ class BatchStream(IterableDataset[Any]):
         self.sampler = EpochSampler(len(dataset), seed=seed) if sampler is None else sampler
         if isinstance(self.sampler, BucketSampler) != (batch_size is None):
             raise UsageError("only a BucketSampler makes batches itself", fix="give batch_size, or leave it out")
-        self.batch_size = None if batch_size is None else whole("batch_size", batch_size)
+        self.batch_size = None if batch_size is None else whole("batch_size", batch_size, most=MAX_ROWS)
         self.start_step = whole("start_step", start_step)
         self.n_steps = None if steps is None else whole("steps", steps)
         if not self.steps_per_epoch:

@@ -68,10 +68,7 @@ class EpochDataset(Dataset[dict[str, Any]]):
         UsageError
             For a negative epoch, or one of 2**63 and more.
         """
-        number = _NOT_SET if epoch is None else whole("epoch", epoch)
-        if number >= 2**63:
-            raise UsageError("the epoch is too large", found=number, allowed="0 to 2**63 - 1")
-        self._epoch.fill_(number)
+        self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch, most=2**63 - 1))
 
     def _drawn_epoch(self, epoch: int | None) -> int:
         """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
@@ -94,7 +91,7 @@ def _shared_number(value: int) -> torch.Tensor:
 
 def require_scalers(state: Mapping[str, Any], current: Mapping[str, Any], fix: str) -> None:
     """Raise UsageError unless a checkpoint's state is of a reader with the scalers of this one."""
-    stated, hashes = state.get("scalers"), current["scalers"]
+    stated, hashes = state.get("scalers") if isinstance(state, Mapping) else state, current["scalers"]
     if stated != hashes:
         scalers = listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated)
         allowed = listed(f"{name} {sha256}" for name, sha256 in hashes.items()) or "none"

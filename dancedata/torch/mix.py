@@ -11,11 +11,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.arguments import whole
+from dancedata.core.arguments import names, whole
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_id import SampleId, safe_name
 from dancedata.core.text import listed, shown
 from dancedata.core.typing import override
+from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.torch.batch_reader import Array, Layout, ReadBatch
@@ -65,7 +66,7 @@ class Mix(EpochDataset):
     sources
         Names of the datasets.
     datasets
-        The datasets as they are read; with one scaler, copies of those that were passed.
+        The datasets as they are read, copies of those that were passed; each reads ids that begin with its name, too.
     counts
         Samples of each source in an epoch. Exact shares are rounded by largest remainders, ties to the first.
 
@@ -99,16 +100,16 @@ class Mix(EpochDataset):
         if not (isinstance(readers, Sequence) and readers and all(isinstance(r, SplitDataset) for r in readers)):
             raise UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name, or a list")
         by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(readers)
-        self.sources = tuple(by_name)
+        self.sources = names("datasets", by_name)
         _require_alike(by_name)
         self.seed, self.scale = whole("seed", seed), scale
         sizes = [len(dataset) for dataset in by_name.values()]
-        total = sum(sizes) if n_samples is None else whole("n_samples", n_samples, 1)
+        total = sum(sizes) if n_samples is None else whole("n_samples", n_samples, 1, MAX_ROWS)
         self.counts = _counts(self.sources, sizes, _shares(self.sources, sizes, weights), total)
         first = next(iter(by_name.values()))
         self.fields, self.normalized = first.fields, first.normalized
         scalers = {name: _joint([d.scaler(name) for d in by_name.values()]) for name in self.normalized}
-        self.datasets = tuple(d.rescaled(scalers) if scale == "one" else d for d in by_name.values())
+        self.datasets = tuple(d.rescaled(scalers if scale == "one" else {}, name) for name, d in by_name.items())
         self._begin = np.concatenate([[0], np.cumsum(self.counts)])
         whole_sources = all(count % size == 0 for count, size in zip(self.counts, sizes, strict=True))
         self._is_random = not whole_sources or any(dataset._is_random for dataset in self.datasets)
@@ -289,12 +290,14 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
 
 
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
-    names = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
-    if len(set(names)) < len(names):
+    by_recipe = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
+    if len(set(by_recipe)) < len(by_recipe):
         raise UsageError(
-            "datasets of a mix have one name", found=listed(names), fix='name them: Mix({"a": dataset, "b": other})'
+            "datasets of a mix have one name",
+            found=listed(by_recipe),
+            fix='name them: Mix({"a": dataset, "b": other})',
         )
-    return dict(zip(names, datasets, strict=True))
+    return dict(zip(by_recipe, datasets, strict=True))
 
 
 def _shares(
@@ -309,7 +312,7 @@ def _shares(
         weights = [weights[name] for name in sources]
     try:
         numbers = [float(weight) for weight in weights]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != len(sources) or not all(0 < number < float("inf") for number in numbers):
         raise UsageError(

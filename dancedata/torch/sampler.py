@@ -11,6 +11,8 @@ from torch.utils.data import Sampler
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
+from dancedata.core.text import shown
+from dancedata.store.columns import MAX_ROWS
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
 _CHUNK = 4096
@@ -105,7 +107,7 @@ class EpochSampler(Sampler[int]):
         """
         self._source = data_source
         n_samples = len(data_source) if isinstance(data_source, Sized) else data_source
-        self.n_samples = whole("the number of samples", n_samples)
+        self.n_samples = whole("the number of samples", n_samples, most=MAX_ROWS)
         self.seed = whole("seed", seed)
         self.rank, self.world_size = _rank_and_world_size(rank, world_size)
         self.shuffle = shuffle
@@ -261,10 +263,9 @@ class EpochSampler(Sampler[int]):
         UsageError
             If the state has other keys, or a position beyond an epoch of this sampler.
         """
-        if set(state) != {"epoch", "position"}:
-            raise UsageError("this is not the state of an EpochSampler",
-                             found=", ".join(sorted(map(str, state))) or "nothing",
-                             allowed="epoch, position")  # fmt: skip
+        if not isinstance(state, Mapping) or set(state) != {"epoch", "position"}:
+            raise UsageError("this is not the state of an EpochSampler", found=shown(state),
+                             allowed="a mapping of epoch and position", fix="give sampler.state_dict()")  # fmt: skip
         start = self.at(state["epoch"], state["position"])
         self._move(start["epoch"], start["position"])
 
@@ -300,8 +301,5 @@ def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int,
         if not (distributed.is_available() and distributed.is_initialized()):
             return 0, 1
         rank, world_size = distributed.get_rank(), distributed.get_world_size()
-    if world_size < 1 or not 0 <= rank < world_size:
-        raise UsageError(
-            "no such rank", found=f"rank={rank}, world_size={world_size}", allowed="0 <= rank < world_size"
-        )
-    return rank, world_size
+    ranks = whole("world_size", world_size, 1, MAX_ROWS)
+    return whole("rank", rank, most=ranks - 1), ranks

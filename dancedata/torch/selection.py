@@ -156,13 +156,27 @@ def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, Clip]:
     return {c.id: c for c in on_lists if prefix + split in c.lists and (split == "train" or not c.source)}
 
 
+def list_names(store: Store) -> set[str]:
+    """Return the names of the lists that clips are in."""
+    lists = store._tables.columns.get("lists")
+    return set() if lists is None else lists.values.distinct()
+
+
+def require_lists(store: Store, ignore: Sequence[str]) -> None:
+    """Raise UsageError for names of lists that no clip is in; a part of a dataset may lack those of ignored clips."""
+    lists = list_names(store)
+    for name in ignore:
+        if ":" not in name and name not in lists and name.partition(".")[0] != "ignored":
+            raise UsageError(f"ignore: no clip is in a list named {name!r}", where=str(store.path),
+                             fix=did_you_mean(name, sorted(lists)))  # fmt: skip
+
+
 def require_protocol(store: Store, protocol: str) -> None:
     """Check a protocol that the caller names: a misspelt one would read the stored splits.
 
     UsageError if no clip is in a list of it.
     """
-    lists = {name for clip in store.clips() for name in clip.lists if "." in name}
-    protocols = sorted({name.rpartition(".")[0] for name in lists} - {"ignored"})
+    protocols = sorted({name.rpartition(".")[0] for name in list_names(store)} - {"", "ignored"})
     if protocol not in protocols:
         fix = did_you_mean(protocol, protocols) if protocols else "take the splits of the dataset: select=Select()"
         raise UsageError(f"no clip is in a list of the protocol {protocol!r}", where=str(store.path), fix=fix)

@@ -36,7 +36,15 @@ from dancedata.torch.music_beats import StartAt, estimated_tempo
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
 from dancedata.torch.sample_items import SampleItems
 from dancedata.torch.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
-from dancedata.torch.selection import Choice, Selection, require_protocol, select, window_filter
+from dancedata.torch.selection import (
+    Choice,
+    Selection,
+    list_names,
+    require_lists,
+    require_protocol,
+    select,
+    window_filter,
+)
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -82,6 +90,8 @@ class SplitDataset(EpochDataset):
     windows: WindowList
     rejects: tuple[Reject, ...]
     _words: "SegmentReader | None"
+    #: Name in the `Mix` that made this copy.
+    _source = ""
     #: Whether a sample has a list of values of each free column.
     _lists_columns: ClassVar[bool] = False
 
@@ -100,6 +110,7 @@ class SplitDataset(EpochDataset):
         self._asked, self._scale = Select.taken(select), Scale.of(scale)
         if self._asked.protocol is not None:
             require_protocol(self.store, self._asked.protocol)
+        require_lists(self.store, self._asked.ignore)
         self.splits = self._splits_named(split)
         self.split = "+".join(self.splits)
         self._items = SampleItems.of(self.store, fields)
@@ -138,7 +149,7 @@ class SplitDataset(EpochDataset):
     def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
         """Return the splits to read: one, several, or "all"."""
         if split == "all" and self._asked.protocol is not None:
-            lists = {name for clip in self.store.clips() for name in clip.lists}
+            lists = list_names(self.store)
             prefix = f"{self._asked.protocol}."
             return sort_splits({name.removeprefix(prefix) for name in lists if name.startswith(prefix)})
         if split == "all" and "all" not in self.store.splits:
@@ -251,6 +262,8 @@ class SplitDataset(EpochDataset):
             raise UsageError("no motion field that is read, or not one alone, has this width", found=str(width),
                              allowed=widths)  # fmt: skip
         scaler = self._normalizers.get(fitting[0])
+        for name in ids:
+            self._id(name)
         from dancedata.samples.saved import save_samples
 
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
@@ -262,7 +275,7 @@ class SplitDataset(EpochDataset):
         """
         from dancedata.samples import Samples
 
-        of = replace(SampleId.parse(name), take=0, source="")
+        of = replace(self._id(name), take=0, source="")
         seed, epoch, place = of.draw or (self.seed, None, -1)
         if of.draw is None:
             sample = Samples(self.store).require(of)
@@ -275,6 +288,15 @@ class SplitDataset(EpochDataset):
                              found=item.get("id", f"split {self.split}, seed {self.seed}"),
                              fix="give the arguments of the dataset that gave the id")  # fmt: skip
         return item
+
+    def _id(self, name: str | SampleId) -> SampleId:
+        """Return an id; UsageError for one of another source of a mix, where a clip may have the same name."""
+        of = SampleId.parse(name)
+        if of.source not in ("", self._source):
+            raise UsageError("this is a sample of another source of a mix", where=str(name), found=of.source,
+                             allowed=self._source or "an id without SOURCE=",
+                             fix="take the mix, or mix.datasets[k] of its source")  # fmt: skip
+        return of
 
     @property
     def lengths(self) -> npt.NDArray[np.int64]:
@@ -297,9 +319,10 @@ class SplitDataset(EpochDataset):
                              fix=did_you_mean(field, self.fields))  # fmt: skip
         return self._normalizers.get(field) or self._scaler(field)
 
-    def rescaled(self, scalers: Mapping[str, Scaler]) -> Self:
-        """Return a copy that normalises with other scalers, by field; it has an epoch of its own."""
+    def rescaled(self, scalers: Mapping[str, Scaler], source: str) -> Self:
+        """Return a copy for a mix, normalised with other scalers, by field; it has an epoch of its own."""
         other = copy.copy(self)
+        other._source = source
         EpochDataset.__init__(other)
         other._store = self._store
         other._normalizers = self._normalizers | {name: s for name, s in scalers.items() if name in self._normalizers}

@@ -151,6 +151,8 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
     mix.load_state_dict(alone.state_dict())
     with raises_message(UsageError, "scalers"):
         mix.load_state_dict(parts["small"].state_dict())
+    with raises_message(UsageError, "scalers"):
+        mix.load_state_dict(None)  # type: ignore[arg-type]
     torch.testing.assert_close(parts["small"][0][name], WindowDataset(stores["small"])[0][name], rtol=0, atol=0)
 
 
@@ -228,7 +230,7 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
     [
         {"weights": (1, 2)}, {"weights": (1, 0, 1)}, {"weights": (1, float("nan"), 1)},
         {"weights": {"large": 1, "tiny": 1, "small": 1}}, {"weights": (1, 1, 1000), "n_samples": 10},
-        {"scale": "all"}, {"seed": -1},
+        {"scale": "all"}, {"seed": -1}, {"n_samples": 10**30}, {"weights": (10**400, 1, 1)},
     ],
 )  # fmt: skip
 def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) -> None:
@@ -236,11 +238,27 @@ def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) ->
         Mix(windows(stores), **options)
 
 
+@pytest.mark.parametrize("scale", ["one", "each"])
+def test_an_id_is_read_from_its_source_alone(stores: dict[str, Store], scale: Any) -> None:
+    """A clip of another source may have the same name."""
+    parts = windows(stores)
+    mix = Mix(parts, scale=scale)
+    sample = mix[0]
+    assert sample["id"].startswith("large=")
+    for dataset in (mix, mix.datasets[0]):
+        torch.testing.assert_close(dataset[sample["id"]][mix.fields[0]], sample[mix.fields[0]], rtol=0, atol=0)
+    for other in (parts["large"], mix.datasets[1]):
+        with raises_message(UsageError, "another source", where=sample["id"]):
+            other[sample["id"]]
+
+
 def test_datasets_of_one_name_and_none(stores: dict[str, Store]) -> None:
     with raises_message(UsageError, "made of readers"):
         Mix([])
     with raises_message(UsageError, "datasets"):
         Mix([WindowDataset(stores["large"]), WindowDataset(stores["large"], "val")])
+    with raises_message(UsageError, "names"):
+        Mix({3: WindowDataset(stores["large"])})  # type: ignore[dict-item]
 
 
 def test_shares_are_rounded_by_largest_remainders(stores: dict[str, Store]) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import islice
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,8 +100,10 @@ def test_an_abandoned_iteration_moves_nothing() -> None:
     assert (sampler.epoch, sampler.position) == (7, 9)
 
 
-@pytest.mark.parametrize("state", [{}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}])
-def test_wrong_state(state: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    "state", [None, 3, {}, {"epoch": 0}, {"epoch": 0, "position": 11}, {"epoch": -1, "position": 0}]
+)
+def test_wrong_state(state: Any) -> None:
     sampler = EpochSampler(10)
     with raises_message(UsageError, "epoch"):
         sampler.load_state_dict(state)
@@ -110,11 +113,11 @@ def test_wrong_state(state: dict[str, int]) -> None:
     "wrong",
     [
         {"seed": -1}, {"seed": 0.5}, {"rank": 0}, {"world_size": 2}, {"rank": 2, "world_size": 2},
-        {"rank": -1, "world_size": 2}, {"rank": 0, "world_size": 0},
+        {"rank": -1, "world_size": 2}, {"rank": 0, "world_size": 0}, {"rank": 0, "world_size": 10**30},
     ],
 )  # fmt: skip
 def test_wrong_arguments(wrong: dict[str, int]) -> None:
-    with raises_message(UsageError, "seed|world_size"):
+    with raises_message(UsageError, "seed|world_size|rank"):
         EpochSampler(10, **wrong)  # type: ignore[arg-type]
 
 

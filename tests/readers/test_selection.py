@@ -95,6 +95,8 @@ def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
     # A misspelt protocol would read the stored splits.
     with raises_message(UsageError, "ohter", where="out"):
         _read(store, select=Select(protocol="ohter"))
+    with raises_message(UsageError, "no clip is in a list named 'ohter.train'. Did you mean 'other.train'"):
+        _read(store, select=Select(ignore=("ohter.train",)))
 
 
 def test_a_protocols_own_ignore_list(store: Store) -> None:
