@@ -144,11 +144,11 @@ def broken(where: str, problem: str, actual: object, allowed: object = None) -> 
 def require_within(where: str, columns: Mapping[str, Any], bounds: Mapping[str, tuple[float, float]]) -> None:
     """Raise StoreError for a number of a table beyond the bounds of its column, and nan; not all have to be there."""
     for name, (least, most) in bounds.items():
-        column = columns.get(name, ())
-        for row in {int(np.argmin(column)), int(np.argmax(column))} if len(column) else ():
-            if not least <= column[row] <= most:
-                actual, allowed = f"{column[row]} in row {row}", f"{least:.15g} to {most:.15g}"
-                raise broken(f"{where}/{name}", "a number is out of bounds", actual, allowed)
+        column = np.asarray(columns.get(name, ()))
+        if column.size and not (least <= column.min() and column.max() <= most):
+            row = int(np.argmin((least <= column) & (column <= most)))
+            actual, allowed = f"{column[row]} in row {row}", f"{least:.15g} to {most:.15g}"
+            raise broken(f"{where}/{name}", "a number is out of bounds", actual, allowed)
 
 
 Column = Array | Texts | Lists
