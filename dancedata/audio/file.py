@@ -66,8 +66,8 @@ class FileRows(FileFeature):
     first_codes
         What the files have for code 0 of each column; none: 0. InfiniteDance's third level counts from 5120.
     of
-        "music"; or "motion": rows describe the dancer, so a dataset has them among the fields of motion, from frame 0
-        to the last frame. They have no mirror image.
+        What rows describe: "music", or "motion", the dancer. Those of motion are among the fields of motion,
+        from frame 0 to the last frame, and have no mirror image.
     """
 
     version: ClassVar[int] = 1

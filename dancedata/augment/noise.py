@@ -38,7 +38,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
     every_s
         Seconds between knots.
     seed
-        Of copies: the noise of each is a pure function of (seed, clip id).
+        Of copies: what is drawn for each is a pure function of (seed, clip id).
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "body"

@@ -9,6 +9,8 @@ import typer
 
 #: Sections of options that a summary only names.
 RARE = "Rarely needed"
+#: On the page of all commands: options that are described once, for all.
+SEVERAL = "Of several commands"
 SAMPLES = "Samples that do not say what they are"
 _WIDTH = 80
 #: Columns of the names of options, of arguments and commands.
@@ -70,13 +72,19 @@ def _command(ctx: Any, command: Any, *, full: bool) -> Iterator[str]:
     for option in options:
         sections.setdefault(option.rich_help_panel or "Options", []).append(option)
     for title in sorted(sections, key=[*(t for t in sections if t not in (SAMPLES, RARE)), SAMPLES, RARE].index):
-        if full or title not in (SAMPLES, RARE):
+        if (full or title not in (SAMPLES, RARE)) and title != SEVERAL:
             if sections[title]:
-                yield _section(title, [(_names(p), p.help) for p in sections[title]], _OPTION)
+                yield describe_options(title, sections[title])
         else:
             listed = ", ".join(f"{p.opts[-1]} {p.metavar or ''}".strip() for p in sections[title])
-            yield textwrap.fill(f"{title} (--help): {listed}", _WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+            line = f"{title}{' (--help)' * (not full)}: {listed}"
+            yield textwrap.fill(line, _WIDTH, subsequent_indent="  ", break_on_hyphens=False)
     yield from (textwrap.fill(part, _WIDTH) for part in rest if part not in examples)
+
+
+def describe_options(title: str, options: Sequence[Any]) -> str:
+    """Return a section of the help, with a row for each option."""
+    return _section(title, [(_names(option), option.help) for option in options], _OPTION)
 
 
 def _names(option: Any) -> str:

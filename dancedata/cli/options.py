@@ -13,9 +13,9 @@ from dancedata.core.errors import UsageError
 #: A help text, after what stands for the value, such as "DIR: Write there."; flags have the text alone.
 #: In a section of its own: a pair of its title and the text; of a shared option the title alone.
 About = str | tuple[str, str]
-_MUSIC = "PATH: A song, a folder of songs, or a CSV sample,song,start_s; default: the music of the dataset."
-_RIGHTS = "TEXT: Why you may pass it on against its terms; the text is published."
-_JOBS = "N: Worker processes; default one per core. The result is the same for any number."
+_MUSIC = "PATH: A song, a folder of songs, or a CSV sample,song,start_s; default: the dataset's."
+_RIGHTS = "TEXT: Why you may pass it on against its terms; it is published."
+_JOBS = "N: Worker processes; default one per core."
 _FIELD = "NAME: What the columns are: a field of the dataset, or a representation such as edge151."
 #: Options of several commands: their type and what is said of them.
 SHARED: dict[str, tuple[Any, About]] = {

@@ -295,7 +295,7 @@ LISTS = {
     "recipes": ("recipes",), "targets": ("exports",), "features": ("audio features",),
     "representations": ("representations",), "plugins": (),
 }  # fmt: skip
-_SECTION = re.compile(r"^Attributes\n-+\n(.*?)(?:\n\n\w+\n-+\n|\Z)", re.DOTALL | re.MULTILINE)
+_SECTION = re.compile(r"^(?:Attributes|Parameters)\n-+\n(.*?)(?=\n\n\w+\n-+\n|\Z)", re.DOTALL | re.MULTILINE)
 
 
 def catalogue(listed: str) -> dict[str, Any]:
@@ -323,10 +323,9 @@ def documented(plugin: type) -> dict[str, str]:
     """Return the keys of a plug-in with what docstrings of it and its bases say of them, one line each."""
     texts: dict[str, str] = {}
     for cls in reversed(plugin.__mro__):
-        section = _SECTION.search(inspect.cleandoc(cls.__doc__ or ""))
         own: dict[str, str] = {}
         names: list[str] = []
-        for line in (section[1] if section else "").splitlines():
+        for line in "\n".join(_SECTION.findall(inspect.cleandoc(cls.__doc__ or ""))).splitlines():
             if line.startswith(" "):
                 own |= {name: f"{own.get(name, '')} {line.strip()}".strip() for name in names}
             elif line:

@@ -157,9 +157,9 @@ class AiozGdance(Published):
     music_dir
         Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     genre_column
-        Title of the column of the label files with the genre of the music; by default the only one with "genre".
+        Title of the label files' column with the genre of the music; default: the only one with "genre".
     style_column
-        The same of the style of the dance, by default the only one with "style".
+        The same of the style of the dance; default: the only one with "style".
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})

@@ -53,7 +53,7 @@ class Beats(NetworkFeature):
     weights_sha256
         SHA-256 of that file. A build fills it in; if it is given, the file must match.
     device
-        Of the network, such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
+        Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
     """
 
     version: ClassVar[int] = 1

@@ -79,8 +79,8 @@ class Folder(Dataset):
         SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint. Or the name of a producer, such
         as "mixamo", whose names all BVH files have. Without it the producer of each file is found by its names.
     body_model
-        SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays, with the
-        betas and the gender in the file. Without it they are those of the mean body.
+        SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays. Betas and gender are
+        those in the file. Without it bones are those of the mean body.
     gender
         "neutral", "male" or "female", for a body model, of files without a gender.
     split
