@@ -8,22 +8,14 @@ import os
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.plugin_files import note_registered, plugin_file, unknown_plugin, without_file_key
-from dancedata.core.plugins import (
-    AudioFeature,
-    Augmentation,
-    ContactRule,
-    Dataset,
-    KeyMotionFinder,
-    Metric,
-    Plugin,
-    PrimitiveFinder,
-    Representation,
-    WindowFilter,
-)
+from dancedata.core.plugins import AudioFeature, ContactRule, Dataset, Plugin, Representation
+
+if TYPE_CHECKING:
+    from dancedata.core.plugins import Augmentation, KeyMotionFinder, Metric, PrimitiveFinder, WindowFilter
 
 P = TypeVar("P", bound=Plugin)
 C = TypeVar("C", bound=type[Plugin])
@@ -47,7 +39,7 @@ class Registry(Generic[P]):
     package
         Where they live: "dancedata.datasets".
     base
-        The class that all of them are derived from; of a room above this one "ROOM.MODULE:NAME".
+        The class that all of them are derived from; "ROOM.MODULE:NAME" for one that is loaded with the first of them.
     """
 
     def __init__(self, kind: str, package: str, base: type[P] | str) -> None:
@@ -216,11 +208,13 @@ DATASETS = Registry("dataset", "dancedata.datasets", Dataset)
 REPRESENTATIONS = Registry("representation", "dancedata.representations", Representation)
 CONTACTS = Registry("contact rule", "dancedata.contacts", ContactRule)
 FEATURES = Registry("audio feature", "dancedata.audio", AudioFeature)
-KEYMOTIONS = Registry("key motion", "dancedata.keymotion", KeyMotionFinder)
-PRIMITIVE_FINDERS = Registry("finder of primitives", "dancedata.keymotion", PrimitiveFinder)
-AUGMENTATIONS = Registry("augmentation", "dancedata.augment", Augmentation)
-FILTERS = Registry("window filter", "dancedata.filters", WindowFilter)
-METRICS = Registry("metric", "dancedata.metrics", Metric)
+KEYMOTIONS: Registry[KeyMotionFinder] = Registry("key motion", "dancedata.keymotion", "core.plugins:KeyMotionFinder")
+PRIMITIVE_FINDERS: Registry[PrimitiveFinder] = Registry(
+    "finder of primitives", "dancedata.keymotion", "core.plugins:PrimitiveFinder"
+)
+AUGMENTATIONS: Registry[Augmentation] = Registry("augmentation", "dancedata.augment", "core.plugins:Augmentation")
+FILTERS: Registry[WindowFilter] = Registry("window filter", "dancedata.filters", "core.plugins:WindowFilter")
+METRICS: Registry[Metric] = Registry("metric", "dancedata.metrics", "core.plugins:Metric")
 #: A wall asks the protocol "dancedata" for `clip_scores`.
 PROTOCOLS: Registry[Any] = Registry("protocol", "dancedata.evaluation.protocols", "evaluation.protocol:Protocol")
 FIELDS: Registry[Any] = Registry("field", "dancedata.building.fields", "building.plugins:Field")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from dancedata.building.fields.motion import MotionField, RepresentationField
 from dancedata.building.fields.music import FeatureField, MusicField
@@ -14,7 +14,7 @@ from dancedata.building.take import Transform
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.plugin_files import unknown_plugin
-from dancedata.core.plugins import CopyAugmentation, Dataset, FileFeature, Plugin
+from dancedata.core.plugins import Dataset, Plugin
 from dancedata.core.registry import (
     ANNOTATORS,
     AUGMENTATIONS,
@@ -36,6 +36,7 @@ from dancedata.store.motion_fields import ORIGINAL
 
 if TYPE_CHECKING:
     from dancedata.building.transforms.copy import Copy
+    from dancedata.core.plugins import FileFeature
 
 P = TypeVar("P", bound=Plugin)
 N = TypeVar("N", bound=Any)
@@ -162,10 +163,10 @@ def _feature_fields(
         rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
         if feature is not None and rows is not None:
             own_rate = rows != grid
-            if isinstance(feature, FileFeature):
+            if feature.from_files:
                 from dancedata.building.fields.files import FileField
 
-                fields.append(FileField(name, rows, feature, own_rate=own_rate))
+                fields.append(FileField(name, rows, cast("FileFeature", feature), own_rate=own_rate))
             else:
                 fields.append(MusicField(name, rows, feature, own_rate, windows))
     return _by_name(fields)
@@ -235,6 +236,7 @@ def _copies(slot: Any, motion: Sequence[RepresentationField], problems: Problems
     if slot is None:
         return ()
     from dancedata.building.transforms.copy import Copy
+    from dancedata.core.plugins import CopyAugmentation
 
     body = max((field.representation.skeleton for field in motion), key=lambda s: s.n_joints, default=SMPL24)
     copies = []

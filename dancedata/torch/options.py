@@ -6,16 +6,18 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, get_args
 
 from dancedata.core.arguments import names, probability, whole
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import WindowFilter
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.normalize import Reader, Scaler
 from dancedata.torch.music_beats import StartAt
+
+if TYPE_CHECKING:
+    from dancedata.core.plugins import WindowFilter
 
 MirrorWords = Literal["error", "keep"]
 #: Of Lodge's primitives: as its paper has them, or as its code finds them.
@@ -25,7 +27,7 @@ ScaleKind = Literal["minmax", "zscore", "zscore_grouped"]
 Over = Literal["train", "all"]
 Share = float
 #: A filter as callers name it: a plug-in, or its name and parameters as in a recipe.
-FilterLike = WindowFilter | Mapping[str, Any] | None
+FilterLike: TypeAlias = "WindowFilter | Mapping[str, Any] | None"
 #: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
 ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader
 

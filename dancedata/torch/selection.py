@@ -1,15 +1,16 @@
 """Selects windows of a store by split, lists, trim, length and a filter, and reports the ones left out."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
 from dancedata.store import ClipRecord
@@ -19,6 +20,9 @@ from dancedata.store.window_list import WindowList
 from dancedata.torch.clip_values import ASKED, chosen_clips
 from dancedata.torch.music_beats import StartAt, windows_at
 from dancedata.torch.options import FilterLike
+
+if TYPE_CHECKING:
+    from dancedata.core.plugins import WindowFilter
 
 #: The fix for music without downbeats.
 _NO_DOWNBEATS = (
@@ -250,7 +254,7 @@ def window_filter(choice: FilterLike) -> WindowFilter | None:
     """
     if choice is None:
         return None
-    if isinstance(choice, WindowFilter):
+    if isinstance(choice, FILTERS.base):
         return choice
     if not isinstance(choice, Mapping) or len(choice) != 1:
         raise UsageError(

@@ -1,24 +1,15 @@
 """The kinds of plug-ins: one abstract base class for each, with defaults for everything that is optional.
 
 A plug-in is a frozen dataclass, derived from one of these classes and registered under a name. Its fields are the
-keys that a recipe may set. It has to define the abstract members, and may replace the others.
+keys that a recipe may set. It has to define the abstract members, and may replace the others. A kind is loaded when
+its class is first used.
 """
 
 from __future__ import annotations
 
-from dancedata.core.plugins.audio_feature import AudioFeature, FileFeature, Placed
-from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
-from dancedata.core.plugins.metric import Better, Metric
-from dancedata.core.plugins.motion import (
-    PRIMITIVES,
-    ContactRule,
-    Dataset,
-    KeyMotionFinder,
-    PrimitiveFinder,
-    Representation,
-    WindowFilter,
-)
-from dancedata.core.plugins.plugin import Float32Array, Plugin
+from typing import TYPE_CHECKING
+
+from dancedata.core.lazy import lazy_names
 
 __all__ = [
     "PRIMITIVES",
@@ -40,3 +31,49 @@ __all__ = [
     "SampleField",
     "WindowFilter",
 ]
+
+if TYPE_CHECKING:
+    from dancedata.core.plugins.audio_feature import AudioFeature
+    from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
+    from dancedata.core.plugins.dataset import Dataset
+    from dancedata.core.plugins.file_feature import FileFeature, Placed
+    from dancedata.core.plugins.finders import PRIMITIVES, KeyMotionFinder, PrimitiveFinder, WindowFilter
+    from dancedata.core.plugins.metric import Better, Metric
+    from dancedata.core.plugins.plugin import Float32Array, Plugin
+    from dancedata.core.plugins.representation import ContactRule, Representation
+else:
+    _HOMES = {
+        "audio_feature": ("AudioFeature",),
+        "augmentation": (
+            "Augmentation",
+            "CopyAugmentation",
+            "SampleAugmentation",
+            "SampleField",
+        ),
+        "dataset": ("Dataset",),
+        "file_feature": (
+            "FileFeature",
+            "Placed",
+        ),
+        "finders": (
+            "PRIMITIVES",
+            "KeyMotionFinder",
+            "PrimitiveFinder",
+            "WindowFilter",
+        ),
+        "metric": (
+            "Better",
+            "Metric",
+        ),
+        "plugin": (
+            "Float32Array",
+            "Plugin",
+        ),
+        "representation": (
+            "ContactRule",
+            "Representation",
+        ),
+    }
+    __getattr__, __dir__ = lazy_names(
+        __name__, {name: f"{__name__}.{home}" for home, names in _HOMES.items() for name in names}
+    )

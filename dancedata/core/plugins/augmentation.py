@@ -10,8 +10,8 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins.motion import ContactRule, Representation
 from dancedata.core.plugins.plugin import Float32Array, Plugin
+from dancedata.core.plugins.representation import ContactRule, Representation
 from dancedata.core.rotations import Float64Array
 
 
