@@ -42,7 +42,7 @@ SMALLEST = {
     "writing": "aist++ {corpus} cache writing",
 }
 #: Modules of others; what writes a page here, which test_history.py reads; what reads checkouts of other projects.
-NOT_RUN = {"metric_loops", "reading_peers", "history", "splits", "value_cases", "ensemble"}
+NOT_RUN = {"metric_loops", "reading_peers", "history", "splits", "value_cases", "ensemble", "tables"}
 
 
 def test_no_script_hides_a_package_from_what_it_imports() -> None:
