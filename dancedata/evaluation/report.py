@@ -130,7 +130,11 @@ class Report:
             want = "" if codes.most_common(1)[0][0] != "few_clips" else ", mostly for want of clips"
             return f"Nothing here is a result: {of}; {n} of {n} scores mean nothing{want}"
         parts = [f"{len(scores)} {word}" for scores, word in ((weak, "weak"), (void, "without a meaning")) if scores]
-        return f"{of[0].upper()}{of[1:]}: {counted(n, 'score')}{', ' * bool(parts)}{' and '.join(parts)}"
+        none = "no score compares with another set: " if n and len(weak) + len(void) == n else ""
+        n_better = sum(score.why[0].code == "below_truth" for score in self.scores if score.why)
+        better = f"; {n_better} better than real dances: look for copies of train" if n_better else ""
+        text = f"{none}{of}: {counted(n, 'score')}{', ' * bool(parts)}{' and '.join(parts)}{better}"
+        return f"{text[0].upper()}{text[1:]}"
 
     def numbers(self) -> dict[str, float]:
         """Return the scores that mean something, by name, and the number of independent clips: for loggers."""

@@ -126,6 +126,9 @@ def _beside_real(score: Score, of: Circumstances) -> list[Why]:
     if value is None or not of.generated:
         return []
     if same is not None and value <= same.high:
+        if value < same.low:
+            text = "better than real dances at this n: look for copies of train"
+            return [Why("below_truth", "weak", text, value, same.low)]
         text = f"as real dances at this n: {same.low:.3g} .. {same.high:.3g}"
         why.append(Why("same_n", "weak", text, value, same.high))
     is_lower = score.better == "lower" and truth is not None and value < truth.low

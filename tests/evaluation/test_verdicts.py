@@ -71,6 +71,8 @@ POOL = features(200)
     (lambda: verdict(KINETIC, rows_of(features(100, 2)), pool=POOL, in_pool=3, pool_of_all=True), "weak", "in_pool"),
     (lambda: verdict(KINETIC, rows_of(features(100, 2)), pool=POOL, same_n={"fid_k": SameN(0, 1, 1e6)}), "weak",
      "same_n"),
+    (lambda: verdict(KINETIC, rows_of(features(100, 2)), pool=POOL, same_n={"fid_k": SameN(1e5, 1e6, 1e7)}), "weak",
+     "below_truth"),
     (lambda: verdict(KINETIC, rows_of(features(100, 2)), pool=POOL, same_n={"fid_k": SameN(0, 1, 1e6)},
                      generated=False), "ok", ""),
     (lambda: verdict(KINETIC, rows_of(features(100, 2)), pool=POOL, truth={"fid_k": Score("fid_k", 1e6, 9)}), "ok",
@@ -171,7 +173,7 @@ def made(store: Store, what: str) -> tuple[dict[str, np.ndarray], dict[str, Any]
     ("ten_windows_of_one", ["fid_k", "div_k", "bas", "pfc", "skating"], "Nothing here is a result: 10 samples of"),
     ("toy", ["fid_k", "div_k", "bas", "pfc", "skating"], "Nothing here is a result: 20 clips"),
     ("still", ["bas", "pfc", "skating"], "have no value: the motion has no beat"),
-    ("copies", [], "as real dances at this n"), ("good", [], "20 clips: 9 scores"),
+    ("copies", [], "better than real dances: look for copies of train"), ("good", [], "20 clips: 9 scores"),
     ("truth", [], "20 of 20 samples are the dances of the dataset themselves"),
 ])  # fmt: skip
 def test_what_toys_look_like(toys: Store, tmp_path: Path, what: str, is_void: list[str], words: str) -> None:
