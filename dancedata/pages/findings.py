@@ -6,14 +6,12 @@ from dancedata.core.rejects import BY_CHOICE
 from dancedata.core.text import counted, listed
 from dancedata.pages.document import SHIFTED_MS, Document
 from dancedata.pages.groups import group_findings
-from dancedata.pages.markup import number, rounded
+from dancedata.pages.markup import number
 from dancedata.pages.scaling import EXPLODES
 from dancedata.scene.pose_space import DUPLICATE_M
 
 #: Limits above which a difference between the contact of left and right is named, and a share of sliding frames.
 _SIDES, _SLIDING = 0.1, 0.1
-#: Height above which a floor is named, metres.
-_FLOOR_M = 0.1
 #: Ratio from which on the windows of the largest and the smallest genre are named.
 _UNEVEN = 5
 
@@ -97,12 +95,6 @@ def _movement(d: Document) -> list[Finding]:
         limit = moves.sliding_m_s.above_m_s
         text = f"feet that are labelled as standing move faster than {limit} m/s in {100 * above:.0f} % of the frames"
         sentences.append(Finding("look", text, "sliding_m_s"))
-    floor = moves.floor_m
-    if max(abs(floor.min or 0), abs(floor.max or 0)) > _FLOOR_M:
-        low, high = rounded(floor.min), rounded(floor.max)
-        feet = f"the feet stand at {low} m" + (f" to {high} m" if high != low else "")
-        text = f"the floor of {moves.field} is not at 0: {feet}"
-        sentences.append(Finding("note", text, "floor_m"))
     return sentences
 
 
@@ -166,11 +158,7 @@ def _contents(d: Document) -> list[Finding]:
 def _fields(d: Document) -> list[Finding]:
     sentences = []
     for name, of_field in d.fields.items():
-        if of_field.constant:
-            count = f"{len(of_field.constant)} of {of_field.width} columns of {name}"
-            text = f"{count} never change: {listed(of_field.constant, 4)}"
-            sentences.append(Finding("note", text, f"columns_{name}"))
-        elif not of_field.columns and not of_field.rows:
+        if not (of_field.constant or of_field.columns or of_field.rows):
             sentences.append(Finding("note", f"no statistics of {name}: there are no train windows", f"heat_{name}"))
         exploding = [label for group in of_field.scaling for label, _ in group.exploding]
         if exploding:

@@ -17,8 +17,8 @@ from dancedata.pages.page import chapter_links, chapters_html, grid, outlier_fig
 from dancedata.pages.player import Player
 from dancedata.pages.samples_document import SAMPLES, NearestPose, SampleRow, SamplesReport, of_sample
 from dancedata.pages.space_figures import pose_figures, split_space_figures
-from dancedata.pages.stills import still
 from dancedata.pages.svg import histogram
+from dancedata.scene.stills import still
 
 #: Numbers of clips that are compared: name, unit, and least width of a bin.
 MEASURES: Mapping[str, tuple[str, str, float]] = {

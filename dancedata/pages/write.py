@@ -22,9 +22,8 @@ from dancedata.pages.numbers import document
 from dancedata.pages.page import page
 from dancedata.pages.player import Player, clip_player, embedded_sound
 from dancedata.pages.scales import Scales
-from dancedata.pages.stills import still
 from dancedata.scene.pieces import ClipReader
-from dancedata.scene.pose_space import frontal
+from dancedata.scene.stills import middle_still
 
 #: Number of clips of a page.
 Clips = int | Literal["all", "none"]
@@ -262,10 +261,7 @@ def _stills(store: Store, reader: ClipReader, clips: Sequence[str]) -> list[tupl
     for clip in clips:
         piece = reader.piece(store[clip])
         if piece is not None and len(piece.figure.joints):
-            middle = len(piece.figure.joints) // 2
-            skeleton = piece.figure.skeleton
-            pose = frontal(piece.figure.joints[middle : middle + 1], skeleton.joints)[0]
-            stills.append((clip, still(pose, skeleton, f"a pose of {clip}")))
+            stills.append((clip, middle_still(piece.figure, f"a pose of {clip}")))
     return stills
 
 

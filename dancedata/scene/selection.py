@@ -248,6 +248,11 @@ class ViewSelection:
         )  # fmt: skip
 
     @property
+    def start(self) -> str:
+        """Fragment of the page's address that begins with it: it plays where no clip is named."""
+        return self.address + ("" if self.request.clip or self.request.at else "&play=1")
+
+    @property
     def span(self) -> tuple[float, float | None]:
         """Begin and length of the part that a video shows, seconds; the loop, else from `at` to the end (None)."""
         if self.loop is None:

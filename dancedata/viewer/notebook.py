@@ -6,22 +6,17 @@ import html
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 from dancedata.core.errors import DanceDataError
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted, shown
 from dancedata.kernel import Clip, Clips, Store
-from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import Page, view_motions
 from dancedata.scene.page import clip_page
-from dancedata.scene.pose_space import frontal
 from dancedata.scene.scenes import Scenes
+from dancedata.scene.stills import middle_still
 
 #: Clips that a table shows, and the height of a still, pixels.
 MOST_CLIPS, _STILL = 8, 64
-#: Colours of the middle, left and right bones; readable on light and dark pages.
-_SIDES = ("#7d8791", "#2193e0", "#cc7200")
 
 
 def view_clip(store: Store, clip: Clip) -> Page:
@@ -123,21 +118,4 @@ def _still(scenes: Scenes, clip: Clip) -> str:
         figure = scenes.scene(scenes.items_of(clip.id)[0]).figure
     except DanceDataError:
         return ""
-    return "" if figure is None else pose_svg(figure, figure.n_frames // 2)
-
-
-def pose_svg(figure: Figure, frame: int) -> str:
-    """Return one frame of a figure as an SVG drawing of its bones, turned so that the hips face the reader."""
-    joints = frontal(figure.joints[frame : frame + 1], figure.skeleton.joints)[0]
-    top, low = joints[:, 1].max() + 0.12, joints[:, 1].min() - 0.05
-    scale = _STILL / max(top - low, 0.3)
-    half = (np.abs(joints[:, 0]).max() + 0.1) * scale
-    x, y = half + joints[:, 0] * scale, (top - joints[:, 1]) * scale
-    lines = "".join(
-        f'<line x1="{x[a]:.1f}" y1="{y[a]:.1f}" x2="{x[b]:.1f}" y2="{y[b]:.1f}" stroke="{_SIDES[figure.sides[b]]}"/>'
-        for a, b in figure.bones
-    )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{2 * half:.0f}" height="{_STILL}" role="img" '
-        f'aria-label="a pose" stroke-width="2.5" stroke-linecap="round">{lines}</svg>'
-    )
+    return "" if figure is None else middle_still(figure, "a pose", _STILL)

@@ -49,7 +49,7 @@ def serve(
     end = until or _interrupt()
     with ViewServer(site, port) as server:
         # One that is not asked for plays at once; the browser keeps its sound back until the first click or key.
-        address = server.address + opened.address + ("" if request.clip or request.at else "&play=1")
+        address = server.address + opened.start
         say(address)
         for line in _advice(server, opened):
             say(line)
@@ -98,7 +98,7 @@ def export_page(
         say(f"  {line}")
     signal, notice, line = opened.music_to_pass_on(rights, silent=silent)
     sound = None if signal is None else PageSound({0: opus(signal)}, notice)
-    address = opened.address if "&" in opened.address else ""  # the only item is shown without one
+    address = opened.start if "&" in opened.start else ""  # the only item is shown without one
     page = clip_page(opened.scenes, [opened.item], sound=sound, comparisons=opened.comparisons, address=address)
     save_page(to, page)
     say(line)

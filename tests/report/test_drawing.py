@@ -277,11 +277,8 @@ def test_poses_face_the_front(demo: Path) -> None:
 def test_stills_lead_to_their_clips(demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "page.html", clips=3)
     strip = (tmp_path / "page.html").read_text().partition('<ul class="stills"')[2].partition("</ul>")[0]
-    assert strip.count('class="still"') == strip.count("<li>") == 8
+    assert strip.count("<svg") == strip.count("<li>") == 8
     assert strip.count('href="#clip=') == 3
-    assert {'class="bone left"', 'class="bone right"', 'class="bone mid"'} <= set(
-        re.findall(r'class="bone \w+"', strip)
-    )
     numbers = [float(x) for x in re.findall(r"[ML](-?[\d.]+)", strip)]
     assert min(numbers) >= 0
     assert max(numbers) <= 90

@@ -9,14 +9,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
 import dancedata
 from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.scene.figure import Figure
+from dancedata.scene.stills import middle_still
 from dancedata.synthetic import synthesise_motion
-from dancedata.viewer.notebook import MOST_CLIPS, html_of, pose_svg
+from dancedata.viewer.notebook import MOST_CLIPS, html_of
 from tests.scene.helpers import HOSTILE
 
 
@@ -41,20 +41,28 @@ def test_a_part_of_the_clips(odd: Path) -> None:
     assert "more clip" not in html_of(clips)
 
 
-def test_a_still_is_the_pose_from_the_front() -> None:
+def test_a_still_is_the_body_from_the_front() -> None:
     motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=60)[0]
-    figure = Figure.of_joints(motion.joints(), SMPL24, FrameGrid.of(60))
-    lines = re.findall(r'x1="([\d.]+)" y1="([\d.]+)" x2="([\d.]+)" y2="([\d.]+)"', pose_svg(figure, 10))
-    assert len(lines) == len(figure.bones)
-    ends = np.array(lines, dtype=np.float64)
-    drawn = {b: ends[k, 2:] for k, (_, b) in enumerate(figure.bones)}
-    left, right = drawn[SMPL24.index("left_hip")], drawn[SMPL24.index("right_hip")]
-    assert left[0] > right[0]  # the dancer faces the reader, whose right is the dancer's left
-    heights = figure.joints[10, :, 1]
-    low, high = int(heights.argmin()), int(heights.argmax())
-    scale = (drawn[low][1] - drawn[high][1]) / (heights[high] - heights[low])
-    across = figure.joints[10, SMPL24.index("left_hip")] - figure.joints[10, SMPL24.index("right_hip")]
-    assert left[0] - right[0] == pytest.approx(scale * np.hypot(across[0], across[2]), abs=0.15)
+    turned = motion.joints() @ np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
+    svg = [
+        middle_still(Figure.of_joints(joints, SMPL24, FrameGrid.of(60)), "<a>")
+        for joints in (motion.joints(), turned)
+    ]
+    assert svg[0].replace("-0.0", "0.0") == svg[1].replace("-0.0", "0.0")
+    assert 'aria-label="&lt;a&gt;"' in svg[0]
+    parts = re.findall(r'fill="(#\w+)" d="M([\d.]+) ([\d.]+)A', svg[0])
+    places: dict[str, list[tuple[float, float]]] = {}
+    for colour, x, y in parts:
+        places.setdefault(colour, []).append((float(x), float(y)))
+    assert len(places) == 8  # trunk, left, right and face: the edge and the lit part
+    means = {colour: np.mean(of, axis=0) for colour, of in places.items()}
+    left, right = max(means, key=lambda colour: means[colour][0]), min(means, key=lambda colour: means[colour][0])
+    assert int(left[5:], 16) > int(left[1:3], 16)  # blue: the dancer faces the reader, whose right is his left
+    assert int(right[5:], 16) < int(right[1:3], 16)
+    points = np.array([place for of in places.values() for place in of])
+    assert (points >= 0).all()
+    assert (points <= [90, 120]).all()
+    assert np.ptp(points, axis=0).max() > 80
 
 
 def test_importing_dancedata_in_ipython_registers_what_it_shows(odd: Path) -> None:
