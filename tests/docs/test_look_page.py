@@ -26,7 +26,7 @@ CLIP = "gPO_sFM_cAll_d10_mPO4_ch02"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Small datasets with the names of the page."""
     here = tmp_path_factory.mktemp("page")
-    source = write_synthetic(here / "data" / "demo-source", songs=2, clips_per_song=2, clip_s=6)
+    source = write_synthetic(here / "data" / "demo-source", songs=2, clips_per_song=2, clip_s=2.5)
     for name in ("demo", "other"):
         recipe = {
             "recipe": 1, "name": name, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 1},

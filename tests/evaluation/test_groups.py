@@ -15,6 +15,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.clips import store_clips
 from dancedata.evaluation.protocol import protocol_named
+from dancedata.scene.inputs.files import FileFormat, path_clips
 from dancedata.store import Store
 from dancedata.synthetic import synthesise_motion
 from tests.conftest import DATA, unpack
@@ -216,8 +217,13 @@ def test_files_of_dancers_are_one_group(tmp_path: Path, motions: Mapping[str, li
 
 def test_dancers_that_decode_writes_are_one_group(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     """NAME_p0, NAME_p2: those who are there; of a batch NAME_000_p0 and so on. Twelve dancers are in order."""
+    names = [f"crowd_p{2 * k}.npz" for k in range(12)]
+    (tmp_path / "crowd").mkdir()
+    for name in names:
+        (tmp_path / "crowd" / name).touch()
+    (crowd,) = path_clips(tmp_path / "crowd", FileFormat(groups=True))
+    assert [path.name for path in (crowd.path, *crowd.partners)] == names
     groups = {f"{name}_{k:03}": group for k, (name, group) in enumerate(joints_of(motions).items())}
-    groups["crowd"] = [dancer + np.array([0.1 * k, 0, 0]) for k, dancer in enumerate([groups["duet_000"][0]] * 12)]
     for name, group in groups.items():
         for k, dancer in enumerate(group):
             np.savez(tmp_path / f"{name}_p{2 * k}.npz", joints=dancer, fps=FPS)

@@ -2,10 +2,7 @@
 
 import csv
 import json
-import os
 import re
-import subprocess
-import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -272,62 +269,45 @@ def test_lightning_needs_something_that_generates(path: Path, tmp_path: Path) ->
 
 # --------------------------------------------------------------------------------------------------------- Accelerate
 
-#: A process of Accelerate: the windows of val, dealt to one process, then to two; the main one keeps what was logged.
-RANKS = """
-import json, sys, torch
-from pathlib import Path
 
-from accelerate import Accelerator
-from accelerate.launchers import debug_launcher
-from accelerate.tracking import GeneralTracker
-from torch.utils.data import DataLoader
+def of_rank(store: Path, folder: Path) -> None:
+    """Sample the windows of val in a process of Accelerate, and write what it logged."""
+    from accelerate import Accelerator
+    from accelerate.tracking import GeneralTracker
 
-from dancedata import Evaluator
-from dancedata.torch import Scale, WindowDataset
-from dancedata.training import SampleLog
+    class Kept(GeneralTracker):  # type: ignore[misc, name-defined]
+        name, requires_logging_directory, tracker = "kept", False, property(lambda self: self.rows)
 
-class Kept(GeneralTracker):
-    name, requires_logging_directory = "kept", False
-    def __init__(self): super().__init__(); self.rows = []
-    @property
-    def tracker(self): return self.rows
-    def store_init_configuration(self, values): pass
-    def log(self, values, step=None, **more): self.rows.append([step, values])
+        def __init__(self) -> None:
+            super().__init__()
+            self.rows: list[Any] = []
 
-def run(store, folder):
+        def store_init_configuration(self, values: Any) -> None:
+            pass
+
+        def log(self, values: Any, step: int | None = None, **_: Any) -> None:
+            self.rows.append([step, values])
+
     tracker = Kept()
     accelerator = Accelerator(cpu=True, log_with=tracker)
     accelerator.init_trackers("run")
-    log = SampleLog(Evaluator(store, "edge151", normalized=True), folder / "walls", wall=2)
-    windows = WindowDataset(store, "val", fields=("edge151", "librosa35"), scale=Scale(fields=("edge151",)))
-    for batch in accelerator.prepare(DataLoader(windows, 4)):
+    log = SampleLog(evaluator(store), folder / "walls", wall=2)
+    for batch in accelerator.prepare(DataLoader(windows(store), 4)):
         log.update(batch["edge151"], batch)
     done = log.finish(7, accelerator=accelerator)
     if accelerator.is_main_process:
-        page = str(done.page)
-        (folder / "main.json").write_text(json.dumps([accelerator.num_processes, tracker.rows, page, done.numbers]))
+        rows = [accelerator.num_processes, tracker.rows, str(done.page), done.numbers]
+        (folder / "main.json").write_text(json.dumps(rows))
     else:
         (folder / "other.json").write_text(json.dumps([str(done.page), dict(done.numbers)]))
 
-if __name__ == "__main__":
-    for n in (1, 2):
-        folder = Path(sys.argv[2], str(n))
-        folder.mkdir()
-        debug_launcher(run, (sys.argv[1], folder), num_processes=n)
-"""
-
 
 def test_accelerate_logs_scores_and_writes_one_page(path: Path, tmp_path: Path) -> None:
-    """With one process, and with two."""
-    pytest.importorskip("accelerate")
-    script = tmp_path / "script.py"
-    script.write_text(RANKS)
-    done = subprocess.run(
-        [sys.executable, str(script), str(path), str(tmp_path)],
-        capture_output=True, text=True, check=False, cwd=Path(__file__).parents[2],
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    """With one process, and with two, which are forks of this one."""
+    launchers = pytest.importorskip("accelerate.launchers")
+    for processes in (1, 2):
+        (tmp_path / str(processes)).mkdir()
+        launchers.debug_launcher(of_rank, (path, tmp_path / str(processes)), num_processes=processes)
     alone = SampleLog(evaluator(path))
     for batch in DataLoader(windows(path), batch_size=4):
         alone.update(batch["edge151"], batch)
