@@ -42,13 +42,9 @@ from dancedata.files.yaml import read_yaml
 _TEMPLATES = Path(__file__).with_name("templates")
 _TEST = '''"""Conformance of the {kind} {name}."""
 
+from pathlib import Path
 
-from fractions import Fraction
-from pathlib import Path, PurePath
-
-from {module} import {cls}
-
-from dancedata.testing.conformance import check
+{imports}
 
 
 def test_conformance(tmp_path: Path) -> None:
@@ -217,9 +213,10 @@ def write_plugin(kind: str, name: str, out: Path, *, in_tree: bool = False) -> N
     template = (_TEMPLATES / f"{kind.replace('-', '_')}.py").read_text(encoding="utf-8")
     cls = _class_name(name, template)
     imported = ".".join(module.relative_to(out).with_suffix("").parts)
+    imports = "\n".join(sorted([f"from {imported} import {cls}", "from dancedata.testing.conformance import check"]))
     files = {
         module: template.replace("TemplateName", cls).replace("template_name", name),
-        test: _TEST.format(kind=registry.kind, name=name, cls=cls, module=imported),
+        test: _TEST.format(kind=registry.kind, name=name, cls=cls, imports=imports),
     }
     changed = {}
     if package:
@@ -267,6 +264,7 @@ def _check_name(plugin: NewPlugin, *, in_tree: bool) -> None:
             raise UsageError(
                 f"not a valid name for a {what}", found=repr(value),
                 allowed="the name of a Python module: ASCII letters, digits and _, beginning with a letter",
+                fix="name its folder apart: --out DIR" if "/" in value else "",
             )  # fmt: skip
     if name in registry.names():
         raise UsageError(f"the {registry.kind} {name!r} exists already",

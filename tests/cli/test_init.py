@@ -1,5 +1,6 @@
 """dancedata init --plugin-kind: every template passes the conformance suite unchanged, and nothing is overwritten."""
 
+import ast
 import importlib
 import json
 import os
@@ -77,7 +78,7 @@ def test_as_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         ("augmentatoin shake", "'augmentation'"), ("augmentation mirror", "exists already"),
         ("filter two-words", "not a valid name"), ("filter class", "not a valid name"),
-        ("filter _hidden", "not a valid name"), ("filter ../up", "not a valid name"),
+        ("filter _hidden", "not a valid name"), ("filter ../up", "--out DIR"),
         ("filter random", "random is the name of an installed Python module"),
         ("filter numpy", "numpy is the name of an installed Python module"),
     ],
@@ -146,4 +147,8 @@ def test_a_dataset_in_a_checkout(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert "`lab19`" in (tmp_path / "CHANGELOG.md").read_text().split("## [0.1]")[0]
     assert "from dancedata.datasets.lab19 import Lab19" in (tmp_path / names[1]).read_text()
+    for tree in (ast.parse((tmp_path / name).read_text()) for name in names[:2]):
+        nodes = list(ast.walk(tree))
+        imports = {(a.asname or a.name) for n in nodes if isinstance(n, ast.Import | ast.ImportFrom) for a in n.names}
+        assert imports <= {node.id for node in nodes if isinstance(node, ast.Name)} | {"annotations"}
     assert load_yaml((tmp_path / names[2]).read_text())["dataset"] == {"lab19": {}}
