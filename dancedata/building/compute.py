@@ -52,7 +52,7 @@ def compute(
     for lane in dict.fromkeys(maker.lane for maker in makers):
         of_lane = [maker for maker in makers if maker.lane == lane]
         label = of_lane[0].lane or "computing"
-        by_key |= run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
+        by_key |= _run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
     return [_with(result, makers, asks, by_key) for result in results]
 
 
@@ -97,7 +97,7 @@ def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequ
             yield Unit(source, [(maker, of) for maker, of in cut if of], number)
 
 
-def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, progress: Progress) -> dict[str, Any]:
+def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, progress: Progress) -> dict[str, Any]:
     """Return the results of units of one lane by key; a Reject of each that cannot be made."""
     if not units:
         return {}
@@ -117,7 +117,7 @@ def run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, prog
 def made(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
     """Return what one maker makes by key; a Reject of each that cannot be made."""
     units = list(units_of([maker], [((maker.id, ""), asks)]))
-    return run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
+    return _run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
 
 
 def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:

@@ -14,7 +14,7 @@ from dancedata.store import Clip, Field, Problem, Store, open_store
 from dancedata.store.songs import music_hashes, songs_of
 
 Rows = npt.NDArray[np.float32]
-Mask = npt.NDArray[np.bool_]
+_Mask = npt.NDArray[np.bool_]
 
 #: Two songs of at least this likeness are one recording; docs/archive/measured.md has what was measured.
 LIKENESS = 0.74
@@ -116,7 +116,7 @@ class _Recording:
     song: str
     splits: frozenset[str]
     rows: Rows
-    stored: Mask
+    stored: _Mask
     dataset: int = 0
 
     def spectrum(self, n: int) -> npt.NDArray[np.complex64]:
@@ -240,7 +240,7 @@ def _recordings(
             yield _Recording(song, frozenset(splits[song]), compared, exists, dataset)
 
 
-def _rows_of(store: Store, clips: Sequence[Clip], field: Field) -> tuple[Rows, Mask]:
+def _rows_of(store: Store, clips: Sequence[Clip], field: Field) -> tuple[Rows, _Mask]:
     """Return the rows of the song of a clip, or of the slices of one, and which there are; the mean of slices."""
     if not clips[0].slice_of:
         clip = clips[0]
@@ -258,7 +258,7 @@ def _rows_of(store: Store, clips: Sequence[Clip], field: Field) -> tuple[Rows, M
     return (rows / np.maximum(count, 1)).astype(np.float32), count[:, 0] > 0
 
 
-def _comparable(rows: npt.NDArray[Any], stored: Mask, step: int, rate: float) -> tuple[Rows, Mask]:
+def _comparable(rows: npt.NDArray[Any], stored: _Mask, step: int, rate: float) -> tuple[Rows, _Mask]:
     """Return means of `step` rows, without slow changes, each column divided by its deviation; and which exist."""
     count, span = len(rows) // step, int(_SLOW_S * rate) | 1
     exists = np.asarray(stored[: count * step].reshape(count, step).all(axis=1))

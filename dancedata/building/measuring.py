@@ -19,7 +19,7 @@ from dancedata.execution.units import Jobs, run_units
 from dancedata.files.documents import clip_identity
 
 #: Dancers of a group are cut to the shortest, if none is longer by more than this.
-TOLERANCE_S = Fraction(1, 4)
+_TOLERANCE_S = Fraction(1, 4)
 
 
 class _Measured(NamedTuple):
@@ -38,7 +38,7 @@ def takes_of(
     """
     reader = Reader(dataset, sources.content)
     calls = [(cache, reader, clip.ref, clip.motion_sha256) for clip in sources.clips]
-    cached = [known_time(*call) for call in calls]
+    cached = [_known_time(*call) for call in calls]
     times = run_units(measure, calls, cached=cached, jobs=jobs, label="measuring motion", progress=progress)
     rejects, units = [], dict[tuple[str, str], list[_Measured]]()
     for clip, time in zip(sources.clips, times, strict=True):
@@ -80,7 +80,7 @@ def _measured(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time:
     return Time(*stated)
 
 
-def known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:
+def _known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:
     """Return the cached result of `measure`, None if there is none."""
     row = cache.json("times", _time_key(reader, ref, sha256))
     return None if row is None else Time(row[0], Fraction(row[1]), row[2])
@@ -105,10 +105,10 @@ def _take(reader: Reader, members: Sequence[_Measured]) -> Take | Reject:
     if len(rates) > 1:
         detail = f"group {group}: the dancers of a group differ in their rate: {', '.join(rates)} per second"
         return Reject("other_rate", detail=detail)
-    if grid.seconds(longest - shortest) > TOLERANCE_S:
+    if grid.seconds(longest - shortest) > _TOLERANCE_S:
         lengths = ", ".join(f"{d.id} {t.n_frames} frames" for d, t in zip(dancers, times, strict=True))
         detail = f"group {group}: the dancers of a group differ in length: {lengths}; at most "
-        return Reject("length_mismatch", detail=f"{detail}{float(TOLERANCE_S):g} s of difference are allowed")
+        return Reject("length_mismatch", detail=f"{detail}{float(_TOLERANCE_S):g} s of difference are allowed")
     recording = Recording(reader, tuple((d.ref, d.sha256) for d in dancers))
     trim = min(max(time.trim for time in times), shortest - 1)
     return Take(recording, dancers, Time(shortest, times[0].rate, trim), group=group)

@@ -23,7 +23,7 @@ from dancedata.execution.cache import Cache
 from dancedata.music.silence import Level, levels, without_sound
 
 #: Raised by hand when the stage gives other numbers for the same input.
-SIGNAL_STAGE = 5
+_SIGNAL_STAGE = 5
 #: The thread that decodes ahead, once there is one, and the file that it decodes.
 _threads: list[ThreadPoolExecutor] = []
 _ahead: dict[Path, Future[AudioSignal]] = {}
@@ -147,7 +147,7 @@ class SignalId:
         The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
         sample: rounding to a row would move the music by up to half of one.
         """
-        offset, skipped = row_at(start, self.sample_rate, grid)
+        offset, skipped = _row_at(start, self.sample_rate, grid)
         return self.without(skipped), offset
 
     def load(self) -> AudioSignal:
@@ -171,7 +171,7 @@ class SignalId:
         return signal_of_file
 
 
-def row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int]:
+def _row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int]:
     """Return the row at second `start` of a signal, and the samples before the first row."""
     offset = math.floor(start * grid.rate)
     fraction = start - grid.seconds(offset)
@@ -219,7 +219,7 @@ def _known(cache: Cache, key: str) -> SignalInfo | None:
 
 def _signal_key(file: str) -> str:
     packages = {"soundfile": package_version("soundfile"), "libsndfile": libsndfile_version()}
-    return Cache.key("signal", version=SIGNAL_STAGE, file=file, packages=packages)
+    return Cache.key("signal", version=_SIGNAL_STAGE, file=file, packages=packages)
 
 
 @lru_cache(maxsize=1)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from dancedata.cli.command import Output, command
 from dancedata.core.errors import UsageError
-from dancedata.core.text import age_text, counted, size_text
+from dancedata.core.text import counted, size_text
 
 if TYPE_CHECKING:
     from dancedata.execution.cache_admin import Pruned
@@ -88,3 +88,14 @@ def describe_pruned(pruned: "Pruned", *, dry: bool) -> str:
         f"{verb} {_entries(pruned.removed)}, {size_text(pruned.removed_bytes)}; "
         f"{pruned.kept} are left, {size_text(pruned.kept_bytes)}{in_use}{swept}"
     )
+
+
+def age_text(days: float) -> str:
+    """Return a time that has passed: "less than a minute", "15 minutes", "3 hours", "12 days"."""
+    minutes = int(days * 24 * 60)
+    if minutes < 1:
+        return "less than a minute"
+    units = ((24 * 60, "day"), (60, "hour"), (1, "minute"))
+    # Two of a unit at least: 90 minutes, 36 hours.
+    size, noun = next((size, noun) for size, noun in units if minutes >= 2 * size or size == 1)
+    return counted(minutes // size, noun)

@@ -40,7 +40,7 @@ def export(
         written = segments(path, to=out)
         return Output(written.to_json, lambda: str(written), warnings=written.notes)
     from dancedata.exports.base.run import export as run_export
-    from dancedata.recipes.parse import apply_override
+    from dancedata.recipes.overrides import apply_override
 
     parameters: dict[str, Any] = {}
     for override in overrides:

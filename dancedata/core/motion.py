@@ -297,7 +297,7 @@ class Motion:
 
 
 #: Toes with a smaller difference in height are both on the floor, metres (Lodge, `set_on_ground`).
-LEVEL_TOES_M = 0.02
+_LEVEL_TOES_M = 0.02
 
 
 def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> float:
@@ -327,7 +327,7 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
     if not 0 <= frame < len(joints):
         raise UsageError("the frame for the floor height does not exist", found=f"frame {frame} of {len(joints)}")
     left, right = (float(joints[frame, toe, 1]) for toe in skeleton.feet[2:])
-    return (left + right) / 2 if abs(left - right) < LEVEL_TOES_M else min(left, right)
+    return (left + right) / 2 if abs(left - right) < _LEVEL_TOES_M else min(left, right)
 
 
 def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:

@@ -13,9 +13,9 @@ from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, body_direction, has_sid
 from dancedata.core.skeleton import Skeleton
 
 #: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
-MAX_TURN_DEG_S = 2700.0
+_MAX_TURN_DEG_S = 2700.0
 #: Bound of the speed of a dancer's pelvis.
-MAX_ROOT_SPEED_M_S = 12.0
+_MAX_ROOT_SPEED_M_S = 12.0
 #: Range of the size of a body at rest, metres, from children to the tallest adults.
 PLAUSIBLE_BODY_M = (1.0, 2.5)
 #: Flags of a whole clip, whose unit, names of sides or up axis are probably wrong.
@@ -29,10 +29,10 @@ IMPLAUSIBLE = (
     "implausible_up",
 )
 #: Flags of a whole clip that may be as it should be.
-DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
+_DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.
 OF_MUSIC = ("silent_music", "steady_music", "decoded_by_ffmpeg", "late_music", "early_music", "cut_music")
-OF_CLIPS = (*IMPLAUSIBLE, *DOUBTFUL, *OF_MUSIC)
+OF_CLIPS = (*IMPLAUSIBLE, *_DOUBTFUL, *OF_MUSIC)
 #: Music below this level is silent, dBFS; the last bit of 16 has -98.
 SILENT_DBFS = -80.0
 #: Flags of what a recipe's `repair` changed: of a frame, and of all frames of a clip.
@@ -161,7 +161,7 @@ def _implausible_root(motion: Motion, joints: Float64Array) -> float | None:
 
 
 def quality_flags(
-    motion: Motion, max_turn_deg_s: float = MAX_TURN_DEG_S, max_root_speed_m_s: float = MAX_ROOT_SPEED_M_S
+    motion: Motion, max_turn_deg_s: float = _MAX_TURN_DEG_S, max_root_speed_m_s: float = _MAX_ROOT_SPEED_M_S
 ) -> list[Flag]:
     """Find implausible bodies, and joints and roots that move faster than a dancer can.
 

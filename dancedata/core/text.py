@@ -13,7 +13,7 @@ from typing import Any
 from unicodedata import category
 
 #: Most characters of a value in a message.
-MAX_SHOWN = 200
+_MAX_SHOWN = 200
 #: Most names of a list in a message, and characters of each: the longest file name.
 _NAMES, _NAME = 6, 255
 #: Most entries of a list value in a message, and characters of each.
@@ -50,7 +50,7 @@ def is_unicode(text: str) -> bool:
     return True
 
 
-def shown(value: object, limit: int = MAX_SHOWN) -> str:
+def shown(value: object, limit: int = _MAX_SHOWN) -> str:
     """Return a short, printable text for any value, in constant time.
 
     Containers are not expanded: a file of a thousand bytes can describe one larger than any memory. Lists show their
@@ -71,7 +71,7 @@ def shown(value: object, limit: int = MAX_SHOWN) -> str:
     return text if len(text) <= limit else f"{text[:limit]}..."
 
 
-def quoted(value: object, limit: int = MAX_SHOWN) -> str:
+def quoted(value: object, limit: int = _MAX_SHOWN) -> str:
     """Return `shown`, with quotation marks around text."""
     return f"'{shown(value, limit)}'" if isinstance(value, str) else shown(value, limit)
 
@@ -170,17 +170,6 @@ def size_text(n_bytes: float) -> str:
             return f"{n_bytes:.3g} {unit}"
         n_bytes /= 1000
     return f"{n_bytes:.4g} GB"
-
-
-def age_text(days: float) -> str:
-    """Return a time that has passed: "less than a minute", "15 minutes", "3 hours", "12 days"."""
-    minutes = int(days * 24 * 60)
-    if minutes < 1:
-        return "less than a minute"
-    units = ((24 * 60, "day"), (60, "hour"), (1, "minute"))
-    # Two of a unit at least: 90 minutes, 36 hours.
-    size, noun = next((size, noun) for size, noun in units if minutes >= 2 * size or size == 1)
-    return counted(minutes // size, noun)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> list[str]:

@@ -49,14 +49,14 @@ from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_b
 
 #: The split that a rule over the names defines.
 RULE = "crossmodal"
-IGNORE_LIST = "ignore_list.txt"
+_IGNORE_LIST = "ignore_list.txt"
 _SHAPES: dict[str, list[tuple[int, ...]]] = {"smpl_poses": [(72,), (24, 3)], "smpl_trans": [(3,)]}
 _AGAIN = "download the file again, convert it, or put the sequence on the ignore list"
 
 Floats = NDArray[np.float64]
 
 
-def sequence_problem(stem: str) -> str:
+def _sequence_problem(stem: str) -> str:
     """Return why `stem` is not a sequence name, "" if it is one."""
     return "" if parse_name(stem) else "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
 
@@ -129,7 +129,7 @@ class AistPP(Published):
     )
 
     layout: ClassVar[Layout] = Layout(
-        "aist++", "AIST++", "motions", ".pkl", "gBR_sBM_cAll_d04_mBR2_ch08.pkl", sequence_problem,
+        "aist++", "AIST++", "motions", ".pkl", "gBR_sBM_cAll_d04_mBR2_ch08.pkl", _sequence_problem,
         folder_names=("edge_aistpp", "aist_plusplus_final"),  # the copies of EDGE and of the project page
         mistakes={
             "motion": "motion/ (without s) is the layout of FineDance: build that dataset, or set SOURCE to "
@@ -355,7 +355,7 @@ class AistPP(Published):
         folders = listing.folders
         custom = self._split_places(folders) if self.split_dir is not None else []
         usual = [folder for place in folders.places for folder in (place, place / "splits")]
-        paths = [path for folder in (*custom, *usual) if (path := folder / IGNORE_LIST).is_file()]
+        paths = [path for folder in (*custom, *usual) if (path := folder / _IGNORE_LIST).is_file()]
         names = [frozenset(read_names(path)) for path in paths] or [frozenset(manifest("aistpp")["ignored"])]
         where = listing.relative(paths[0]) if paths else "the official list (shipped)"
         other = [listing.relative(path) for path, of in zip(paths[1:], names[1:], strict=True) if of != names[0]]

@@ -20,7 +20,7 @@ SPLITS = ("train", "val", "test")
 ALL = "all"
 #: Bounds of a list of names: size of the file, number of names, length of a name (of a file name, in bytes).
 MAX_LIST_BYTES = 1 << 24
-MAX_NAMES = 100_000
+_MAX_NAMES = 100_000
 MAX_NAME = 255
 
 
@@ -250,8 +250,8 @@ def read_names(path: Path, *, spaces: bool = False) -> list[str]:
     words = ((line.strip() if spaces else line.split(maxsplit=1)[0]) for line in lines if line.strip())
     names = [unicodedata.normalize("NFC", name) for name in words if not name.startswith("#")]
     longest = max(names, key=len, default="")
-    if len(names) > MAX_NAMES or len(longest) > MAX_NAME:
-        many = f"{len(names):,} names" if len(names) > MAX_NAMES else f"a name of {len(longest):,} characters"
+    if len(names) > _MAX_NAMES or len(longest) > MAX_NAME:
+        many = f"{len(names):,} names" if len(names) > _MAX_NAMES else f"a name of {len(longest):,} characters"
         raise _bad_list(path, f"{many}, {quoted(longest, 40)}")
     return names
 
@@ -261,7 +261,7 @@ def _bad_list(path: Path, found: str) -> SourceError:
         "the list of names cannot be read",
         where=str(path),
         found=found,
-        allowed=f"a UTF-8 text file, one name per line, at most {MAX_NAMES:,} names of {MAX_NAME} characters",
+        allowed=f"a UTF-8 text file, one name per line, at most {_MAX_NAMES:,} names of {MAX_NAME} characters",
         fix="replace the file, or remove it",
     )
 

@@ -31,7 +31,7 @@ ENVIRONMENT = "DANCEDATA_CACHE"
 #: Results that took longer than this to compute are flushed to disk before they appear in the cache.
 DURABLE_FROM_S = 0.5
 #: Number of times that a build starts again because entries were removed or damaged while it ran.
-LOST_ENTRIES = 3
+_LOST_ENTRIES = 3
 
 T = TypeVar("T")
 
@@ -285,7 +285,7 @@ class Cache:
         Raises EntryLostError: if entries are lost repeatedly: something removes them, or the disk is failing.
         """
         cache = self
-        for _ in range(LOST_ENTRIES):
+        for _ in range(_LOST_ENTRIES):
             try:
                 return run(cache)
             except EntryLostError as error:

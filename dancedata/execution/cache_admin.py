@@ -12,8 +12,10 @@ from stat import S_ISREG
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.system import open_file
 from dancedata.core.text import listed
 from dancedata.files import cache_files as files
+from dancedata.files.locks import is_abandoned, lock_file, remove_locked, unlock
 
 _UNITS = {"b": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12}
 _AGES = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 7 * 86400}
@@ -78,7 +80,7 @@ class Pruned:
         return {**self.__dict__, "paths": [str(path) for path in self.paths]}
 
 
-def require_cache(root: Path) -> None:
+def _require_cache(root: Path) -> None:
     """Raise UsageError if a folder holds files and is not a cache."""
     if files.is_cache(root) or not any(names for _, _, names in os.walk(root)):
         return
@@ -125,7 +127,7 @@ def _fetched(datasets: Path) -> Iterator[Entry]:
 
 def cache_json(root: Path) -> dict[str, Any]:
     """Return the output of `cache --json`: entries, bytes, and the least and most days without use, by stage."""
-    require_cache(root)
+    _require_cache(root)
     now = time.time()
     stages: dict[str, StageSum] = {}
     for entry in entries(root):
@@ -157,10 +159,10 @@ def prune(
     """
     if older_than_s is None and max_bytes is None:
         raise UsageError("no rule for removal", fix="give --older-than 30d, --max-size 50GB, or both")
-    require_cache(root)
+    _require_cache(root)
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))
-    begun = files.oldest_running(root)
+    begun = oldest_running(root)
     # The time of a use is kept to the hour.
     since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
     by_use = sorted(entries(root), key=lambda e: (e.used, e.path))
@@ -187,7 +189,7 @@ def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[P
 
     `remove`: Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
     """
-    require_cache(root)
+    _require_cache(root)
     damaged: list[tuple[Path, str]] = []
     count = 0
     for entry in entries(root):
@@ -225,9 +227,44 @@ def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], wha
     return float(match["number"]) * units[match["unit"][0]]
 
 
+def oldest_running(root: Path) -> float | None:
+    """Return when the oldest running build began, in seconds since 1970; None if none is running."""
+    begun = []
+    for path in (root / files.LOCKS).glob(f"{files.RUNNING}{'[0-9a-f]' * 32}"):
+        with suppress(FileNotFoundError):
+            since = path.stat().st_mtime
+            if not is_abandoned(path):
+                begun.append(since)
+    return min(begun, default=None)
+
+
+def remove_unused(path: Path, used: float) -> bool:
+    """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone.
+
+    Raises OSError: if this user is not allowed to remove it.
+    """
+    try:
+        fd = open_file(path, os.O_RDWR)
+    except FileNotFoundError:
+        return True
+    except PermissionError:
+        fd = open_file(path, os.O_RDONLY)
+    try:
+        in_use = os.fstat(fd).st_mtime != used or lock_file(fd, wait=False) is False
+    except BaseException:
+        unlock(fd)
+        raise
+    if in_use:
+        unlock(fd)
+        return False
+    with suppress(FileNotFoundError):
+        remove_locked(path, fd)
+    return True
+
+
 def _removed(entry: Entry) -> bool:
     try:
-        return files.remove_unused(entry.path, entry.modified)
+        return remove_unused(entry.path, entry.modified)
     except OSError as error:
         raise StoreError(
             "an entry of the cache cannot be removed",

@@ -40,7 +40,7 @@ OnResult = Callable[[int, Any], None]
 #: Starts a function with arguments in a worker.
 Start = Callable[..., Future[Any]]
 #: Seconds after which an idle worker ends: the next stage, or the next build in a notebook, finds it running.
-IDLE_S = 300
+_IDLE_S = 300
 #: Units run on one thread. BLAS libraries would start a thread for each core of the machine in every worker.
 _ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "BLIS")}
 #: Most bytes of free memory that workers keep: otherwise glibc returns it after each array, and a fifth of
@@ -180,7 +180,7 @@ def _pool(least: int, most: int) -> Any:
     for (n, *other), pool in list(_kept.items()):
         if tuple(other) == started_for and least <= n <= most:
             return pool
-    pool = ProcessPoolExecutor(least, timeout=IDLE_S, env=environment, initializer=os.chdir, initargs=(folder,))
+    pool = ProcessPoolExecutor(least, timeout=_IDLE_S, env=environment, initializer=os.chdir, initargs=(folder,))
     _kept.clear()
     _kept[least, *started_for] = pool
     _pools.add(pool)

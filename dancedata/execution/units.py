@@ -23,9 +23,9 @@ R = TypeVar("R")
 Jobs = int | Executor
 
 #: After how many runs that end with the death of a worker, which runs nothing else, a unit is named as its cause.
-DEATHS_ALONE = 2
+_DEATHS_ALONE = 2
 #: Consecutive deaths of workers that have not run a unit, after which a stage ends.
-BLIND_DEATHS = 3
+_BLIND_DEATHS = 3
 
 
 def engine_of(backend: str | None, scheduler: str | None) -> "Engine | None":
@@ -117,20 +117,20 @@ def _run(
 
     while left:
         suspects = executor.run(function, dict(left), label, finish)
-        if suspects and (death := _death(executor, _import, 0, (function,), label, BLIND_DEATHS, _ignore)):
+        if suspects and (death := _death(executor, _import, 0, (function,), label, _BLIND_DEATHS, _ignore)):
             # No unit is blamed where workers die before they run one.
             raise DanceDataError(
                 f"worker processes die during {label} before they run a unit of work",
-                found=f"{BLIND_DEATHS} times: {first_line(death)}",
+                found=f"{_BLIND_DEATHS} times: {first_line(death)}",
                 fix="run the same command again to resume; if memory ran out, with fewer --jobs",
             ) from death
         for index in suspects:
             call = left[index]
-            if death := _death(executor, function, index, call, label, DEATHS_ALONE, finish):
+            if death := _death(executor, function, index, call, label, _DEATHS_ALONE, finish):
                 raise DanceDataError(
                     f"this unit of work kills its worker process ({label})",
-                    where=unit_name(call),
-                    found=f"{DEATHS_ALONE} times, running alone: {first_line(death)}",
+                    where=_unit_name(call),
+                    found=f"{_DEATHS_ALONE} times, running alone: {first_line(death)}",
                     fix="if memory ran out, use a machine with more; else remove the file from the source",
                 ) from death
 
@@ -160,7 +160,7 @@ def _import(function: Callable[..., Any]) -> None:
     """Do nothing: a worker that has received the function has imported its modules."""
 
 
-def unit_name(call: Call) -> str:
+def _unit_name(call: Call) -> str:
     """Return the clip and the file that a unit of work reads, found among its arguments, for messages."""
     for argument in call:
         path = getattr(argument, "motion_path", None)

@@ -28,7 +28,6 @@ from dancedata.core.hashing import canonical_bytes
 from dancedata.core.system import open_file
 from dancedata.files.locks import (
     file_lock,
-    is_abandoned,
     lock_abandoned,
     lock_file,
     open_locked,
@@ -202,48 +201,11 @@ def running(root: Path) -> Iterator[None]:
         yield
 
 
-def oldest_running(root: Path) -> float | None:
-    """Return when the oldest running build began, in seconds since 1970; None if none is running."""
-    begun = []
-    for name in _listed(root / LOCKS):
-        if name.startswith(RUNNING) and _LOCK_NAME.fullmatch(name):
-            path = root / LOCKS / name
-            with suppress(FileNotFoundError):
-                since = path.stat().st_mtime
-                if not is_abandoned(path):
-                    begun.append(since)
-    return min(begun, default=None)
-
-
 def mark_in_use(fd: int) -> None:
     """Mark an open entry as in use until the last copy of `fd` is closed; FileNotFoundError if it was removed."""
     lock_file(fd, shared=True)
     if not os.fstat(fd).st_nlink:
         raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-
-
-def remove_unused(path: Path, used: float) -> bool:
-    """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone.
-
-    Raises OSError: if this user is not allowed to remove it.
-    """
-    try:
-        fd = open_file(path, os.O_RDWR)
-    except FileNotFoundError:
-        return True
-    except PermissionError:
-        fd = open_file(path, os.O_RDONLY)
-    try:
-        in_use = os.fstat(fd).st_mtime != used or lock_file(fd, wait=False) is False
-    except BaseException:
-        unlock(fd)
-        raise
-    if in_use:
-        unlock(fd)
-        return False
-    with suppress(FileNotFoundError):
-        remove_locked(path, fd)
-    return True
 
 
 def is_cache(root: Path) -> bool:

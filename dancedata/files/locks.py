@@ -18,7 +18,7 @@ from dancedata.core.system import open_file
 from dancedata.files.atomic import PREFIX
 
 #: On file systems without locks: a file that was not changed for this long was left by a killed process.
-ABANDONED_S = 24 * 3600.0
+_ABANDONED_S = 24 * 3600.0
 #: Errors of file systems without locks.
 _NO_LOCKS = {errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOLCK, errno.EINVAL}
 
@@ -116,7 +116,7 @@ def lock_abandoned(fd: int) -> bool:
     """Lock an open file if no living process has; return whether none had. The lock is held until `fd` is closed."""
     locked = lock_file(fd, wait=False)
     if locked is None:
-        return time.time() - os.fstat(fd).st_mtime > ABANDONED_S
+        return time.time() - os.fstat(fd).st_mtime > _ABANDONED_S
     return locked and os.fstat(fd).st_nlink > 0
 
 

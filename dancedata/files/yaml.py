@@ -10,8 +10,8 @@ from dancedata.core.text import is_unicode, quoted, shown
 from dancedata.files.regular_file import read_regular
 
 #: Of PyYAML, which takes 20 microseconds a character.
-MAX_CHARACTERS = 1 << 15
-MAX_NODES = 2_000
+_MAX_CHARACTERS = 1 << 15
+_MAX_NODES = 2_000
 MAX_DEPTH = 40
 
 
@@ -30,8 +30,8 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self._n_nodes += 1
-        if self._n_nodes > MAX_NODES:
-            raise yaml.YAMLError(f"more than {MAX_NODES:,} values")
+        if self._n_nodes > _MAX_NODES:
+            raise yaml.YAMLError(f"more than {_MAX_NODES:,} values")
         return super().compose_node(parent, index)
 
 
@@ -52,21 +52,21 @@ _Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping
 def read_yaml(path: Path) -> Any:
     """Read a YAML file; raises yaml.YAMLError as `load_yaml` does, OSError and UnicodeDecodeError."""
     # A character has up to four bytes.
-    return load_yaml(read_regular(path, 4 * MAX_CHARACTERS).decode("utf-8"))
+    return load_yaml(read_regular(path, 4 * _MAX_CHARACTERS).decode("utf-8"))
 
 
 def load_yaml(text: str) -> Any:
     """Read YAML; raises yaml.YAMLError, also for what only hostile files have.
 
-    That is text of more than MAX_CHARACTERS, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases that
-    make the document larger than MAX_NODES or endless.
+    That is text of more than _MAX_CHARACTERS, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases that
+    make the document larger than _MAX_NODES or endless.
     """
-    if len(text) > MAX_CHARACTERS:
-        raise yaml.YAMLError(f"{len(text):,} characters; at most {MAX_CHARACTERS:,} are read")
+    if len(text) > _MAX_CHARACTERS:
+        raise yaml.YAMLError(f"{len(text):,} characters; at most {_MAX_CHARACTERS:,} are read")
     try:
         loaded = yaml.load(text, Loader=_Loader)  # noqa: S506 -- a SafeLoader
-        if _size(loaded, 0) > MAX_NODES:
-            raise yaml.YAMLError(f"more than {MAX_NODES:,} values, aliases followed")
+        if _size(loaded, 0) > _MAX_NODES:
+            raise yaml.YAMLError(f"more than {_MAX_NODES:,} values, aliases followed")
     except RecursionError as error:
         raise yaml.YAMLError("it is nested too deep") from error
     # Numbers and dates that look like ones and are none.
@@ -93,7 +93,7 @@ def _size(value: Any, depth: int) -> int:
     total = 1
     for item in inside:
         total += _size(item, depth + 1)
-        if total > MAX_NODES:
+        if total > _MAX_NODES:
             break
     return total
 

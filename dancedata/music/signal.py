@@ -39,9 +39,9 @@ MAX_BYTES = 1 << 32
 #: Sample rates that are accepted, in Hz: telephones have 8,000, studios 192,000.
 MIN_RATE, MAX_RATE = 4_000, 400_000
 #: About the highest rate of the features: the size of a resampled signal is bounded at this rate.
-FEATURE_RATE = 48_000
+_FEATURE_RATE = 48_000
 #: Energy of a mix to mono, relative to that of a mix of unrelated channels, below which the channels cancel: -20 dB.
-LEAST_MIX = 0.01
+_LEAST_MIX = 0.01
 #: Above BOMB_BYTES, decoding may enlarge a file this many times; the most in real use is speech in opus, 250-fold.
 BOMB_BYTES = 1 << 26
 BOMB_RATIO = 1000
@@ -100,14 +100,14 @@ def _require_mix(path: Path, samples: NDArray[np.float32], mono: NDArray[np.floa
     total = float(np.vdot(samples, samples))
     # 1 for unrelated channels, `n_channels` for equal ones.
     kept = n_channels**2 * float(np.vdot(mono, mono)) / total if total > 0 else 1.0
-    if n_channels > 1 and kept < LEAST_MIX:
+    if n_channels > 1 and kept < _LEAST_MIX:
         level = f"{10 * math.log10(kept):.0f} dB" if kept > 0 else "silent"
         raise DataError(
             "the channels are in antiphase: their mean, from which features are computed, has lost the music",
             reason="antiphase",
             where=str(path),
             found=f"a mix of {n_channels} channels, {level} relative to that of unrelated channels",
-            allowed=f"{10 * math.log10(LEAST_MIX):.0f} dB or more",
+            allowed=f"{10 * math.log10(_LEAST_MIX):.0f} dB or more",
             fix="export the file again as mono, or with the polarity of one channel inverted",
         )
 
@@ -176,10 +176,10 @@ class _Opened:
         """
         rate, frames, channels = int(self._sound.samplerate), int(self._sound.frames), int(self._sound.channels)
         _require_rate(self._path, rate)
-        decoded, resampled = 4 * frames * channels, 4 * frames * FEATURE_RATE // rate
+        decoded, resampled = 4 * frames * channels, 4 * frames * _FEATURE_RATE // rate
         size = os.fstat(self._file.fileno()).st_size
         if frames < 0 or max(decoded, resampled) > _most_bytes(size):
-            what = "once decoded" if decoded >= resampled else f"once resampled to {FEATURE_RATE:,} Hz"
+            what = "once decoded" if decoded >= resampled else f"once resampled to {_FEATURE_RATE:,} Hz"
             raise _broken(self._path, f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
                           f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes")  # fmt: skip
 
@@ -280,7 +280,7 @@ def _read_by_ffmpeg(path: Path, found: Held, problem: str) -> tuple[NDArray[np.f
             fix += "" if error.options else f"; or install ffmpeg, which is then used by itself: {install('video')}"
         raise _broken(path, f"{problem}; {error}", fix=fix) from error
     _require_rate(path, rate)
-    if 4 * len(samples) * FEATURE_RATE // rate > _most_bytes(size):
+    if 4 * len(samples) * _FEATURE_RATE // rate > _most_bytes(size):
         raise _broken(path, f"{len(samples):,} samples at {rate:,} Hz in a file of {size:,} bytes")
     other = found.exact and len(samples) != round(found.seconds * rate)
     if other or found.is_cut(len(samples), rate) or (errors and not found.seconds):

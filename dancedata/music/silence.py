@@ -16,7 +16,7 @@ _PIECES = 20
 #: Level of what has no power, dBFS.
 _NOTHING = -200
 #: Music whose level changes by less between twentieths of a second has no onset, dB: a hum. Noise has 0.4 and more.
-STEADY_DB = 0.2
+_STEADY_DB = 0.2
 
 #: Level of a second, and of its quietest and its loudest piece, tenths of dBFS.
 Level = tuple[int, int, int]
@@ -59,4 +59,4 @@ def without_sound(of_music: Sequence[Level], start: Fraction, seconds: Fraction)
     if level < SILENT_DBFS:
         return [("silent_music", round(level, 1))]
     change = (max(most for _, _, most in part) - min(least for _, least, _ in part)) / 10
-    return [("steady_music", change)] if change < STEADY_DB else []
+    return [("steady_music", change)] if change < _STEADY_DB else []

@@ -6,7 +6,6 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +15,11 @@ from dancedata.core.arguments import Overrides
 from dancedata.core.errors import RecipeError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, WindowSpec, as_fraction
 from dancedata.core.plugin_files import load_plugins
-from dancedata.core.registry import DATASETS, Registry
+from dancedata.core.registry import DATASETS
 from dancedata.core.resources import resource, resources
 from dancedata.core.text import shown
-from dancedata.files.yaml import load_yaml, read_yaml
-from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, named_entries, slot_keys
+from dancedata.files.yaml import read_yaml
+from dancedata.recipes.plugins import SLOTS, Problems, frame_grid, slot_keys
 from dancedata.recipes.recipe import Recipe
 from dancedata.recipes.slots import make_slots
 from dancedata.store.schema import DATASET_FILE
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 
 #: Characters shown of a PyYAML error, which has several lines.
 _YAML_PROBLEM = 600
-_TWINS = {"length_s": "length_frames", "length_frames": "length_s"}
-_TWINS |= {key.replace("length", "stride"): twin.replace("length", "stride") for key, twin in _TWINS.items()}
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
 
 
@@ -62,14 +59,10 @@ def load_recipe(recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Over
         file = _recipe_file(str(recipe))
         document, folder = _read(file), file.parent
     where = "recipe" if isinstance(recipe, Mapping) else str(recipe)
-    if isinstance(overrides, str):
-        overrides = [overrides]
-    if isinstance(overrides, Mapping):
-        for key, value in overrides.items():
-            set_key(document, key, deepcopy(value))
-    else:
-        for override in overrides:
-            apply_override(document, override)
+    if overrides:
+        from dancedata.recipes.overrides import override_keys
+
+        override_keys(document, overrides)
     _load_plugins(document.pop("plugins", []), folder, where)
     return parse_recipe(document, where=where)
 
@@ -109,69 +102,6 @@ def _read(path: Path) -> dict[str, Any]:
         content = "an empty file" if document is None else type(document).__name__
         raise RecipeError("a recipe is a mapping of keys", where=path, found=content)
     return document
-
-
-def apply_override(document: dict[str, Any], override: str) -> None:
-    """Set one key of a recipe document in place: ``windows.stride_s=1``."""
-    key, equals, text = override.partition("=")
-    if not equals:
-        raise UsageError("an override is key=value", found=repr(override), allowed="such as windows.stride_s=1")
-    try:
-        value = load_yaml(text)
-    except yaml.YAMLError as error:
-        raise UsageError("the value of an override cannot be read", where=key, found=repr(text)) from error
-    set_key(document, key, value)
-
-
-def set_key(document: dict[str, Any], key: str, value: Any) -> None:
-    """Set one key of a recipe document in place: ``"windows.stride_s"`` to 1."""
-    parts = key.strip().split(".")
-    if not all(parts):
-        raise UsageError("not a key of a recipe", found=repr(key), allowed="such as windows.stride_s")
-    *above, last = _steps(document, parts)
-    level: Any = document
-    for step, below in pairwise((*above, last)):
-        if level is document and step == "transforms":
-            level = _entry(document, below)
-            continue
-        if not isinstance(level.get(step), dict):
-            # "dataset: aist++" and "librosa35:" are short for a mapping.
-            level[step] = {level[step]: {}} if isinstance(level.get(step), str) else {}
-        level = level[step]
-    if above == ["windows"]:
-        level.pop(_TWINS.get(last), None)
-    level[last] = value
-
-
-def _entry(document: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return the entry of a transform, ``{name: parameters}``; a recipe without it has it as its last one then."""
-    chain = document.get("transforms")
-    chain = chain if isinstance(chain, list) else [chain] if isinstance(chain, str) else []
-    document["transforms"] = chain = [{entry: {}} if isinstance(entry, str) else entry for entry in chain]
-    entry = next((entry for entry in chain if isinstance(entry, dict) and name in entry), None)
-    if entry is None:
-        entry = {name: {}}
-        chain.append(entry)
-    return entry
-
-
-def _steps(document: Mapping[str, Any], parts: list[str]) -> list[str]:
-    """Return the keys that an override names, from the top: at each level the longest that exists or may be added."""
-    level: Any = document
-    registry: Registry[Any] | None = None
-    steps: list[str] = []
-    while parts:
-        level = level if isinstance(level, dict) else {}
-        for n in range(len(parts), 0, -1):
-            step = ".".join(parts[:n])
-            if n == 1 or step in level or (registry is not None and step in registry):
-                break
-        parts = parts[n:]
-        registry = None if steps else SLOTS.get(step)
-        level = level.get(step)
-        level = named_entries(level) if registry is not None else level
-        steps.append(step)
-    return steps
 
 
 def stored_recipe(store: "Store") -> Recipe:

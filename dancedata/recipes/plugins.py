@@ -55,7 +55,7 @@ _ADDED = ("transforms", "fields", "augment", "annotators", "rules")
 #: Keys of a slot in addition to the plug-in's.
 SLOT_KEYS = {"motion": ("contacts", "optional"), "audio": ("fps",), "keymotion": ("optional",)}
 #: Motion is resampled to a recipe's rate however slowly it was captured: a billion per second would fill any memory.
-MAX_FPS = 1000
+_MAX_FPS = 1000
 _LABEL = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -74,16 +74,16 @@ class Problems(list[str]):
 def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
     """Return the grid of a rate in a recipe.
 
-    Raises UsageError: if it is not a number above 0, or above MAX_FPS.
+    Raises UsageError: if it is not a number above 0, or above _MAX_FPS.
     """
     try:
         # A boolean is a number to Python.
         grid = FrameGrid.of(repr(fps) if fps is None or isinstance(fps, bool) else fps)
     except UsageError as error:
         raise UsageError(f"{key}: {error}") from error
-    if grid.rate > MAX_FPS:
+    if grid.rate > _MAX_FPS:
         raise UsageError(
-            f"{key} is too high", found=shown(str(grid), 40), allowed=f"at most {MAX_FPS:,} frames per second"
+            f"{key} is too high", found=shown(str(grid), 40), allowed=f"at most {_MAX_FPS:,} frames per second"
         )
     return grid
 

@@ -18,7 +18,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.rotations import Float64Array, shortest_rotation
 
 N_JOINTS = 22
-PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19)
+_PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19)
 #: Lengths of the target's bones, metres, to the parents; measured on the published new_joints/012314.npy, where they
 #: are constant to 2e-6.
 BONE_LENGTHS = (
@@ -66,17 +66,17 @@ def floor_of(joints: Float64Array) -> float:
 
 def _on_target(joints: Float64Array) -> tuple[Float64Array, float]:
     """Return joints (T, 22, 3) with the target's bones, and the scale of the world."""
-    lengths = np.linalg.norm(joints[0, 1:] - joints[0, list(PARENTS[1:])], axis=-1)
+    lengths = np.linalg.norm(joints[0, 1:] - joints[0, list(_PARENTS[1:])], axis=-1)
     if not (lengths > 1e-6).all():
         joint = int(np.argmin(lengths)) + 1
         raise DataError("a bone has no length, so that it has no direction", reason="bad_skeleton",
-                        where="humanml263", found=f"joint {joint} at its parent {PARENTS[joint]}")  # fmt: skip
+                        where="humanml263", found=f"joint {joint} at its parent {_PARENTS[joint]}")  # fmt: skip
     scale = sum(BONE_LENGTHS[j] for j in _LEG) / sum(lengths[j - 1] for j in _LEG)
     placed = np.empty_like(joints)
     placed[:, 0] = joints[:, 0] * scale
     for j in range(1, N_JOINTS):
-        bone = joints[:, j] - joints[:, PARENTS[j]]
-        placed[:, j] = placed[:, PARENTS[j]] + BONE_LENGTHS[j] * bone / _length(bone)
+        bone = joints[:, j] - joints[:, _PARENTS[j]]
+        placed[:, j] = placed[:, _PARENTS[j]] + BONE_LENGTHS[j] * bone / _length(bone)
     return placed, scale
 
 
@@ -131,14 +131,14 @@ def _facing(joints: Float64Array) -> Float64Array:
 
 def _rotations(joints: Float64Array, facing: Float64Array) -> Float64Array:
     """Return 6D rotations (T, 126) of the bones, each relative to the one before: two columns of each matrix."""
-    bones = joints[:, 1:] - joints[:, list(PARENTS[1:])]
+    bones = joints[:, 1:] - joints[:, list(_PARENTS[1:])]
     world = shortest_rotation(np.broadcast_to(_REST[1:], bones.shape), bones, _HALF_TURNS)
     body = np.zeros((len(joints), 3, 3))
     cosine, sine = np.cos(facing), np.sin(facing)
     body[:, 0, 0], body[:, 0, 2], body[:, 1, 1], body[:, 2, 0], body[:, 2, 2] = cosine, sine, 1, -sine, cosine
     rotations = np.empty((len(joints), N_JOINTS - 1, 6))
     for j in range(1, N_JOINTS):
-        before = body if j in _FIRST else world[:, PARENTS[j] - 1]
+        before = body if j in _FIRST else world[:, _PARENTS[j] - 1]
         local = np.swapaxes(before, -1, -2) @ world[:, j - 1]
         rotations[:, j - 1] = np.concatenate([local[..., 0], local[..., 1]], axis=-1)
     return rotations.reshape(len(joints), -1)

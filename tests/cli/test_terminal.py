@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.cli.cache import age_text
 from dancedata.cli.terminal import say
 from dancedata.comparison import Difference, Differences
-from dancedata.core.text import age_text
 from tests.commands import run
 
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from dancedata.cli.app import app
 from dancedata.cli.cache import describe_pruned
 from dancedata.core.errors import UsageError
+from dancedata.execution import cache_admin
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import parse_age, parse_size, prune
 from dancedata.files import cache_files
@@ -118,13 +119,13 @@ def test_entries_of_a_running_build_stay(own: Cache):
 
 
 def test_entries_used_since_they_were_listed_stay(own: Cache, monkeypatch: pytest.MonkeyPatch):
-    remove = cache_files.remove_unused
+    remove = cache_admin.remove_unused
 
     def used_meanwhile(path: Path, used: float) -> bool:
         own.array("features", key(1))
         return remove(path, used)
 
-    monkeypatch.setattr(cache_files, "remove_unused", used_meanwhile)
+    monkeypatch.setattr(cache_admin, "remove_unused", used_meanwhile)
     assert prune(own.root, older_than_s=3.5 * DAY).removed == 1
     assert left(own) == [1, 3, 4, 5]
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from dancedata.building import build as build_module
 from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
+from dancedata.execution import cache_admin
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import cache_json, prune
 from dancedata.files import cache_files, publish
@@ -315,7 +316,7 @@ def test_links_in_the_cache_are_not_followed(tmp_path: Path):
     (cache.root / "locks").mkdir(exist_ok=True)
     (cache.root / "locks" / f"build-{HEX[:32]}").mkdir()
     assert cache_files.sweep(cache.root) == 0
-    assert cache_files.oldest_running(cache.root) is None or link.is_symlink()
+    assert cache_admin.oldest_running(cache.root) is None or link.is_symlink()
     assert target.read_text() == MINE
 
 

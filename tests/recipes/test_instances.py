@@ -13,7 +13,8 @@ from dancedata.building.plan import make_plan
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.execution.cache import Cache
 from dancedata.files.regular_file import sha256_file
-from dancedata.recipes.parse import apply_override, parse_recipe
+from dancedata.recipes.overrides import apply_override
+from dancedata.recipes.parse import parse_recipe
 from dancedata.recipes.recipe import Recipe
 from tests.messages import raises_message
 

@@ -11,7 +11,8 @@ import yaml
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
 from dancedata.files.yaml import load_yaml
-from dancedata.recipes.parse import apply_override, load_recipe, parse_recipe, recipe_names
+from dancedata.recipes.overrides import apply_override
+from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
 from tests.messages import raises_message
 

@@ -22,7 +22,7 @@ from dancedata.files.yaml import read_yaml
 if TYPE_CHECKING:
     from dancedata.core.sided_words import Lexicon
 
-GENRE = Layer("genre", by="genre", sided="no")
+_GENRE = Layer("genre", by="genre", sided="no")
 _ALLOWED = "{language: de, pairs: [[links, rechts]], exact: [...], same: [...], alone: [...], whole_words: true}"
 
 
@@ -76,7 +76,7 @@ class Genre(Stated):
     @override
     def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
         genre = take.dancers[dancer].ref.genre
-        return [Segment(GENRE, Fraction(0), CLIP_END, genre)] if genre else []
+        return [Segment(_GENRE, Fraction(0), CLIP_END, genre)] if genre else []
 
 
 def _lexicon(value: Any) -> Lexicon:

@@ -35,7 +35,7 @@ class Vitals(Annotator):
     def annotate(self, scene: Scene) -> list[list[Any]]:
         """Return height and flags of each dancer."""
         pairs = zip(scene.motions, scene.flags, strict=True)
-        return [[vertical_extent(m), *(f.to_json() for f in [*quality_flags(m), *done])] for m, done in pairs]
+        return [[_vertical_extent(m), *(f.to_json() for f in [*quality_flags(m), *done])] for m, done in pairs]
 
     def flags(self, rows: Sequence[Any]) -> Sequence[dict[str, Any]]:
         """Return the flags."""
@@ -54,7 +54,7 @@ class Vitals(Annotator):
 VITALS = Vitals().id
 
 
-def vertical_extent(motion: Motion) -> float:
+def _vertical_extent(motion: Motion) -> float:
     """Return the distance of the highest joint from the lowest along y, median over frames, metres.
 
     A check of axis and unit: a standing dancer measures 1.4 to 1.7 m from the toes to the head joint.

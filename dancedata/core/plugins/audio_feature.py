@@ -16,7 +16,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins.plugin import Plugin
 
 #: Above it the squared spectrum might overflow float32; full scale is 1.
-MAX_SAMPLE = 1e12
+_MAX_SAMPLE = 1e12
 
 
 class AudioFeature(Plugin):
@@ -207,11 +207,11 @@ class AudioFeature(Plugin):
         if len(signal.samples) == 0:
             raise DataError(f"{self.name}: the signal has no samples", reason="empty_audio", found="0 samples")
         # Not "any > maximum": NaN fails every comparison.
-        bad = np.flatnonzero(~(np.abs(signal.samples) <= MAX_SAMPLE))
+        bad = np.flatnonzero(~(np.abs(signal.samples) <= _MAX_SAMPLE))
         if bad.size:
             raise DataError(f"{self.name}: the signal has samples that are NaN, infinite or too large", reason="nan",
                             found=f"{bad.size} samples, the first is {signal.samples[bad[0]]} at sample {bad[0]}",
-                            allowed=f"finite samples up to {MAX_SAMPLE:g} (full scale is 1)",
+                            allowed=f"finite samples up to {_MAX_SAMPLE:g} (full scale is 1)",
                             fix="export the file again, for example as 16-bit wav")  # fmt: skip
 
     def require_windows(self, signal: AudioSignal, starts: npt.NDArray[np.int64], n_samples: int) -> None:
