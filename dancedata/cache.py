@@ -28,7 +28,7 @@ from dancedata.core.grid import Number
 from dancedata.execution.arithmetic import REFERENCE, expected, has_reference
 from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import as_in_builds
+from dancedata.execution.units import unit_runner
 from dancedata.store import Store
 from dancedata.store.normalize import Reader
 
@@ -162,7 +162,7 @@ def _made(cache: Cache, units: Sequence[Unit]) -> dict[str, Any]:
         cached = in_cache(cache, unit)
         if cached is not None:
             return cached
-    compute: Callable[..., dict[str, Any]] = as_in_builds(not units[-1].wanted[0][0].lane)
+    compute: Callable[..., dict[str, Any]] = unit_runner(not units[-1].wanted[0][0].lane)
     return compute(make, cache, units[-1])
 
 

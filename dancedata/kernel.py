@@ -16,10 +16,10 @@ __all__ = [
     "Clip",
     "ClipRecord",
     "Clips",
+    "DatasetFiles",
     "Engine",
     "Executor",
     "Field",
-    "Listing",
     "Music",
     "MusicField",
     "Progress",
@@ -42,7 +42,6 @@ __all__ = [
     "WindowRule",
     "alike_songs",
     "annotate_clips",
-    "as_in_builds",
     "audio_length",
     "chosen_recipe",
     "compiling",
@@ -67,6 +66,7 @@ __all__ = [
     "start_workers",
     "stated_tempo",
     "stored_recipe",
+    "unit_runner",
 ]
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ if TYPE_CHECKING:
     from dancedata.execution.executors import Executor
     from dancedata.execution.progress import Progress
     from dancedata.execution.requirements import Requirements
-    from dancedata.execution.units import as_in_builds, run_units, start_workers
+    from dancedata.execution.units import run_units, start_workers, unit_runner
     from dancedata.music.kernels import compiling
     from dancedata.music.samples import resample
     from dancedata.music.signal import audio_length, load_audio
@@ -101,7 +101,7 @@ if TYPE_CHECKING:
     from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
     from dancedata.store.clip_view import Clip, Clips
     from dancedata.store.dataset import Store, open_store
-    from dancedata.store.listing import Listing
+    from dancedata.store.listing import DatasetFiles
     from dancedata.store.normalize import Reader, Scaler
     from dancedata.store.schema import DATASET_FILE, Field
     from dancedata.store.songs import songs_of
@@ -121,7 +121,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Engine": "dancedata.execution.engines",
             "Executor": "dancedata.execution.executors",
             "Field": "dancedata.store.schema",
-            "Listing": "dancedata.store.listing",
+            "DatasetFiles": "dancedata.store.listing",
             "Music": "dancedata.building.inputs",
             "MusicField": "dancedata.building.fields.music",
             "Progress": "dancedata.execution.progress",
@@ -144,7 +144,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "WindowRule": "dancedata.building.plugins",
             "alike_songs": "dancedata.building.leaks",
             "annotate_clips": "dancedata.building.clips",
-            "as_in_builds": "dancedata.execution.units",
+            "unit_runner": "dancedata.execution.units",
             "audio_length": "dancedata.music.signal",
             "chosen_recipe": "dancedata.building.arguments",
             "compiling": "dancedata.music.kernels",

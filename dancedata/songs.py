@@ -37,7 +37,6 @@ from dancedata.kernel import (
     Recipe,
     SignalId,
     Store,
-    as_in_builds,
     identify_audio,
     load_audio,
     load_recipe,
@@ -47,6 +46,7 @@ from dancedata.kernel import (
     song_rows,
     stated_tempo,
     stored_recipe,
+    unit_runner,
 )
 from dancedata.scene.like import opened, store_of
 
@@ -109,7 +109,7 @@ def features(
     place = Path("song" if isinstance(song, AudioSignal) else song)
     if bpm is None:
         bpm, _ = stated_tempo(store, signal.sha256, place)
-    compute = as_in_builds(job.feature.exact)
+    compute = unit_runner(job.feature.exact)
     if job.windows is None:
         rows: npt.NDArray[Any] = compute(partial(job.feature.extract, start_bpm=bpm), signal, job.grid)
         return rows
@@ -333,7 +333,7 @@ def _compute(cache: Cache, field: MusicField, song: SignalId, bpm: float | None)
 
 def _estimated(field: MusicField, signal: AudioSignal) -> Any:
     """Return the tempo that a feature estimates: one, or of each slice; None where it estimates none."""
-    compute = as_in_builds(field.feature.exact)
+    compute = unit_runner(field.feature.exact)
     if field.windows is None:
         return compute(field.feature.estimated_bpm, signal, field.grid)
     starts, length = field.slices(signal.n_samples, signal.sample_rate)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.alignment.rhythm import Search, Together, find_offsets, found_start, recordings
+from dancedata.alignment.rhythm import OffsetGroup, Search, find_offsets, found_start, recordings
 from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
@@ -297,12 +297,12 @@ def _check(path: Path, by: str, search: Search, file: Path | None) -> None:
                          fix="give the folder that it was built from")  # fmt: skip
 
 
-def _units(clips: Sequence[ClipRef], by: str) -> list[Together]:
+def _units(clips: Sequence[ClipRef], by: str) -> list[OffsetGroup]:
     if by == "recording":
         return recordings(clips)
     if by == "clip":
-        return [Together(clip.id, (clip,)) for clip in clips]
+        return [OffsetGroup(clip.id, (clip,)) for clip in clips]
     songs: dict[tuple[str, Path | None], list[ClipRef]] = {}
     for clip in clips:
         songs.setdefault((clip.music, clip.audio_path), []).append(clip)
-    return [Together(of[0].music or of[0].id, tuple(of)) for of in songs.values()]
+    return [OffsetGroup(of[0].music or of[0].id, tuple(of)) for of in songs.values()]

@@ -42,20 +42,20 @@ class Search:
 
 
 @dataclass(frozen=True)
-class Together:
+class OffsetGroup:
     """Clips that have one offset."""
 
     name: str
     clips: tuple[ClipRef, ...]
 
 
-def recordings(clips: Sequence[ClipRef]) -> list[Together]:
+def recordings(clips: Sequence[ClipRef]) -> list[OffsetGroup]:
     """Group clips by recording: dancers of a group, or parts and people of one motion file, with one music file."""
     by_recording: dict[tuple[str | Path, Path | None], list[ClipRef]] = {}
     for clip in clips:
         by_recording.setdefault((clip.group or clip.motion_path, clip.audio_path), []).append(clip)
     return [
-        Together(of[0].id if len(of) == 1 else of[0].group or of[0].motion_path.name, tuple(of))
+        OffsetGroup(of[0].id if len(of) == 1 else of[0].group or of[0].motion_path.name, tuple(of))
         for of in by_recording.values()
     ]
 
@@ -63,7 +63,7 @@ def recordings(clips: Sequence[ClipRef]) -> list[Together]:
 def find_offsets(
     cache: Cache,
     dataset: Dataset,
-    units: Sequence[Together],
+    units: Sequence[OffsetGroup],
     songs: Sequence[Path],
     search: Search,
     *,
@@ -285,7 +285,7 @@ class AlignedStarts(StartFinder):
         return replace(scan, clips=clips, rejects=tuple(rejects), notes=(*scan.notes, note))
 
 
-def _unknown(clip: ClipRef, unit: Together, offset: Offset) -> Reject:
+def _unknown(clip: ClipRef, unit: OffsetGroup, offset: Offset) -> Reject:
     numbers: Mapping[str, float | None] = {
         "offset_s": offset.offset_s, "width_s": offset.width_s, "p": offset.p, "seconds": offset.seconds,
     }  # fmt: skip

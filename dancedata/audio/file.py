@@ -15,7 +15,7 @@ from dancedata.core.codebook import Codebook, DType
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, Number, as_fraction, as_rate
-from dancedata.core.plugins import FileFeature, Placed
+from dancedata.core.plugins import FileFeature, FileSpan
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import quoted
 from dancedata.core.typing import override
@@ -192,7 +192,7 @@ class FileRows(FileFeature):
 
     @property
     @override
-    def shaping(self) -> dict[str, Any]:
+    def hashed_keys(self) -> dict[str, Any]:
         codes = None if self.codebook is None else [self.codebook.to_json(), list(self.first_codes)]
         return {"rate": self.rate, "resample": self.resample, "dtype": self.dtype, "codes": codes}
 
@@ -253,7 +253,7 @@ class FileRows(FileFeature):
         origin = as_fraction(self.origin_s, "origin_s")
         return origin - audio_start if self.begins == "music" else origin
 
-    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> Placed:
+    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> FileSpan:
         """Place a file of `n_rows` rows, of which row 0 is at second `begin_s` of the clip, on the clip's grid.
 
         Raises
@@ -271,9 +271,9 @@ class FileRows(FileFeature):
         step = as_rate(self.rate) / grid.rate
         phase = (first - start) * step
         inside = (n_rows - phase) / step
-        return Placed(first, max(0, -((-inside.numerator) // inside.denominator)), phase, step)
+        return FileSpan(first, max(0, -((-inside.numerator) // inside.denominator)), phase, step)
 
-    def rows(self, path: Path, placed: Placed) -> NDArray[Any]:
+    def rows(self, path: Path, placed: FileSpan) -> NDArray[Any]:
         """Return the (placed.n_rows, D) rows of a file on a clip's grid, in `dtype`.
 
         Raises

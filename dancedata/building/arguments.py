@@ -13,7 +13,7 @@ from dancedata.recipes.parse import load_recipe, recipe_names
 from dancedata.recipes.recipe import Recipe
 
 if TYPE_CHECKING:
-    from dancedata.building.rebuild import Published
+    from dancedata.building.rebuild import Publication
 
 #: Files that show that a folder is a dataset or a publication.
 _PUBLISHED = ("dataset.json", "publication.json")
@@ -28,7 +28,7 @@ class BuildArguments:
     recipe: Recipe
     source: Path
     out: Path
-    published: Published | None
+    published: Publication | None
 
     @classmethod
     def of(
@@ -73,13 +73,13 @@ def _prepared(folder: str | Path) -> Path | None:
     return path / "recipe.yaml" if (path / "recipe.yaml").is_file() and not published else None
 
 
-def _published(recipe: RecipeLike) -> Published | None:
+def _published(recipe: RecipeLike) -> Publication | None:
     """Return the publication at an address or in a folder; None if that names a recipe."""
     if not isinstance(recipe, str | Path) or str(recipe) in recipe_names():
         return None
-    from dancedata.building.rebuild import Published
+    from dancedata.building.rebuild import Publication
 
-    return Published.at(recipe)
+    return Publication.at(recipe)
 
 
 def jobs_of(jobs: int | None) -> int:

@@ -12,9 +12,9 @@ from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, FEATURES, REPRESENTATIONS
 from dancedata.core.text import shown
-from dancedata.execution.units import as_in_builds
+from dancedata.execution.units import unit_runner
 from dancedata.files.regular_file import sha256_file
-from dancedata.recipes.plugins import make_named, one_of
+from dancedata.recipes.plugins import make_named, single_plugin
 
 
 def extract(feature: str, song: str | Path | AudioSignal, *, fps: Number = 30) -> npt.NDArray[Any]:
@@ -23,7 +23,7 @@ def extract(feature: str, song: str | Path | AudioSignal, *, fps: Number = 30) -
 
     plugin = make_named(FEATURES, "audio", feature, {}).resolved(sha256_file)
     signal = song if isinstance(song, AudioSignal) else load_audio(song)
-    rows: npt.NDArray[Any] = as_in_builds(plugin.exact)(plugin.extract, signal, FrameGrid.of(fps))
+    rows: npt.NDArray[Any] = unit_runner(plugin.exact)(plugin.extract, signal, FrameGrid.of(fps))
     return rows
 
 
@@ -72,7 +72,7 @@ def encode(
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []
-    contact_rule = None if rule is None else one_of(CONTACTS, "contacts", rule, problems)
+    contact_rule = None if rule is None else single_plugin(CONTACTS, "contacts", rule, problems)
     if problems:
         raise RecipeError("; ".join(problems))
     array: npt.NDArray[np.float32] = plugin.encode(motion, contact_rule)

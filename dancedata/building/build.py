@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dancedata.building.card import dataset_card
 from dancedata.building.clips import compute_clips, scan_of, sources_of
-from dancedata.building.left_out import nothing_left, reasons, stop_if_strict
+from dancedata.building.left_out import empty_build_error, reasons, require_no_rejects
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
 from dancedata.building.source_record import SourceRecord
@@ -37,7 +37,7 @@ from dancedata.store.schema import DATASET_FILE, LOCAL_FILE
 from dancedata.store.songs import songs_of
 
 if TYPE_CHECKING:
-    from dancedata.building.rebuild import Published
+    from dancedata.building.rebuild import Publication
     from dancedata.store import Problem
 
 
@@ -111,7 +111,7 @@ def build(
     progress: Progress | None = None,
     backend: str | None = None,
     scheduler: str | None = None,
-    published: Published | None = None,
+    published: Publication | None = None,
 ) -> BuildResult:
     """Build a dataset from a parsed recipe; parameters and errors as of `building.commands.build`.
 
@@ -167,7 +167,7 @@ class _Build:
     progress: Progress
     overwrite: bool
     strict: bool
-    published: Published | None
+    published: Publication | None
 
     def run(self) -> bool:
         """Build; return False if the dataset existed already."""
@@ -183,16 +183,16 @@ class _Build:
 
             require_same(self.out, self.recipe, sources.sha256, record)
             with open_store(self.out) as store:
-                stop_if_strict(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
+                require_no_rejects(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
                 self._stop_if_implausible(store.quality)
             return False
-        stop_if_strict(self.strict, sources.rejects, self.scan)
+        require_no_rejects(self.strict, sources.rejects, self.scan)
         computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
-        stop_if_strict(self.strict, computed.rejects, self.scan)
+        require_no_rejects(self.strict, computed.rejects, self.scan)
         self._stop_if_implausible(computed.quality)
         computed = computed._replace(rejects=[relative_to(r, self.source) for r in computed.rejects])
         if not computed.clips:
-            raise nothing_left(self.source, self.recipe.dataset, self.scan, computed.rejects)
+            raise empty_build_error(self.source, self.recipe.dataset, self.scan, computed.rejects)
         stored = {clip.original for clip in computed.clips}
         meta = _meta(self.recipe, sources, record.to_json(stored))
         with new_dataset(self.out) as folder:

@@ -27,7 +27,7 @@ from dancedata.core.implausible import implausible_problems
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
-from dancedata.core.rejects import attempt, relative_to
+from dancedata.core.rejects import reject_on_error, relative_to
 from dancedata.core.sides import has_sides, sampled
 from dancedata.core.text import counted, listed
 from dancedata.execution.cache import Cache
@@ -371,13 +371,13 @@ def _seconds(signal: SignalId | Signal | None) -> float:
 def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | None]:
     from dancedata.music.signal import load_audio
 
-    motion = attempt(lambda: reader.load(ref), ref.motion_path, ref.id)
+    motion = reject_on_error(lambda: reader.load(ref), ref.motion_path, ref.id)
     problems = [motion] if isinstance(motion, Reject) else []
     if not isinstance(motion, Reject):
         flags = ({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
         problems += implausible_problems(flags)
     song = ref.audio_path
-    music = None if song is None else attempt(lambda: load_audio(song), song, ref.id)
+    music = None if song is None else reject_on_error(lambda: load_audio(song), song, ref.id)
     problems += [music] if isinstance(music, Reject) else []
     if music is None or isinstance(music, Reject) or isinstance(motion, Reject):
         return problems, None

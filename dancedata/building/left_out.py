@@ -22,7 +22,7 @@ def reasons(store: Store) -> dict[str, int]:
     return dict(sorted(Counter(row["reason"] for row in store.rejects).items()))
 
 
-def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
+def empty_build_error(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[Reject]) -> StoreError:
     """Return the error of a source of which no clip can be stored: reasons, notes of the reader, fix."""
     text = _report("no clip is left to build from", rejects, scan)
     # For files of any layout, only the recipe has the declarations.
@@ -36,7 +36,7 @@ def nothing_left(source: Path, dataset: Dataset, scan: Scan, rejects: Sequence[R
     return StoreError(text, where=source, fix=fix)
 
 
-def stop_if_strict(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
+def require_no_rejects(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
     """Raise DataError for the broken clips, if the build is strict."""
     broken = [r for r in rejects if r.reason not in BY_CHOICE]
     if strict and broken:

@@ -12,7 +12,7 @@ from dancedata.building.sources import SourceClip, Sources
 from dancedata.building.take import Dancer, Reader, Recording, Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.plugins import Dataset
-from dancedata.core.rejects import attempt
+from dancedata.core.rejects import reject_on_error
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs, run_units
@@ -60,7 +60,7 @@ def takes_of(
 
 def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | Reject:
     """Return the time of a clip's motion, measured once until its file changes; a Reject where it cannot be read."""
-    time = attempt(lambda: _measured(cache, reader, ref, sha256), ref.motion_path, ref.id)
+    time = reject_on_error(lambda: _measured(cache, reader, ref, sha256), ref.motion_path, ref.id)
     if isinstance(time, Reject):
         return time
     cache.put_json("times", _time_key(reader, ref, sha256), [time.n_frames, str(time.rate), time.trim])

@@ -13,7 +13,7 @@ from typing import Any
 from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import workers_for
 from dancedata.building.clips import compute_clips, scan_of, sources_of, with_found_starts
-from dancedata.building.left_out import stop_if_strict
+from dancedata.building.left_out import require_no_rejects
 from dancedata.building.sources import Sources
 from dancedata.building.stored import Clips
 from dancedata.core.arguments import Overrides
@@ -123,9 +123,9 @@ def build_part(
             ids = {clip.id for clip in clips}
             share = replace(scan, clips=tuple(clip for clip in scan.clips if clip.id in ids), rejects=())
             sources = sources_of(cache, recipe, share, jobs=workers, progress=reporter)
-            stop_if_strict(strict, sources.rejects, scan)
+            require_no_rejects(strict, sources.rejects, scan)
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=reporter)
-            stop_if_strict(strict, computed.rejects, scan)
+            require_no_rejects(strict, computed.rejects, scan)
             if strict:
                 require_plausible(computed.quality)
             return sources, computed

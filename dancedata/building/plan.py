@@ -16,7 +16,7 @@ from dancedata.building.clips import scan_of, source_groups, sources_of
 from dancedata.building.compute import compute
 from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
-from dancedata.building.left_out import nothing_left
+from dancedata.building.left_out import empty_build_error
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Field
 from dancedata.building.result import Result
@@ -28,7 +28,7 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.implausible import describe_implausible
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.rejects import attempt, left_out_lines, relative_to
+from dancedata.core.rejects import left_out_lines, reject_on_error, relative_to
 from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -82,7 +82,7 @@ class Plan:
         """The error that a build would raise if nothing is left to store."""
         if self.results:
             return None
-        return nothing_left(self.source, self.recipe.dataset, self.scan, self.rejects)
+        return empty_build_error(self.source, self.recipe.dataset, self.scan, self.rejects)
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: counts, columns and bytes."""
@@ -238,7 +238,7 @@ def _length(cache: Cache, path: Path) -> SignalId | Reject:
     identified = SignalId.cached(cache, path)
     if identified is not None:
         return identified
-    length = attempt(lambda: audio_length(path), path)
+    length = reject_on_error(lambda: audio_length(path), path)
     return length if isinstance(length, Reject) else SignalId(path, "", str(path), length[1], length[0])
 
 

@@ -402,6 +402,6 @@ class StartFinder(Plugin):
         """Return a scan with the offsets of the clips `asked`; those of unknown ones are rejects."""
 
 
-def maker_hash(*shaping: Any) -> str:
+def maker_hash(*values: Any) -> str:
     """Return the hash of what shapes results of motion, with the packages and instructions that compute them."""
-    return json_sha256([*shaping, {name: package_version(name) for name in ("numpy", "scipy")}, expected()])
+    return json_sha256([*values, {name: package_version(name) for name in ("numpy", "scipy")}, expected()])

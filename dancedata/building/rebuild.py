@@ -26,7 +26,7 @@ from dancedata.recipes.plugins import SLOTS
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
 from dancedata.store.dataset_json import MAX_BYTES, MAX_LINES_BYTES, json_rejects
-from dancedata.store.listing import Listing
+from dancedata.store.listing import DatasetFiles
 from dancedata.store.schema import REJECTS_FILE, STATS_FILE
 
 #: Files of the recipe's publication that a build does not read from the source.
@@ -35,7 +35,7 @@ _WRITTEN = ("recipe.yaml", _CLIPS_FILE, REJECTS_FILE, STATS_FILE)
 
 
 @dataclass(frozen=True)
-class Published:
+class Publication:
     """A publication: of a recipe, or of a dataset with its data.
 
     `place`: Its address, that of a hub with the commit; or its folder.
@@ -50,26 +50,26 @@ class Published:
     files: Mapping[str, str]
 
     @classmethod
-    def at(cls, recipe: str | Path) -> Published | None:
+    def at(cls, recipe: str | Path) -> Publication | None:
         """Return the publication at an address or in a folder; None if that names a recipe.
 
         Raises StoreError: if there is none, or it is damaged.
         """
-        if not is_address(recipe) and not Listing.path(Path(recipe).expanduser()).is_file():
+        if not is_address(recipe) and not DatasetFiles.path(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)
         origin = origin_of(folder)
-        path = Listing.path(folder)
+        path = DatasetFiles.path(folder)
         try:
             document = _sealed(parse_json(read_regular(path, MAX_BYTES).decode("utf-8")))
-            Listing.of(document, path)
+            DatasetFiles.of(document, path)
             files = {}
             if "publication" in document:
                 if document["publication"] != 1:
                     raise ValueError(f"publication {quoted(document['publication'], 20)} of a later dancedata")
                 files = {name: entry["sha256"] for name, entry in document["files"].items()}
                 document = _sealed(document["dataset"])
-                Listing.of(document, path)
+                DatasetFiles.of(document, path)
             if not isinstance(document["recipe"], dict) or not isinstance(document["source"]["sha256"], str):
                 raise ValueError("recipe")
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -161,7 +161,7 @@ class Published:
     def same(self, out: Path) -> bool:
         """Return whether a dataset has the same bytes: every shard, table and list."""
         with open_store(out) as store:
-            return set(Listing(self.dataset).files()) == set(Listing(store.info).files())
+            return set(DatasetFiles(self.dataset).files()) == set(DatasetFiles(store.info).files())
 
 
 def _sealed(document: Any) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from dancedata.core.text import shown
 from dancedata.files.listing import MANIFESTS, MOTION_FOLDERS
 from dancedata.files.regular_file import sha256_file
 from dancedata.music.signal import audio_length, load_audio
-from dancedata.recipes.plugins import one_of
+from dancedata.recipes.plugins import single_plugin
 from dancedata.store import Clip, Store
 from dancedata.store.songs import music_hashes
 
@@ -120,7 +120,7 @@ def dataset_of(store: Store) -> Dataset | None:
     """Return the reader of a store's source, with its recipe's parameters; None if it is unknown."""
     recipe = store.info.get("recipe")
     dataset = recipe.get("dataset") if isinstance(recipe, Mapping) else None
-    return one_of(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None
+    return single_plugin(DATASETS, "dataset", dataset, []) if isinstance(dataset, Mapping) else None
 
 
 def _named(clips: list[Clip], source: Path) -> dict[str, Path]:

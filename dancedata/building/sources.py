@@ -17,7 +17,7 @@ from dancedata.core.rejects import missing_music
 from dancedata.core.text import counted, is_unicode, listed, quoted
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
-from dancedata.execution.units import Jobs, exactly, run_units
+from dancedata.execution.units import Jobs, in_reference, run_units
 from dancedata.files.documents import content_hashes, document_of
 
 
@@ -104,7 +104,7 @@ def scan_source(dataset: Dataset, fields: Sequence[Field], source: Path) -> Scan
 
     SourceError if two clips have one id, or if clips are kept without the music that fields need.
     """
-    scan = exactly(dataset.scan, source) if dataset.generates else dataset.scan(source)
+    scan = in_reference(dataset.scan, source) if dataset.generates else dataset.scan(source)
     clips_by_id: dict[str, ClipRef] = {}
     for ref in scan.clips:
         other = clips_by_id.setdefault(ref.id, ref)

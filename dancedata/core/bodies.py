@@ -165,7 +165,7 @@ CROSSING = 2
 RETARGET = "put the motions on SMPL's joints by the transform retarget: --set transforms.retarget.skeleton=smpl24"
 
 
-def crosses(source: Skeleton | None, target: Skeleton) -> bool:
+def changes_body(source: Skeleton | None, target: Skeleton) -> bool:
     """Return whether motion on a body gets another translation on another one; None is an unknown body."""
     return source is None or not np.array_equal(source.offsets[0], target.offsets[0])
 
@@ -216,7 +216,7 @@ def rotations_on(motion: Motion, body: Skeleton, *, align: bool) -> Float64Array
     return rotations
 
 
-def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translation"] = "pelvis") -> Motion:
+def transfer_to(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translation"] = "pelvis") -> Motion:
     """Put a motion on the bones of another body of the SMPL family.
 
     Joints match by name; one that the motion lacks does not rotate, one that the body lacks is dropped (fingers on
@@ -259,12 +259,12 @@ def on_body(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "translat
     return Motion(translation, rotations, motion.grid, body, motion.trim_start)
 
 
-def carried_over(motion: Motion, target: Skeleton) -> Motion:
+def transfer(motion: Motion, target: Skeleton) -> Motion:
     """Transfer a motion to the joints of another body of the SMPL family; the pelvis stays where it is.
 
     The bones are the target's, except where the motion has all of the target's joints on its own body (a body
     model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
-    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are those of `on_body`.
+    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are those of `transfer_to`.
 
     Parameters
     ----------
@@ -289,6 +289,6 @@ def carried_over(motion: Motion, target: Skeleton) -> Motion:
         return motion
     keeps = has_body(source) and source.joints != SMPL24.joints and set(target.joints) <= set(source.joints)
     if is_mean_smplh or not keeps:
-        return on_body(motion, target)
+        return transfer_to(motion, target)
     part = source.subset(f"{source.name}-{target.n_joints}", target.joints)
-    return on_body(motion, target if np.array_equal(part.offsets, target.offsets) else part)
+    return transfer_to(motion, target if np.array_equal(part.offsets, target.offsets) else part)

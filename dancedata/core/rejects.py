@@ -42,7 +42,7 @@ def reject_of(error: DataError, clip: str = "", file: Path | None = None) -> Rej
     return Reject(reason=error.reason, clip=clip, file=str(file) if file else "", detail=str(error))
 
 
-def attempt(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
+def reject_on_error(call: Callable[[], _T], file: Path, clip: str = "") -> _T | Reject:
     """Return a call's result, or the reject of its DataError."""
     try:
         return call()

@@ -14,7 +14,7 @@ from dancedata.core.registry import AUGMENTATIONS
 
 
 @dataclass(frozen=True)
-class Chance:
+class RandomAugmentation:
     """An augmentation that changes a sample with a probability.
 
     `p`: Probability.
@@ -28,7 +28,7 @@ class Chance:
 
 
 #: Type of the argument `augment` of readers, see `steps_of`.
-Augment = Sequence[SampleAugmentation | Chance | str | Mapping[str, Any]] | Mapping[str, Any]
+Augment = Sequence[SampleAugmentation | RandomAugmentation | str | Mapping[str, Any]] | Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -65,11 +65,11 @@ def steps_of(augment: Augment | None) -> Iterator[Step]:
     ``"p"`` among the parameters is the probability that a sample is changed, as is a number instead of them; True:
     always, False: never.
     """
-    if isinstance(augment, str | Augmentation | Chance) or not isinstance(augment, Iterable | None):
+    if isinstance(augment, str | Augmentation | RandomAugmentation) or not isinstance(augment, Iterable | None):
         raise UsageError("augment is not a list", found=augment, allowed='such as ["yaw"] or {"mirror": 0.5}')
     items: Sequence[Any] = [augment] if isinstance(augment, Mapping) else augment or []
     for item in items:
-        if isinstance(item, Chance):
+        if isinstance(item, RandomAugmentation):
             yield _step(item.augmentation.name, item.augmentation, item.p)
         elif isinstance(item, Augmentation):
             yield _step(item.name, item, 1.0)

@@ -162,7 +162,7 @@ class Spatial:
         return None
 
 
-def middle_of(roots: Array) -> Float64Array:
+def centroid(roots: Array) -> Float64Array:
     """Return the middle of the least and greatest coordinates of points (P, 3), whose order does not matter."""
     return np.asarray((roots.min(axis=0) + roots.max(axis=0)) / 2, dtype=np.float64)
 

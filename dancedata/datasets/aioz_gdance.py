@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     require_rotations,
 )
 from dancedata.datasets.files import MAX_LIST_BYTES, SPLITS
-from dancedata.datasets.published import Folders, Layout, Listing, Published
+from dancedata.datasets.published import Folders, Layout, Listing, PublishedDataset
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
@@ -144,7 +144,7 @@ def frames_of(name: str) -> int:
 
 @DATASETS.register("aioz-gdance")
 @dataclass(frozen=True)
-class AiozGdance(Published):
+class AiozGdance(PublishedDataset):
     """AIOZ-GDANCE, from the published files: each clip is one dancer, each sequence a group.
 
     Attributes

@@ -43,7 +43,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
-from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, Published, Splits
+from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
 
@@ -89,7 +89,7 @@ class _Copy(Listing):
 
 @DATASETS.register("aist++")
 @dataclass(frozen=True)
-class AistPP(Published):
+class AistPP(PublishedDataset):
     """AIST++, from the published files.
 
     Attributes

@@ -30,7 +30,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, no_frames, require_finite, require_upright
 from dancedata.datasets.files import MAX_LIST_BYTES
-from dancedata.datasets.published import Layout, Listing, Published
+from dancedata.datasets.published import Layout, Listing, PublishedDataset
 from dancedata.files.strict_json import read_json
 
 RATE, BONES = 30, 60
@@ -51,7 +51,7 @@ _BETWEEN = {"spine1": ("pelvis", "spine2"), "spine3": ("spine2", "neck")}
 
 @DATASETS.register("dcm")
 @dataclass(frozen=True)
-class DCM(Published):
+class DCM(PublishedDataset):
     """DCM, from the pieces that DanceCamera3D's scripts cut, and its lists.
 
     Attributes

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from dancedata.core.bodies import SMPLX55, on_body
+from dancedata.core.bodies import SMPLX55, transfer_to
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
@@ -32,7 +32,7 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_rotations, spine_of, up_axis, upright
 from dancedata.datasets.files import Files, extra_file, files_by_stem, list_audio, with_music_dir
-from dancedata.datasets.published import OFFICIAL, Layout, Listing, Published, Splits
+from dancedata.datasets.published import OFFICIAL, Layout, Listing, PublishedDataset, Splits
 from dancedata.files.listing import describe, relative
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import ValueArrays, load_object
@@ -71,7 +71,7 @@ def is_test(pair: str) -> bool:
 
 @DATASETS.register("dd100")
 @dataclass(frozen=True)
-class DD100(Published):
+class DD100(PublishedDataset):
     """DD100, from the published files: each clip is one dancer, each pair a group of follower and leader.
 
     Attributes
@@ -208,7 +208,7 @@ class DD100(Published):
             ("Waltz_6_0", 253, "gHO_sBM_cAll_d19_mHO3_ch01"),
         ):
             write_song(folder / _MUSIC / "all" / f"{name}.wav", steps, n / RATE)
-            motion = on_body(dance(steps, n), SMPLX55)
+            motion = transfer_to(dance(steps, n), SMPLX55)
             for member, length, kind in ((0, n, np.float64), (1, n - 3, np.float32)):
                 arrays = content_of(motion.part(0, length), facing=member == 1)
                 content = {key: array.astype(kind) for key, array in arrays.items()}

@@ -23,7 +23,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dancedata.core.bodies import SMPLX52, SMPLX55, on_body
+from dancedata.core.bodies import SMPLX52, SMPLX55, transfer_to
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -36,7 +36,7 @@ from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, require_finite, rotations_of
 from dancedata.datasets.files import ALL, files_by_stem
-from dancedata.datasets.published import Layout, LeftOut, Listing, Published, Splits
+from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder
 from dancedata.files.regular_file import open_regular
 from dancedata.files.strict_json import read_json
@@ -131,7 +131,7 @@ _FEATURES = "features computed from FineDance cannot be a source: use motion/ as
 
 @DATASETS.register("finedance")
 @dataclass(frozen=True)
-class FineDance(Published):
+class FineDance(PublishedDataset):
     """FineDance, from the published files.
 
     Attributes
@@ -281,7 +281,7 @@ class FineDance(Published):
         ):
             motion = _with_hands(steps, n)
             # FineDance's array (T, 315): translation, then 52 joints x 6D.
-            rows = rotation_6d(on_body(motion, SMPLX52).matrices).reshape(n, -1)
+            rows = rotation_6d(transfer_to(motion, SMPLX52).matrices).reshape(n, -1)
             columns = np.concatenate([motion.translation, rows], axis=1)
             write_array(folder / "motion" / f"{clip}.npy", columns.astype(np.float32))
             write_song(folder / MUSIC / f"{clip}.wav", steps, n / RATE)
@@ -425,7 +425,7 @@ def _with_hands(steps: str, n_frames: int) -> Motion:
     """Return a dance on SMPL-X's joints, feet on the floor (y = 0), fingers opening and closing."""
     from dancedata.datasets._examples import dance
 
-    motion = on_body(dance(steps, n_frames), SMPLX55, keep="translation")
+    motion = transfer_to(dance(steps, n_frames), SMPLX55, keep="translation")
     rotations = motion.rotations.copy()
     curl = 0.35 - 0.25 * np.cos(2 * np.pi * np.arange(n_frames) / RATE)
     # About z, towards the palms, which face the floor at rest.

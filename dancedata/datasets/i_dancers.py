@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     up_axis,
     upright,
 )
-from dancedata.datasets.published import Layout, LeftOut, Listing, Published, rejected
+from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, rejected
 from dancedata.formats.values import open_arrays
 from dancedata.kernel import audio_length
 
@@ -56,7 +56,7 @@ Floats = NDArray[np.float64]
 
 @DATASETS.register("i-dancers")
 @dataclass(frozen=True)
-class IDancers(Published):
+class IDancers(PublishedDataset):
     """I-Dancers, from the files of CoheDancers: each clip is one dancer, each sequence a group.
 
     Attributes

@@ -23,7 +23,7 @@ from typing import ClassVar, Literal, cast
 
 import numpy as np
 
-from dancedata.core.bodies import SMPLX22, on_body
+from dancedata.core.bodies import SMPLX22, transfer_to
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.grid import FrameGrid
@@ -44,7 +44,7 @@ from dancedata.datasets.checks import (
     upright,
 )
 from dancedata.datasets.files import ALL, MAX_LIST_BYTES, Files, files_by_stem, read_names
-from dancedata.datasets.published import Layout, LeftOut, Listing, Published, Splits
+from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder, relative
 from dancedata.files.strict_json import read_json
 from dancedata.formats.values import open_arrays
@@ -159,7 +159,7 @@ class _Listing(Listing):
 
 @DATASETS.register("infinitedance")
 @dataclass(frozen=True)
-class InfiniteDance(Published):
+class InfiniteDance(PublishedDataset):
     """InfiniteDance, from the published files; music only as features (audio feature `file`).
 
     Attributes
@@ -299,7 +299,7 @@ class InfiniteDance(Published):
 
         rng = np.random.default_rng(0)
         for clip, n, is_own, split, style, steps in _CLIPS:
-            motion = on_body(dance(steps, n), SMPLX22)
+            motion = transfer_to(dance(steps, n), SMPLX22)
             if is_own:
                 pose = motion.rotations[:, 1:].astype(np.float32)
                 content = {

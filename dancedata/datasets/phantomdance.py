@@ -37,7 +37,7 @@ from dancedata.datasets.checks import (
     require_upright,
 )
 from dancedata.datasets.files import files_by_stem, list_audio, require_folder
-from dancedata.datasets.published import Folders, Layout, Listing, Published
+from dancedata.datasets.published import Folders, Layout, Listing, PublishedDataset
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.files.strict_json import read_json
 
@@ -61,7 +61,7 @@ Floats = NDArray[np.float64]
 
 @DATASETS.register("phantomdance")
 @dataclass(frozen=True)
-class PhantomDance(Published):
+class PhantomDance(PublishedDataset):
     """PhantomDance, from the published JSON and audio files.
 
     Attributes

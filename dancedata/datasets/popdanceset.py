@@ -27,7 +27,7 @@ from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.typing import override
 from dancedata.datasets.checks import read_frames, require_matrices, require_rotations
-from dancedata.datasets.published import Layout, Listing, Published
+from dancedata.datasets.published import Layout, Listing, PublishedDataset
 from dancedata.formats.values import open_arrays
 
 RATE, JOINTS = 30, SMPL24_EDGE.n_joints
@@ -46,7 +46,7 @@ _SHAPES: dict[str, list[tuple[int, ...]]] = {
 
 @DATASETS.register("popdanceset")
 @dataclass(frozen=True)
-class PopDanceSet(Published):
+class PopDanceSet(PublishedDataset):
     """PopDanceSet, from the published files and the lists of POPDG's repository.
 
     Attributes

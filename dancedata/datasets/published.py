@@ -34,7 +34,7 @@ _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
 
 
 class LeftOut(Exception):  # noqa: N818 - no error: it says what a scan does with a file
-    """Why a motion makes no clip: raised by hooks of `Published`, which makes a reject of it."""
+    """Why a motion makes no clip: raised by hooks of `PublishedDataset`, which makes a reject of it."""
 
     def __init__(self, reason: str, detail: str, *, music: str = "", fix: str = "") -> None:
         super().__init__(detail)
@@ -198,7 +198,7 @@ class Splits:
         return tuple(kind for kind, names in self.lists.items() if name in names)
 
 
-class Published(Dataset):
+class PublishedDataset(Dataset):
     """Base of published datasets: a folder of motions, folders of music by their names, lists of names.
 
     A reader declares its layout and lists; `clips_of` and `load` say what one motion file is. It is a dataclass with

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, carried_over, has_body
+from dancedata.core.bodies import BODY_JOINTS, CROSSING, SMPLX55, has_body, transfer
 from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance, MusicBeats, Undefined
 from dancedata.core.errors import DataError
@@ -277,7 +277,7 @@ def _keys(
     """Return the cache keys of a clip by measure; a measure that needs music has none without it."""
     identity = clip.identity(cache)
     target = {"smpl24": SMPL24, "smplx24": SMPLX55, "smplx55": SMPLX55}.get(protocol.motion.body)
-    crossing = {"crossing": CROSSING} if target is not None and clip.crosses(target) else {}
+    crossing = {"crossing": CROSSING} if target is not None and clip.changes_body(target) else {}
     keys = {}
     for number, shared in common.items():
         metric = protocol.measures[number].metric
@@ -332,7 +332,7 @@ def _on(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     if rule.body in ("smplx24", "smplx55") and pose.motion is not None:
         return _on_smplx(pose, rule)
     if rule.body == "smpl24" and pose.motion is not None and has_body(pose.motion.skeleton):
-        placed = carried_over(pose.motion, SMPL24)
+        placed = transfer(pose.motion, SMPL24)
         note = () if placed is pose.motion else (f"{pose.motion.skeleton.name}: carried over to SMPL's 24 joints",)
         return Pose.of_motion(placed), note
     if pose.names[: len(joints)] != joints:
@@ -345,7 +345,7 @@ def _on_smplx(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
     motion = pose.motion
     if motion is None or motion.skeleton.joints == SMPL24.joints or not has_body(motion.skeleton):
         raise _missing(pose, rule)
-    placed, names = carried_over(motion, SMPLX55), _JOINTS[rule.body]
+    placed, names = transfer(motion, SMPLX55), _JOINTS[rule.body]
     return Pose(placed.joints()[:, : len(names)], names, placed.grid), ()
 
 

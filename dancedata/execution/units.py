@@ -172,7 +172,7 @@ def _unit_name(call: Call) -> str:
     return "unit"
 
 
-def exactly(function: Callable[..., R], *args: Any) -> R:
+def in_reference(function: Callable[..., R], *args: Any) -> R:
     """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
 
     DanceDataError if the worker dies that computes it.
@@ -182,6 +182,6 @@ def exactly(function: Callable[..., R], *args: Any) -> R:
     return run_units(function, [args], jobs=1, label="one unit", progress=Progress(quiet=True))[0]
 
 
-def as_in_builds(exact: bool) -> Callable[..., Any]:
-    """Return the wrapper in which builds run units: `exactly` or `on_one_thread`."""
-    return exactly if exact else arithmetic.on_one_thread
+def unit_runner(exact: bool) -> Callable[..., Any]:
+    """Return the wrapper in which builds run units: `in_reference` or `on_one_thread`."""
+    return in_reference if exact else arithmetic.on_one_thread

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from dancedata.core.bodies import on_body
+from dancedata.core.bodies import transfer_to
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.typing import override
 from dancedata.exports.base.job import Export, ExportJob, Missing
@@ -51,7 +51,7 @@ def groups_decoded(
 
 def on_smpl(motion: Motion) -> Motion:
     """Return a motion on SMPL's joints; one of them keeps its numbers, as in the file that it came from."""
-    return motion if motion.skeleton.joints == SMPL24.joints else on_body(motion, SMPL24)
+    return motion if motion.skeleton.joints == SMPL24.joints else transfer_to(motion, SMPL24)
 
 
 def field_name(job: ExportJob, field: str) -> str:

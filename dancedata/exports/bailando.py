@@ -169,11 +169,11 @@ class Bailando(Export):
                     f"{counted(len(short), 'sequence')} of {part} shorter than {_LEAST} frames, which give no "
                     f"training window: {listed(short)}"
                 )
-        from dancedata.kernel import as_in_builds
+        from dancedata.kernel import unit_runner
 
         songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
         feature = _feature_of(job, self.feature)
-        compute = as_in_builds(feature.exact)
+        compute = unit_runner(feature.exact)
         for music, clip in job.each("songs at 7.5 rows per second", list(songs.items())):
             folder.write_bytes(
                 f"{_MUSIC_60}/{music}.json", json_of(music, {"music_array": clip.read_song(self.feature)})

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.core.bodies import SMPLX52, SMPLX55, on_body
+from dancedata.core.bodies import SMPLX52, SMPLX55, transfer_to
 from dancedata.core.rotations import matrix_from_rotvec
 from dancedata.core.text import counted
 from dancedata.core.typing import override
@@ -90,7 +90,7 @@ class Duolando(MotionExport):
             folder.write_npy(f"music/feature/{clip.split}/{clip.group}.npy", rows)
         dancers = [clip for duet in duets for clip in duet]
         for number, (clip, motion) in enumerate(decoded(job, self.field, dancers)):
-            y_up, arrays = on_body(motion, SMPLX55).joints(), smplx_arrays(motion)
+            y_up, arrays = transfer_to(motion, SMPLX55).joints(), smplx_arrays(motion)
             joints = np.stack([y_up[..., 0], -y_up[..., 2], y_up[..., 1]], axis=-1)
             matrices = matrix_from_rotvec(arrays["poses"].reshape(len(joints), -1, 3))
             rotmat = np.concatenate([arrays["trans"], matrices.reshape(len(joints), -1)], axis=1)

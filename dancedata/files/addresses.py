@@ -48,7 +48,7 @@ class Opener(Plugin):
         """Fetch a file of a dataset of the cache, or wait for who does."""
 
     @abstractmethod
-    def fetch_soon(self, paths: Sequence[Path]) -> None:
+    def prefetch(self, paths: Sequence[Path]) -> None:
         """Fetch files of one dataset in the background, in this order."""
 
     @abstractmethod
@@ -99,11 +99,11 @@ def require_file(path: Path) -> None:
         OPENERS.only().fetch(path)
 
 
-def fetch_soon(paths: Sequence[Path]) -> None:
+def prefetch(paths: Sequence[Path]) -> None:
     """Fetch files of one dataset of the cache in the background, in this order; nothing for other folders."""
     missing = [path for path in paths if not path.exists()]
     if missing and origin_of(missing[0].parent) is not None:
-        OPENERS.only().fetch_soon(missing)
+        OPENERS.only().prefetch(missing)
 
 
 def require_whole(folder: Path) -> None:

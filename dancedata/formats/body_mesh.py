@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import on_body
+from dancedata.core.bodies import transfer_to
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion, world_matrices
 from dancedata.core.skeleton import Skeleton
@@ -82,7 +82,7 @@ class BodyMesh:
 
         Raises UsageError: if the motion is not of the SMPL family.
         """
-        return on_body(motion, self.skeleton)
+        return transfer_to(motion, self.skeleton)
 
     def lost(self, motion: Motion) -> str:
         """Return a sentence on the joints that turn in a motion and that the model lacks; "" without any."""

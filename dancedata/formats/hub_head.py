@@ -66,7 +66,7 @@ def size_category(n: int) -> str:
 
 
 @dataclass(frozen=True)
-class Publication:
+class HubPlace:
     """Additional content of the card of a published dataset.
 
     `address`: Where it is read, with tag or commit.
@@ -93,7 +93,7 @@ def head(
     splits: Sequence[str],
     files: Mapping[str, str],
     *,
-    place: Publication | None = None,
+    place: HubPlace | None = None,
     viewer: bool = False,
 ) -> str:
     """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup.
@@ -136,7 +136,7 @@ def _terms(licence: Licence) -> str:
     return f"By asking for access you accept the terms of the source. {shown(licence.text, 2000)}{shown(cite, 2000)}"
 
 
-def _about(store: Any, place: Publication | None) -> dict[str, object]:
+def _about(store: Any, place: HubPlace | None) -> dict[str, object]:
     """Return machine-readable facts of a dataset: sizes, columns, citations, and the hashes of recipe and dataset."""
     meta = store.info
     counts = meta["splits"]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SMPLH52, SMPLX55, carried_over
+from dancedata.core.bodies import SMPLH52, SMPLX55, transfer
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
@@ -86,7 +86,7 @@ def plain_arrays(motion: Motion) -> Arrays:
 def _upright(motion: Motion, body: Skeleton) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Return rotations (T, J, 3) on a body and its translation, +Z up."""
     pelvis = motion.translation + motion.skeleton.offsets[0]
-    moved = carried_over(motion, body)
+    moved = transfer(motion, body)
     rotations = np.array(moved.rotations)
     rotations[:, 0] = rotvec_from_matrix(_Z_UP @ matrix_from_rotvec(rotations[:, 0]))
     return rotations, pelvis @ _Z_UP.T - body.offsets[0]

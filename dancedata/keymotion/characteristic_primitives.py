@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SMPLX22, SMPLX55, carried_over
+from dancedata.core.bodies import SMPLX22, SMPLX55, transfer
 from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -165,7 +165,7 @@ def joints_of(window: npt.NDArray[Any]) -> Float64Array:
                         fix="pass columns that are not normalised")  # fmt: skip
     turns = rotvec_from_matrix(matrix_from_6d(rows.reshape(*rows.shape[:2], 6)))
     # Positions do not depend on the rate.
-    return carried_over(Motion(body[:, :3], turns, FrameGrid.of(30), SMPLX22), SMPLX55).joints()
+    return transfer(Motion(body[:, :3], turns, FrameGrid.of(30), SMPLX22), SMPLX55).joints()
 
 
 def _check_lengths(window: npt.NDArray[Any], n_window: int, n: int) -> None:

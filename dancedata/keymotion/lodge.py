@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SMPLX22, SMPLX55, on_body
+from dancedata.core.bodies import SMPLX22, SMPLX55, transfer_to
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
@@ -51,5 +51,5 @@ class Lodge(KeyMotionFinder):
     @override
     def analyse(self, motion: Motion) -> npt.NDArray[np.float32]:
         # Through the 22 body joints, so that fingers, jaw and eyes are at rest.
-        body = on_body(on_body(motion, SMPLX22, keep="translation"), self.skeleton, keep="translation")
+        body = transfer_to(transfer_to(motion, SMPLX22, keep="translation"), self.skeleton, keep="translation")
         return key_motion(body.joints(), self.sigma_frames).to_rows()

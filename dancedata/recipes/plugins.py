@@ -122,7 +122,7 @@ def make_plugin(
     return make_dataclass(cls, f"{where}.{name}", parameters, problems, keys)
 
 
-def one_of(registry: Registry[P], where: str, plugin: Any, problems: list[str]) -> P | None:
+def single_plugin(registry: Registry[P], where: str, plugin: Any, problems: list[str]) -> P | None:
     """Make the one plug-in of a slot, written as ``name`` or ``{name: {parameters}}``."""
     if isinstance(plugin, str):
         plugin = {plugin: {}}

@@ -31,7 +31,15 @@ from dancedata.core.registry import (
 )
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
-from dancedata.recipes.plugins import ALWAYS, SLOT_KEYS, Problems, frame_grid, make_plugin, named_entries, one_of
+from dancedata.recipes.plugins import (
+    ALWAYS,
+    SLOT_KEYS,
+    Problems,
+    frame_grid,
+    make_plugin,
+    named_entries,
+    single_plugin,
+)
 from dancedata.store.motion_fields import ORIGINAL
 
 if TYPE_CHECKING:
@@ -72,7 +80,7 @@ def make_slots(
         message.
     """
     any_grid = grid or FrameGrid.of(30)
-    dataset = one_of(DATASETS, "dataset", document.get("dataset"), problems)
+    dataset = single_plugin(DATASETS, "dataset", document.get("dataset"), problems)
     transforms = _transforms(document.get("transforms"), problems)
     motion = _motion_fields(document.get("motion"), any_grid, problems)
     keymotion = _key_motion_fields(document.get("keymotion"), any_grid, problems)
@@ -127,7 +135,7 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Repr
         rule = default if rule is None else rule
         if rule is not None and default is None:
             problems.append(f"motion.{name}.contacts: {name} has no contact columns")
-        contacts = None if rule is None else one_of(CONTACTS, f"motion.{name}.contacts", rule, problems)
+        contacts = None if rule is None else single_plugin(CONTACTS, f"motion.{name}.contacts", rule, problems)
         rate = representation.rate
         of_rate = grid if rate is None else FrameGrid(rate)
         optional = _is_optional(f"motion.{name}", keys, problems)

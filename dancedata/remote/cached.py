@@ -23,7 +23,7 @@ from dancedata.files.atomic import write_bytes, write_json
 from dancedata.files.cache_files import DATASETS, mark
 from dancedata.files.listing import FileEntry
 from dancedata.files.strict_json import read_json
-from dancedata.kernel import Cache, Listing, Progress
+from dancedata.kernel import Cache, DatasetFiles, Progress
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.client import crossed_a_fork
 from dancedata.remote.fetch import (
@@ -70,7 +70,7 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
             return _last(address, remembered, root)
     place = resolved(address)
     name, data, document = _description(place)
-    Listing.of(document, f"{place}/{name}")
+    DatasetFiles.of(document, f"{place}/{name}")
     if place != address:
         Progress().write(f"{address} is now commit {place.revision}")
     folder = root / DATASETS / str(document["self_sha256"])
@@ -91,12 +91,12 @@ def _description(address: Address) -> tuple[str, bytes, Mapping[str, Any]]:
     """Return name and content of dataset.json, or of publication.json where only a recipe is published."""
     source = source_of(address)
     try:
-        return Listing.DATASET, *fetch_description(source, address)
+        return DatasetFiles.DATASET, *fetch_description(source, address)
     except NotThereError:
         with suppress(NotThereError):
-            data, document = fetch_description(source, address, Listing.PUBLICATION)
+            data, document = fetch_description(source, address, DatasetFiles.PUBLICATION)
             if "dataset" in document:  # else of an upload that has not come to its end
-                return Listing.PUBLICATION, data, document
+                return DatasetFiles.PUBLICATION, data, document
         raise
 
 
@@ -109,7 +109,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
     """Return the folder that an address had last."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         folder = root / DATASETS / str(read_json(remembered, 1 << 16)["self_sha256"])
-        if _HASH.fullmatch(folder.name) and Listing.path(folder).is_file():
+        if _HASH.fullmatch(folder.name) and DatasetFiles.path(folder).is_file():
             with suppress(OSError):  # another user's
                 os.utime(folder.with_name(f"{folder.name}.json"))  # the time of the last use, for `cache prune`
             return folder
@@ -118,7 +118,7 @@ def _last(address: Address, remembered: Path, root: Path) -> Path:
 
 @lru_cache(maxsize=4)
 def _listed(folder: Path) -> Mapping[str, FileEntry]:
-    return {file.file: file for file in Listing.read(folder).files()}
+    return {file.file: file for file in DatasetFiles.read(folder).files()}
 
 
 def fetch(path: Path) -> None:
@@ -185,10 +185,10 @@ def _fetch_ahead(folder: Path, name: str, files: Mapping[str, FileEntry]) -> Non
     if names[0] in files and not (folder / names[0]).exists():
         return
     if missing := [path for n in names[2:] if not (path := folder / n).exists()]:
-        fetch_soon(missing)
+        prefetch(missing)
 
 
-def fetch_soon(missing: Sequence[Path]) -> None:
+def prefetch(missing: Sequence[Path]) -> None:
     """Fetch files of one dataset of the cache in the background, in this order."""
     files = _listed(missing[0].parent)
     ahead = [files[path.name] for path in missing if path.name in files]

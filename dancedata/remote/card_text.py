@@ -9,7 +9,7 @@ import yaml
 from dancedata.core.hashing import dataset_hashes
 from dancedata.core.terms import clips_by_terms, terms_text
 from dancedata.core.text import counted, shown
-from dancedata.formats.hub_head import OTHER, Publication, citations, head, strictest
+from dancedata.formats.hub_head import OTHER, HubPlace, citations, head, strictest
 from dancedata.kernel import Store
 
 #: Found in files that this module wrote, and only there.
@@ -30,7 +30,7 @@ def without_paths(text: str) -> str:
     return _PATH.sub("PATH", text)
 
 
-def card_text(store: Store, pictures: Mapping[str, str], place: Publication | None = None) -> str:
+def card_text(store: Store, pictures: Mapping[str, str], place: HubPlace | None = None) -> str:
     """Return the README.md of a dataset.
 
     `pictures`: Address and description of each picture.
@@ -57,7 +57,7 @@ def _table(head_row: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines) + "\n"
 
 
-def _files(place: Publication | None) -> dict[str, str]:
+def _files(place: HubPlace | None) -> dict[str, str]:
     """Return the files that hubs show: none where a recipe alone is published."""
     return {} if place is not None and place.recipe_only else {"default": "{}-*.h5"}
 
@@ -102,7 +102,7 @@ def _fields(store: Store) -> str:
     return f"## Features\n\n{table}\n{stated}"
 
 
-def _terms(store: Store, place: Publication | None) -> str:
+def _terms(store: Store, place: HubPlace | None) -> str:
     name, licence = strictest(store)
     hub = "not one that hubs have a name for" if name == OTHER else name
     lines = [f"Strictest licence of its clips: {_text(licence.text)} ({hub})."]
@@ -124,7 +124,7 @@ def _terms(store: Store, place: Publication | None) -> str:
     return "\n".join([*parts, *(["", "## Source", "", *notes] if notes else []), ""])
 
 
-def _reading(splits: Sequence[str], store: Store, place: Publication | None) -> str:
+def _reading(splits: Sequence[str], store: Store, place: HubPlace | None) -> str:
     if place is not None and place.recipe_only:
         return (
             "## How to get the data\n\nThis publication has no motion, music or features. It has the recipe, the "
@@ -145,7 +145,7 @@ def _command(recipe: str) -> str:
     return f"```sh\ndancedata build {recipe} FOLDER_OF_THE_SOURCE --out FOLDER\n```\n"
 
 
-def _again(store: Store, place: Publication | None) -> str:
+def _again(store: Store, place: HubPlace | None) -> str:
     meta = store.info
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     rows = [(key.removesuffix("_sha256"), f"`{value}`") for key, value in dataset_hashes(meta).items()]

@@ -15,8 +15,8 @@ from dancedata.core.version import __version__
 from dancedata.files.atomic import dump_json, dump_lines
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
-from dancedata.formats.hub_head import Publication
-from dancedata.kernel import Listing, Progress, Store
+from dancedata.formats.hub_head import HubPlace
+from dancedata.kernel import DatasetFiles, Progress, Store
 from dancedata.remote.card import Pictures
 from dancedata.remote.card_text import card_text, plain_recipe
 
@@ -51,7 +51,7 @@ def changed(name: str) -> StoreError:
 
 
 def contents(
-    store: Store, place: Publication, beside: Sequence[Path], pictures: Pictures | None, progress: Progress
+    store: Store, place: HubPlace, beside: Sequence[Path], pictures: Pictures | None, progress: Progress
 ) -> list[Upload]:
     """Return the files of a publication; the last one makes it complete.
 
@@ -59,29 +59,29 @@ def contents(
     `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
     Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
-    listing = Listing.of(store.info, f"{store.path}/{Listing.DATASET}")
+    listing = DatasetFiles.of(store.info, f"{store.path}/{DatasetFiles.DATASET}")
     if place.recipe_only:
         files = [*_recipe(store), *_beside(beside)]
         more = {"dataset": dict(store.info)}
     else:
         files = [Upload(f.file, store.path / f.file, f.size, f.sha256) for f in listing.files()]
         more = {}
-    publication = Upload.of_bytes(Listing.PUBLICATION, dump_json(_described(store, place, files, more)).encode())
-    if publication.size > Listing.MAX_BYTES:
+    publication = Upload.of_bytes(DatasetFiles.PUBLICATION, dump_json(_described(store, place, files, more)).encode())
+    if publication.size > DatasetFiles.MAX_BYTES:
         raise UsageError("the dataset has too many files and clips for one publication", where=str(store.path),
-                         found=f"{Listing.PUBLICATION} of {publication.size:,} bytes",
-                         allowed=f"{Listing.MAX_BYTES:,}",
+                         found=f"{DatasetFiles.PUBLICATION} of {publication.size:,} bytes",
+                         allowed=f"{DatasetFiles.MAX_BYTES:,}",
                          fix="publish its parts as datasets of their own")  # fmt: skip
     files += _card(store, place, pictures, progress)
     if place.recipe_only:
         return [*files, publication]
-    description = read_regular(store.path / Listing.DATASET, Listing.MAX_BYTES)
+    description = read_regular(store.path / DatasetFiles.DATASET, DatasetFiles.MAX_BYTES)
     if parse_json(description.decode())["self_sha256"] != store.info["self_sha256"]:
-        raise changed(Listing.DATASET)
-    return [*files, publication, Upload.of_bytes(Listing.DATASET, description)]
+        raise changed(DatasetFiles.DATASET)
+    return [*files, publication, Upload.of_bytes(DatasetFiles.DATASET, description)]
 
 
-def _described(store: Store, place: Publication, files: Sequence[Upload], more: Mapping[str, Any]) -> dict[str, Any]:
+def _described(store: Store, place: HubPlace, files: Sequence[Upload], more: Mapping[str, Any]) -> dict[str, Any]:
     document = {
         "publication": 1,
         "dancedata": __version__,
@@ -102,7 +102,7 @@ def _recipe(store: Store) -> Iterator[Upload]:
     recipe = yaml.safe_dump(plain_recipe(store), sort_keys=False, allow_unicode=True, width=100)
     yield Upload.of_bytes(RECIPE_FILE, recipe.encode())
     yield Upload.of_bytes(CLIPS_FILE, dump_lines(list(_clips(store))).encode())
-    for name in (Listing.STATS, Listing.REJECTS):
+    for name in (DatasetFiles.STATS, DatasetFiles.REJECTS):
         entry = store.info["files"][name]
         yield Upload(name, store.path / name, entry["size"], entry["sha256"])
 
@@ -116,7 +116,13 @@ def _clips(store: Store) -> Iterator[dict[str, Any]]:
 
 
 def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
-    reserved = (Listing.DATASET, Listing.PUBLICATION, Listing.CARD, Listing.STATS, Listing.REJECTS)
+    reserved = (
+        DatasetFiles.DATASET,
+        DatasetFiles.PUBLICATION,
+        DatasetFiles.CARD,
+        DatasetFiles.STATS,
+        DatasetFiles.REJECTS,
+    )
     taken = {*reserved, RECIPE_FILE, CLIPS_FILE}
     for path in paths:
         name = path.name
@@ -124,7 +130,7 @@ def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
             raise UsageError("a publication has another file of this name", where=path, fix="rename it")
         taken.add(name)
         try:
-            Listing.of({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
+            DatasetFiles.of({"files": {name: {"size": 0, "sha256": "0" * 64}}, "shards": []}, str(path))
         except DanceDataError:
             raise UsageError(
                 "the name of this file cannot be published", where=path, allowed="letters, digits, and _ . + -"
@@ -135,7 +141,7 @@ def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
             raise UsageError("the file cannot be read", where=path, found=str(error)) from error
 
 
-def _card(store: Store, place: Publication, pictures: Pictures | None, progress: Progress) -> list[Upload]:
+def _card(store: Store, place: HubPlace, pictures: Pictures | None, progress: Progress) -> list[Upload]:
     drawn: Mapping[str, tuple[str, bytes]] = {}
     if not place.recipe_only and pictures is not None:
         try:
@@ -144,6 +150,6 @@ def _card(store: Store, place: Publication, pictures: Pictures | None, progress:
             progress.write(f"the card has no pictures: {error}")
     words = {f"{PICTURES}/{name}": what for name, (what, _) in drawn.items()}
     return [
-        Upload.of_bytes(Listing.CARD, card_text(store, words, place).encode()),
+        Upload.of_bytes(DatasetFiles.CARD, card_text(store, words, place).encode()),
         *(Upload.of_bytes(f"{PICTURES}/{name}", data) for name, (_, data) in drawn.items()),
     ]

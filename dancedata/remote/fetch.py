@@ -18,7 +18,7 @@ from dancedata.core.text import size_text
 from dancedata.files.cache_files import DATASETS, LOCKS, locked_file, mark_in_use
 from dancedata.files.listing import FileEntry
 from dancedata.files.strict_json import parse_json
-from dancedata.kernel import Listing, Progress
+from dancedata.kernel import DatasetFiles, Progress
 from dancedata.remote.address import Address
 from dancedata.remote.client import Client
 from dancedata.remote.hub import HubClient
@@ -44,7 +44,7 @@ def resolved(address: Address) -> Address:
 
 
 def fetch_description(
-    source: Client, address: Address, name: str = Listing.DATASET
+    source: Client, address: Address, name: str = DatasetFiles.DATASET
 ) -> tuple[bytes, Mapping[str, Any]]:
     """Return dataset.json or publication.json as bytes and parsed; StoreError unless its self_sha256 is right."""
     where = f"{address}/{name}"
@@ -67,9 +67,11 @@ def fetch_description(
 
 def read_small(source: Client, name: str, where: str) -> bytes:
     """Return the bytes of a file; StoreError if there are more than a description has."""
-    too_large = refused(f"the file is larger than any {name}", name, f"more than {Listing.MAX_BYTES:,} bytes")
+    too_large = refused(f"the file is larger than any {name}", name, f"more than {DatasetFiles.MAX_BYTES:,} bytes")
     # It is small: no ranges.
-    return persist(lambda: read_within(source.open(name, 0).chunks, Listing.MAX_BYTES, lambda _: too_large), where)
+    return persist(
+        lambda: read_within(source.open(name, 0).chunks, DatasetFiles.MAX_BYTES, lambda _: too_large), where
+    )
 
 
 def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, report: Report) -> None:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from dancedata.core.typing import override
 from dancedata.files.addresses import OPENERS, Opener
-from dancedata.remote.cached import fetch, fetch_soon, folder_of_address
+from dancedata.remote.cached import fetch, folder_of_address, prefetch
 from dancedata.remote.pull import fetch_all
 
 
@@ -27,8 +27,8 @@ class RemoteOpener(Opener):
         fetch(path)
 
     @override
-    def fetch_soon(self, paths: Sequence[Path]) -> None:
-        fetch_soon(paths)
+    def prefetch(self, paths: Sequence[Path]) -> None:
+        prefetch(paths)
 
     @override
     def fetch_all(self, folder: Path) -> None:

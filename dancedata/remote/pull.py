@@ -8,7 +8,7 @@ from typing import Any
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.text import counted, size_text
 from dancedata.files.addresses import is_address, origin_of
-from dancedata.kernel import Listing, Progress
+from dancedata.kernel import DatasetFiles, Progress
 from dancedata.remote.address import ALLOWED
 from dancedata.remote.cached import fetch_files, folder_of_address
 from dancedata.remote.fetch import has_file
@@ -67,7 +67,7 @@ def pull(
     if not is_address(address):
         raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)
     folder = folder_of_address(address, None if cache is None else Path(cache).expanduser().absolute())
-    listing = Listing.read(folder)
+    listing = DatasetFiles.read(folder)
     splits = None if split is None else (split,) if isinstance(split, str) else tuple(split)
     for name in splits or ():
         if name not in listing.splits:
@@ -82,7 +82,7 @@ def pull(
 
 def fetch_all(folder: Path) -> None:
     """Fetch the missing files of a dataset of the cache."""
-    files = Listing.read(folder).files()
+    files = DatasetFiles.read(folder).files()
     missing = [file for file in files if not has_file(folder / file.file, file.size)]
     if missing:
         fetch_files(folder, missing, jobs=JOBS)

@@ -14,7 +14,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.text import counted, size_text
 from dancedata.files.addresses import is_address, require_whole
 from dancedata.files.listing import MANIFESTS
-from dancedata.formats.hub_head import Publication
+from dancedata.formats.hub_head import HubPlace
 from dancedata.kernel import Progress, Store, open_store
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.cached import is_offline
@@ -151,7 +151,7 @@ def push(
         name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
         read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
-        place = Publication(str(read_at), rights or "", overridden, gated, recipe_only)
+        place = HubPlace(str(read_at), rights or "", overridden, gated, recipe_only)
         more = [*_manifests(opened), *(Path(path).expanduser() for path in beside)] if recipe_only else []
         files = contents(opened, place, list(dict.fromkeys(more)), pictures, reporter)
         total = sum(file.size for file in files)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.packages import load
 from dancedata.core.text import counted, listed, shown
-from dancedata.kernel import Listing, Progress
+from dancedata.kernel import DatasetFiles, Progress
 from dancedata.remote.address import Address
 from dancedata.remote.card import PICTURE_FILES
 from dancedata.remote.card_text import MARK
@@ -139,12 +139,12 @@ class HubUpload:
         """Return the paths of an earlier publication and its card; empty if there are none."""
         source, before = HubClient(self.address.at(head)), set()
         with suppress(NotThereError):
-            _, document = fetch_description(source, source.address, Listing.PUBLICATION)
-            Listing.of(document, f"{source.address}/{Listing.PUBLICATION}")
-            before = {*document["files"], Listing.PUBLICATION, Listing.DATASET}
+            _, document = fetch_description(source, source.address, DatasetFiles.PUBLICATION)
+            DatasetFiles.of(document, f"{source.address}/{DatasetFiles.PUBLICATION}")
+            before = {*document["files"], DatasetFiles.PUBLICATION, DatasetFiles.DATASET}
         with suppress(NotThereError):
-            if MARK.encode() in read_small(source, Listing.CARD, f"{source.address}/{Listing.CARD}"):
-                before |= {Listing.CARD, *(f"{PICTURES}/{name}" for name in PICTURE_FILES)}
+            if MARK.encode() in read_small(source, DatasetFiles.CARD, f"{source.address}/{DatasetFiles.CARD}"):
+                before |= {DatasetFiles.CARD, *(f"{PICTURES}/{name}" for name in PICTURE_FILES)}
         return {self._path(name) for name in before}
 
     def _commit(

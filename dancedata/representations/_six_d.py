@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import on_body
+from dancedata.core.bodies import transfer_to
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, grounded
@@ -115,7 +115,7 @@ class SmplX6D(Representation):
         Fingers that the motion lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's
         24 joints: there the translation keeps its numbers, as in Lodge's treatment of AIST++. So do rotations: those
         of SMPL are taken for SMPL-X's, whose limbs point up to 12.9 degrees elsewhere. Limbs of a recording keep
-        their directions (`core.bodies.on_body`). The input of the contact rule are the joints as they are encoded,
+        their directions (`bodies.transfer_to`). The input of the contact rule are the joints as they are encoded,
         grounded or not.
         """
         placed = self._placed(motion)
@@ -136,7 +136,7 @@ class SmplX6D(Representation):
     def _placed(self, motion: Motion) -> Motion:
         """Put a motion on the layout's bones."""
         keeps_numbers = self.grounded and motion.skeleton.joints == SMPL24.joints
-        return on_body(motion, self.skeleton, keep="translation" if keeps_numbers else "pelvis")
+        return transfer_to(motion, self.skeleton, keep="translation" if keeps_numbers else "pelvis")
 
     @override
     def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import transfer
 from dancedata.core.columns import Columns
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
@@ -41,4 +41,4 @@ class Bailando72(Representation):
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         parts.refuse_rule(contacts, "bailando72")
-        return parts.packed_positions(carried_over(motion, self.skeleton))
+        return parts.packed_positions(transfer(motion, self.skeleton))

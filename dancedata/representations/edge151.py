@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import transfer
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -49,7 +49,7 @@ class Edge151(Representation):
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         rule = required_rule(contacts, _LAYOUT.name)
-        motion = carried_over(motion, self.skeleton)
+        motion = transfer(motion, self.skeleton)
         # Contacts are computed before the world is turned: speeds do not depend on it.
         joints = motion.joints(SMPL24_EDGE)
         matrices = motion.matrices

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import transfer
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -47,7 +47,7 @@ class Fact219(Representation):
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         parts.refuse_rule(contacts, "fact219")
-        motion = carried_over(motion, self.skeleton)
+        motion = transfer(motion, self.skeleton)
         out = np.empty((motion.n_frames, _WIDTH), dtype=np.float32)
         out[:, :3] = motion.translation
         out[:, 3:] = motion.matrices.reshape(motion.n_frames, -1)

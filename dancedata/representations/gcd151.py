@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import transfer
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -80,7 +80,7 @@ class Gcd151(Representation):
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         rule = parts.required_rule(contacts, _LAYOUT.name)
-        motion = carried_over(motion, self.skeleton)
+        motion = transfer(motion, self.skeleton)
         labels = rule(motion.joints(SMPL24_GCD), motion.grid, SMPL24_GCD)
         return np.roll(_LAYOUT.pack(labels, motion.translation, motion.matrices), -_CONTACTS, axis=1)
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import SKELETONS, carried_over
+from dancedata.core.bodies import SKELETONS, transfer
 from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.motion import Motion
@@ -58,7 +58,7 @@ class Joints(Representation):
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
         """Encode a motion on the same joints, or on others if both are of the SMPL family."""
         parts.refuse_rule(contacts, "joints")
-        return parts.packed_positions(carried_over(motion, self.skeleton))
+        return parts.packed_positions(transfer(motion, self.skeleton))
 
 
 def _skeleton(body: str | Mapping[str, Any]) -> Skeleton:

@@ -14,7 +14,7 @@ import numpy as np
 
 from dancedata.building.source_music import dataset_of
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.bodies import carried_over, has_body
+from dancedata.core.bodies import has_body, transfer
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DanceDataError, DataError
 from dancedata.core.grid import FrameGrid
@@ -96,7 +96,7 @@ class ClipSource:
                             where=self.folder)  # fmt: skip
         motion = reader.load(ref).resampled(figure.grid)
         if has_body(motion.skeleton) and has_body(figure.skeleton):
-            motion = carried_over(motion, figure.skeleton)
+            motion = transfer(motion, figure.skeleton)
         whole = replace(Figure.of_joints(motion.joints(), motion.skeleton, motion.grid), rotations=motion.rotations)
         first = item.clip.slice_start + item.start
         return whole.part(float(self.store.grid.seconds(first)), scene.seconds)

@@ -20,7 +20,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.clip_view import Clip, Clips
-from dancedata.store.dataset_json import REBUILD, stated_weights
+from dancedata.store.dataset_json import REBUILD, field_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
@@ -177,7 +177,7 @@ class Store(SegmentQueries):
     @property
     def weights(self) -> dict[str, str]:
         """By field that a network computed: name, commit and hash of its weights, and their licence."""
-        weights = {name: stated_weights(self.info, name) for name in self._fields}
+        weights = {name: field_weights(self.info, name) for name in self._fields}
         return {name: text for name, text in weights.items() if text}
 
     @property

@@ -280,7 +280,7 @@ def _check_about(document: Mapping[str, Any]) -> None:
         raise ValueError("the notes on the source are not a list of texts")
 
 
-def stated_weights(document: Mapping[str, Any], field: str) -> str:
+def field_weights(document: Mapping[str, Any], field: str) -> str:
     """Return name, commit, hash and licence of the weights that computed a field; "" where none are stated."""
     encoder, recipe = document.get("encoders", {}).get(field), document.get("recipe", {}).get("audio")
     encoder = encoder if isinstance(encoder, Mapping) else {}

@@ -182,7 +182,7 @@ class ListedFile:
 
     def open(self) -> int:
         """Open the file for reading and return its descriptor; StoreError unless it is the one listed."""
-        self.require_there()
+        self.ensure_local()
         try:
             descriptor = open_file(self.path, os.O_RDONLY)
         except OSError as error:
@@ -198,7 +198,7 @@ class ListedFile:
             raise
         return descriptor
 
-    def require_there(self) -> None:
+    def ensure_local(self) -> None:
         """Raise StoreError if the path does not exist any more or is not a file; fetch it if it is of an address."""
         if self.is_fetched:
             require_file(self.path)

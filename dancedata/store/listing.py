@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,199}")
 
 
 @dataclass(frozen=True, eq=False)
-class Listing:
+class DatasetFiles:
     """The files that a description lists; made by `of` and `read`, which check their names.
 
     `document`: dataset.json or publication.json.

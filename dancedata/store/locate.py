@@ -28,7 +28,7 @@ class RowSpan:
 
 def require_field(tables: Tables, row: int, f: Field) -> None:
     """Raise UsageError for a clip that does not have an optional field."""
-    if f.optional and not tables.having(f)[row]:
+    if f.optional and not tables.has_rows(f)[row]:
         raise UsageError(
             f"the clip has no rows of field {f.name}",
             where=f"clip {tables.ids[row]}",
@@ -58,7 +58,7 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
     require_field(tables, row, f)
     first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
     spans = tables.spans[f.name]
-    available, lead = int(spans.available[row]), spans.lead(row)
+    available, lead = int(spans.available[row]), spans.delay(row)
     if first + length > available:
         raise UsageError(f"a window ends after the last row of field {f.name}", where=f"clip {window.clip}",
                          found=f"row {first + length}", allowed=f"up to {available}")  # fmt: skip

@@ -89,7 +89,7 @@ class RowQueries(StoreTables):
         """
         f = self.field(field)
         tables, row = self._tables, self._row(clip_id)
-        return not f.optional or bool(tables.having(f)[row])
+        return not f.optional or bool(tables.has_rows(f)[row])
 
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
         """Return those of some fields that a clip does not have."""
@@ -121,7 +121,7 @@ class RowQueries(StoreTables):
         Returns the row at which they begin, counted from frame 0, and the rows.
         """
         tables, row = self._tables, self._row(clip_id)
-        lead = tables.spans[field].lead(row) if field in tables.spans else 0
+        lead = tables.spans[field].delay(row) if field in tables.spans else 0
         if not lead:
             return 0, self._read_clip(clip_id, field)
         f, (begin, _) = self.field(field), self.grid.common_period(self._fields[field].grid)
@@ -240,7 +240,7 @@ class RowQueries(StoreTables):
         tables, row = self._tables, self._row(clip_id)
         require_field(tables, row, f)
         spans = tables.spans[field]
-        rows, lead = int(spans.available[row]), spans.lead(row)
+        rows, lead = int(spans.available[row]), spans.delay(row)
         if lead:
             raise UsageError(f"the rows of field {field} begin after the clip's first frame", where=f"clip {clip_id}",
                              found=f"row {lead}",

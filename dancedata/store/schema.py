@@ -69,7 +69,7 @@ class Field:
     codebook
         Of codes; None for real values.
     optional
-        Whether clips may have no rows of it, see `Tables.having`; of motion and key motions alone.
+        Whether clips may have no rows of it, see `Tables.has_rows`; of motion and key motions alone.
     axes
         Handedness, up axis and unit of motion, in words.
     """

@@ -244,7 +244,7 @@ class ShardReader:
     @contextmanager
     def opened(self) -> Iterator[Any]:
         """Open the shard through h5py."""
-        self.file.require_there()
+        self.file.ensure_local()
         with hdf5.open_file(self.path, self.file.require) as file:
             yield file
 

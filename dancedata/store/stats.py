@@ -112,7 +112,7 @@ def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[
     Timelines have the hash of their rows as key, as several shards may hold one; without `hashed` a shard is one key.
     """
     tables, train = store._tables, store._rows_of_split("train")
-    has_rows = tables.having(f)[tables.window_clip[train.windows]]
+    has_rows = tables.has_rows(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][has_rows]
     starts = tables.rows_of(f, store.grid)[train.windows][has_rows]
     spans = tables.spans[f.name]

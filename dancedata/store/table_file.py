@@ -40,7 +40,7 @@ class TableFile:
     @contextmanager
     def opened(cls, listed: ListedFile) -> Iterator[TableFile]:
         """Open a file that dataset.json lists."""
-        listed.require_there()
+        listed.ensure_local()
         with hdf5.open_file(listed.path, listed.require) as file:
             yield cls(file, listed, _bytes(listed))
 

@@ -42,7 +42,7 @@ class FieldSpans:
         """Whether a timeline begins after frame 0 of its clip."""
         return self.offset is not None and bool((self.offset < 0).any())
 
-    def lead(self, row: int) -> int:
+    def delay(self, row: int) -> int:
         """Return the number of rows from a clip's frame 0 to the begin of its timeline."""
         return max(0, -int(self.offset[row])) if self.offset is not None else 0
 
@@ -193,7 +193,7 @@ class Tables:
         """Return the positions in the table of a clip's windows, by their first frames."""
         return np.arange(*self.clip_begin[clip : clip + 2].tolist())
 
-    def having(self, f: Field) -> npt.NDArray[np.bool_]:
+    def has_rows(self, f: Field) -> npt.NDArray[np.bool_]:
         """Return which clips (N,) have rows of a field: every clip, unless the field is optional.
 
         This alone decides it: a clip without an optional field has no rows of it in its shard.

@@ -282,7 +282,7 @@ def _check_spans(tables: Tables, description: Description) -> Iterator[str]:
                 yield f"/clips/{f.path}: clips of {shard.file} {problem}"
         frames, rows_ = description.grid.common_period(f.grid)
         apart = np.abs(spans.available * frames - tables.n_frames.astype(np.int64) * rows_)
-        bad = (apart >= max(frames, rows_)) & tables.having(f)
+        bad = (apart >= max(frames, rows_)) & tables.has_rows(f)
         if bad.any():
             yield f"/clips/{f.path}: rows and frames do not match, in rows {_places(bad, tables)}"
 
@@ -307,7 +307,7 @@ def _check_rows(tables: Tables, f: Field, description: Description) -> str:
     clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
     spans = tables.spans[f.name]
     inside, whole = description.grid.rows_of_all(start, of=f.grid)
-    bad = (~whole | (inside + length > spans.available[clip])) & tables.having(f)[clip]
+    bad = (~whole | (inside + length > spans.available[clip])) & tables.has_rows(f)[clip]
     if spans.offset is not None:
         bad |= inside + spans.offset[clip] < 0
     problem = f"/windows: rows of {f.name} are outside the field, in windows "

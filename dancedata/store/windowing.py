@@ -49,7 +49,7 @@ def stored_windows(tables: Tables, split: str, fields: Sequence[Field]) -> Windo
     windows = WindowList.equally_long(split, tables.ids, clip, start, tables.window_length)
     for f in fields:
         if f.optional:
-            windows = windows.take(tables.having(f)[windows.clip])
+            windows = windows.take(tables.has_rows(f)[windows.clip])
     return windows
 
 

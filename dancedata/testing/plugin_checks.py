@@ -148,14 +148,14 @@ def check_plugin(cls: type[Any]) -> None:
     for field in dataclasses.fields(cls):
         require(re.search(rf"^{field.name}\b", described, re.M) is not None, f"the docstring describes {field.name}")
     from dancedata.files.documents import document_of
-    from dancedata.recipes.plugins import make_plugin, one_of
+    from dancedata.recipes.plugins import make_plugin, single_plugin
 
     problems: list[str] = []
     registry = registry_of(cls)
     plugin = make_plugin(registry, "plugin", cls.name, {}, problems)
     require(not problems, f"the defaults are valid parameters: {problems}")
     document = document_of(plugin)
-    again = one_of(registry, "plugin", json.loads(json.dumps({cls.name: document})), problems)
+    again = single_plugin(registry, "plugin", json.loads(json.dumps({cls.name: document})), problems)
     require(not problems, f"what a dataset says of its recipe can be read again: {problems}")
     require(again == plugin and document_of(again) == document, "parameters survive the way through JSON")
     make_plugin(registry, "plugin", cls.name, {"no_such_key": 1}, problems)

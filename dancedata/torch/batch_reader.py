@@ -107,7 +107,7 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
 
 
 @dataclass(frozen=True)
-class Request:
+class BatchPlan:
     """The windows of a batch.
 
     `places`: (B,) positions in the dataset's windows.
@@ -148,7 +148,7 @@ class FieldReader:
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
-        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored on request."""
+        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored on plan."""
         image = self._image if mirrored else None
         if image is None:
             self.rows.read_into(place, out, shift)
@@ -253,22 +253,22 @@ class BatchReader:
         """Raise StoreError if files of the windows were written to; see `WindowRows.require_unchanged`."""
         self.fields[0].rows.require_unchanged(places, again=again)
 
-    def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
+    def __call__(self, plan: BatchPlan, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`.
 
         Windows are read in the order of the files, independent of their order in the batch.
         """
-        self.require_unchanged(request.places, again=True)
-        order = sorted(range(len(request)), key=request.places.__getitem__)
-        self.read_ahead([request.places[nth] for nth in order])
+        self.require_unchanged(plan.places, again=True)
+        order = sorted(range(len(plan)), key=plan.places.__getitem__)
+        self.read_ahead([plan.places[nth] for nth in order])
         for field in self.fields:
             target = out[field.name]
-            for nth, rows in self._rows(field, request, order, target):
+            for nth, rows in self._rows(field, plan, order, target):
                 if self._primitives is not None and field.name == self._primitives.field:
-                    place = request.places[nth]
+                    place = plan.places[nth]
                     window = self._windows[place]
-                    window = replace(window, start=window.start + request.shifts[nth])
-                    primitives = self._primitives.of(self._store, window, rows, self._bias(place, request.epoch))
+                    window = replace(window, start=window.start + plan.shifts[nth])
+                    primitives = self._primitives.of(self._store, window, rows, self._bias(place, plan.epoch))
                     key = self._primitives.name
                     primitives[key] = field.scale(primitives[key])
                     for name, value in primitives.items():
@@ -279,22 +279,22 @@ class BatchReader:
                 scaled = field.scale(rows)
                 if scaled is not rows or target.dtype != rows.dtype:
                     target[nth] = scaled
-        self.require_unchanged(request.places)
-        for nth, place in enumerate(request.places):
-            for name in self._augmenter.dropped(request.epoch, place):
+        self.require_unchanged(plan.places)
+        for nth, place in enumerate(plan.places):
+            for name in self._augmenter.dropped(plan.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
 
     def _rows(
-        self, field: FieldReader, request: Request, order: Sequence[int], target: Array
+        self, field: FieldReader, plan: BatchPlan, order: Sequence[int], target: Array
     ) -> Iterator[tuple[int, Array]]:
         """Read window after window, each into its row of `target`, or into scratch memory if the types differ."""
         scratch = None if target.dtype == field.rows.dtype else np.empty(field.rows.shape, dtype=field.rows.dtype)
         grid = self._store.field(field.name).grid
         for nth in order:
-            rows, place = target[nth] if scratch is None else scratch, request.places[nth]
-            shift = self._store.grid.rows(request.shifts[nth], of=grid)
-            field.read(place, shift, request.mirrored[nth], rows)
-            changed = self._augmenter.rows(field.name, rows, request.epoch, place)
+            rows, place = target[nth] if scratch is None else scratch, plan.places[nth]
+            shift = self._store.grid.rows(plan.shifts[nth], of=grid)
+            field.read(place, shift, plan.mirrored[nth], rows)
+            changed = self._augmenter.rows(field.name, rows, plan.epoch, place)
             if changed is not rows:
                 rows[...] = changed
             field.make_relative(rows)

@@ -18,7 +18,7 @@ from dancedata.core.typing import override
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
-from dancedata.torch.batch_reader import Request, blank_of
+from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_collate import pack_clips, pad_clips
 from dancedata.torch.music_beats import beat_labels, beat_starts, no_start
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
@@ -125,12 +125,12 @@ class ClipDataset(SplitDataset):
         places = [self._place(index) for index in indices]
         mirrored = mirrored_samples(self.seed, epoch, places, self.mirror)
         shifts = self._random_starts(epoch, places) - self.windows.start[places]
-        request = Request(tuple(places), tuple(mirrored.tolist()), tuple(shifts.tolist()), epoch)
+        plan = BatchPlan(tuple(places), tuple(mirrored.tolist()), tuple(shifts.tolist()), epoch)
         cuts = replace(self.windows, length=self.lengths)
-        metadata = self._metadata(request, cuts, () if self.crop_frames is None else ("crop",))
+        metadata = self._metadata(plan, cuts, () if self.crop_frames is None else ("crop",))
         return [
-            {name: self._rows(request, nth, name) for name in self.fields}
-            | self._labels(request, nth)
+            {name: self._rows(plan, nth, name) for name in self.fields}
+            | self._labels(plan, nth)
             | {name: values[nth] for name, values in metadata.items()}
             for nth in range(len(places))
         ]
@@ -189,28 +189,28 @@ class ClipDataset(SplitDataset):
         )
         return np.array([of_clip[nth] for of_clip, nth in zip(beats, choices, strict=True)], dtype=np.int64)
 
-    def _labels(self, request: Request, nth: int) -> dict[str, torch.Tensor]:
+    def _labels(self, plan: BatchPlan, nth: int) -> dict[str, torch.Tensor]:
         """Return the labels of beats of a sample; empty if no field has them."""
         labels = beat_labels(self.store, self.fields)
         if labels is None:
             return {}
-        rows = self.store.read(self._window(request, nth), labels.field)
+        rows = self.store.read(self._window(plan, nth), labels.field)
         return {name: torch.from_numpy(values) for name, values in labels.of(rows).items()}
 
-    def _window(self, request: Request, nth: int) -> Window:
-        place = request.places[nth]
+    def _window(self, plan: BatchPlan, nth: int) -> Window:
+        place = plan.places[nth]
         span = self.windows[place]
-        return Window(span.clip, span.start + request.shifts[nth], int(self.lengths[place]))
+        return Window(span.clip, span.start + plan.shifts[nth], int(self.lengths[place]))
 
-    def _rows(self, request: Request, nth: int, field: str) -> torch.Tensor:
+    def _rows(self, plan: BatchPlan, nth: int, field: str) -> torch.Tensor:
         """Read the rows of a sample: mirrored and augmented first, then normalised; 0 where they are masked."""
-        place = request.places[nth]
-        rows = self.store.read(self._window(request, nth), field)
-        if request.mirrored[nth] and field in self._mirrors:
+        place = plan.places[nth]
+        rows = self.store.read(self._window(plan, nth), field)
+        if plan.mirrored[nth] and field in self._mirrors:
             rows = self._mirrors[field].apply(rows)
-        rows = self._augmenter.rows(field, rows, request.epoch, place)
+        rows = self._augmenter.rows(field, rows, plan.epoch, place)
         if field in self._normalizers:
             rows = self._normalizers[field].normalize(rows, clamp=self.clamp).astype(np.float32, copy=False)
-        if field in self._augmenter.dropped(request.epoch, place):
+        if field in self._augmenter.dropped(plan.epoch, place):
             rows = np.full_like(rows, blank_of(self.store, field))
         return torch.from_numpy(rows)

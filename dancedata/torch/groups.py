@@ -15,14 +15,14 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import safe_name
 from dancedata.core.sample_steps import Augment
-from dancedata.core.spatial import middle_of
+from dancedata.core.spatial import centroid
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
 from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList
-from dancedata.torch.batch_reader import BatchReader, FieldReader, MemoryPool, Request, blank_of
+from dancedata.torch.batch_reader import BatchPlan, BatchReader, FieldReader, MemoryPool, blank_of
 from dancedata.torch.options import Dancers, Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.split_dataset import SplitDataset
 from dancedata.torch.windows import WindowDataset
@@ -163,7 +163,7 @@ class GroupDataset(WindowDataset):
         """Return a reject for each group with a dancer who does not have all fields, by the group's number."""
         rejects = {}
         for name in self.fields:
-            having = tables.having(self.store.field(name))
+            having = tables.has_rows(self.store.field(name))
             for group in range(len(first)) if not having.all() else ():
                 dancers = range(int(first[group]), int(first[group] + count[group]))
                 absent = [tables.ids[row] for row in dancers if not having[row]]
@@ -201,13 +201,13 @@ class GroupDataset(WindowDataset):
 
     @override
     def _metadata(
-        self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
+        self, plan: BatchPlan, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
         drawn = ("dancers",) if self.choose == "seed" else ()
-        values = super()._metadata(request, windows, (*drawn, *changes))
+        values = super()._metadata(plan, windows, (*drawn, *changes))
         tables = self.store._tables
-        chosen = self._reader_of_groups().chosen(request)
-        first = self.windows.clip[np.asarray(request.places, dtype=np.int64)].tolist()
+        chosen = self._reader_of_groups().chosen(plan)
+        first = self.windows.clip[np.asarray(plan.places, dtype=np.int64)].tolist()
         rows = [[row + member for member in members.tolist()] for row, members in zip(first, chosen, strict=True)]
         ids, roles = ([tables.values(name, of_sample) for of_sample in rows] for name in ("id", "role"))
         groups = [group or ids_of[0] for group, ids_of in zip(tables.values("group", first), ids, strict=True)]
@@ -223,7 +223,7 @@ class GroupDataset(WindowDataset):
                 for clips, start, length in zip(ids, values["start"], values["length"], strict=True)
             ]
             values |= self._words.group_values(
-                self.store, read, values["mirrored"], self.persons, request.epoch, request.places
+                self.store, read, values["mirrored"], self.persons, plan.epoch, plan.places
             )
         free = [[tables.free(row) for row in of_sample] for of_sample in rows] if self.columns else []
         return values | {
@@ -285,14 +285,14 @@ class GroupReader(BatchReader):
         layouts["members"] = (persons,), np.dtype(np.int64)
         return layouts
 
-    def __call__(self, request: Request, out: Mapping[str, Array]) -> None:
+    def __call__(self, plan: BatchPlan, out: Mapping[str, Array]) -> None:
         """Read windows into `out`: an array (B, *shape) for each name in `layout`."""
-        self.require_unchanged(request.places, again=True)
-        order = sorted(range(len(request)), key=request.places.__getitem__)
-        self.read_ahead([request.places[nth] for nth in order])
-        chosen = self.chosen(request)
+        self.require_unchanged(plan.places, again=True)
+        order = sorted(range(len(plan)), key=plan.places.__getitem__)
+        self.read_ahead([plan.places[nth] for nth in order])
+        chosen = self.chosen(plan)
         for nth in order:
-            place, members = request.places[nth], chosen[nth]
+            place, members = plan.places[nth], chosen[nth]
             row = int(self._dataset.windows.clip[place])
             out["person_mask"][nth] = np.arange(self._dataset.persons) < len(members)
             out["members"][nth] = -1
@@ -300,15 +300,15 @@ class GroupReader(BatchReader):
             for field in self.fields:
                 target = out[field.name][nth]
                 if field.name not in self._per_dancer:
-                    self._copy(field, self._shared(field, request, nth), target)
+                    self._copy(field, self._shared(field, plan, nth), target)
                     continue
-                rows = self._rows_of_group(field, request, nth, members)
+                rows = self._rows_of_group(field, plan, nth, members)
                 for person in range(len(members)):
                     self._copy(field, rows[person], target[person])
                 target[len(members) :] = blank_of(self._store, field.name)
-            for name in self._augmenter.dropped(request.epoch, place):
+            for name in self._augmenter.dropped(plan.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
-        self.require_unchanged(request.places)
+        self.require_unchanged(plan.places)
 
     @override
     def require_unchanged(self, places: Sequence[int], *, again: bool = False) -> None:
@@ -322,18 +322,18 @@ class GroupReader(BatchReader):
         for field in self.fields:
             field.rows.read_ahead(dancers if field.name in self._per_dancer else places)
 
-    def chosen(self, request: Request) -> list[IntArray]:
-        """Return for each window of a request the positions of its dancers in their group, in their order."""
-        chosen = [self._dataset.dancers(place, request.epoch) for place in request.places]
+    def chosen(self, plan: BatchPlan) -> list[IntArray]:
+        """Return for each window of a plan the positions of its dancers in their group, in their order."""
+        chosen = [self._dataset.dancers(place, plan.epoch) for place in plan.places]
         if self._dataset.choose != "left_to_right":
             return chosen
-        return [self._left_to_right(request, nth, members) for nth, members in enumerate(chosen)]
+        return [self._left_to_right(plan, nth, members) for nth, members in enumerate(chosen)]
 
-    def _left_to_right(self, request: Request, nth: int, members: IntArray) -> IntArray:
+    def _left_to_right(self, plan: BatchPlan, nth: int, members: IntArray) -> IntArray:
         """Sort dancers by x in the first frame, then z, as they are given out."""
         for field in self.fields:
             if field.name in self._per_dancer:
-                rows = self._rows_of_group(field, request, nth, members)
+                rows = self._rows_of_group(field, plan, nth, members)
                 roots = self._roots(field.name, rows)
                 if roots is not None:
                     across = roots.round(9)
@@ -342,20 +342,20 @@ class GroupReader(BatchReader):
                          where=str(self._store.path), found=", ".join(sorted(self._per_dancer)),
                          fix='read a field with places, such as edge151, or Dancers(choose="stored")')  # fmt: skip
 
-    def _rows_of_group(self, field: FieldReader, request: Request, nth: int, members: IntArray) -> Array:
+    def _rows_of_group(self, field: FieldReader, plan: BatchPlan, nth: int, members: IntArray) -> Array:
         """Read the rows of dancers, (P, L, D) of the stored type, mirrored and augmented as one world."""
-        place = request.places[nth]
-        shift = self._store.grid.rows(request.shifts[nth], of=self._store.field(field.name).grid)
+        place = plan.places[nth]
+        shift = self._store.grid.rows(plan.shifts[nth], of=self._store.field(field.name).grid)
         rows = np.empty((len(members), *field.rows.shape), dtype=field.rows.dtype)
         begin = int(self._dataset._begin[place])
         for person, member in enumerate(members.tolist()):
-            field.read(begin + member, shift, request.mirrored[nth], rows[person])
+            field.read(begin + member, shift, plan.mirrored[nth], rows[person])
         if not self._augmenter.steps or self._store.field(field.name).codebook is not None:
             return rows
         roots = self._roots(field.name, rows)
-        about = None if roots is None else middle_of(roots)
+        about = None if roots is None else centroid(roots)
         for person, member in enumerate(members.tolist()):
-            rows[person] = self._augmenter.rows(field.name, rows[person], request.epoch, place, member, about)
+            rows[person] = self._augmenter.rows(field.name, rows[person], plan.epoch, place, member, about)
         return rows
 
     def _roots(self, name: str, rows: Array) -> Array | None:
@@ -366,10 +366,10 @@ class GroupReader(BatchReader):
         roots = [place for place in places if place is not None]
         return np.stack(roots) if roots else None
 
-    def _shared(self, field: FieldReader, request: Request, nth: int) -> Array:
-        shift = self._store.grid.rows(request.shifts[nth], of=self._store.field(field.name).grid)
+    def _shared(self, field: FieldReader, plan: BatchPlan, nth: int) -> Array:
+        shift = self._store.grid.rows(plan.shifts[nth], of=self._store.field(field.name).grid)
         rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
-        field.read(request.places[nth], shift, request.mirrored[nth], rows)
+        field.read(plan.places[nth], shift, plan.mirrored[nth], rows)
         return rows
 
     @staticmethod

@@ -167,11 +167,11 @@ class EpochSampler(Sampler[int]):
         turn, epoch, position = self._turn, self._epoch, self._position
         set_epoch_of(self._source, epoch)
         order = self.order(epoch)
-        read_soon = getattr(self._source, "read_soon", None)
+        prefetch = getattr(self._source, "prefetch", None)
         step = _CHUNK if self.block is None else -(-self.block // self.world_size)
         for first in range(position, len(order), step):
-            if self.block is not None and read_soon is not None:
-                read_soon([order[k : k + step] for k in range(first, first + (1 + _AHEAD) * step, step)])
+            if self.block is not None and prefetch is not None:
+                prefetch([order[k : k + step] for k in range(first, first + (1 + _AHEAD) * step, step)])
             for sample in order[first : first + step].tolist():
                 position += 1
                 if turn == self._turn:

@@ -17,7 +17,7 @@ from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler, scaler_from
 from dancedata.store.schema import Field
 from dancedata.torch.options import Relative, Scale, ScalerLike, Select, clash
-from dancedata.torch.selection import Choice, select
+from dancedata.torch.selection import WindowQuery, select
 
 _log = logging.getLogger(__name__)
 
@@ -111,7 +111,7 @@ def root_columns(store: Store, relative: Sequence[str], scaled: Sequence[str]) -
     return columns
 
 
-def scaler_of(store: Store, name: str, choice: Choice, scale: Scale) -> Scaler:
+def scaler_of(store: Store, name: str, choice: WindowQuery, scale: Scale) -> Scaler:
     """Return the scaler of a field: the stored one, or one over the windows that the caller names.
 
     The protocol of `choice` defines the train split. Over "all" it is fitted on every row of every clip, from the
@@ -133,7 +133,7 @@ def scaler_of(store: Store, name: str, choice: Choice, scale: Scale) -> Scaler:
     return _fit(store, name, (store.read(window, name) for window in train))
 
 
-def _other_train(store: Store, choice: Choice) -> Sequence[Window] | None:
+def _other_train(store: Store, choice: WindowQuery) -> Sequence[Window] | None:
     """Return the train windows of a protocol, or None if they are of the same clips as the stored statistics.
 
     As in stats.json they are the stored windows of whole clips, neither trimmed nor filtered.

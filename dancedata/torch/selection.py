@@ -32,7 +32,7 @@ _NO_DOWNBEATS = (
 
 
 @dataclass(frozen=True)
-class Choice:
+class WindowQuery:
     """Criteria for windows.
 
     `fields`: Fields that windows must be within.
@@ -58,14 +58,14 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Selection:
+class SelectedWindows:
     """Windows in the store's order, and the clips and windows that were left out."""
 
     windows: WindowList
     rejects: tuple[Reject, ...]
 
 
-def select(store: Store, split: str, choice: Choice) -> Selection:
+def select(store: Store, split: str, choice: WindowQuery) -> SelectedWindows:
     """Select the windows of a split.
 
     UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
@@ -87,10 +87,10 @@ def select(store: Store, split: str, choice: Choice) -> Selection:
     if choice.filter is not None and split in choice.filter.splits:
         passing, filtered = _filtered(store, windows, choice.filter)
         windows, rejects = windows.take(passing), rejects + filtered
-    return Selection(windows, tuple(rejects))
+    return SelectedWindows(windows, tuple(rejects))
 
 
-def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+def _all_windows(store: Store, split: str, choice: WindowQuery) -> tuple[WindowList, list[Reject]]:
     """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
     windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store._tables
     in_split, rejects = tables.in_split(split), list[Reject]()
@@ -102,7 +102,7 @@ def _all_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, 
     return windows, rejects + [_without_window(store, clip, choice) for clip in short]
 
 
-def _listed_windows(store: Store, split: str, choice: Choice) -> tuple[WindowList, list[Reject]]:
+def _listed_windows(store: Store, split: str, choice: WindowQuery) -> tuple[WindowList, list[Reject]]:
     """Return the windows of the clips of a protocol's lists, or without ignored ones."""
     clips = clips_of(store, split, choice.protocol)
     ignored_by = {clip: _ignore_lists(record, choice) for clip, record in clips.items()}
@@ -195,12 +195,12 @@ def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
     return [Reject("unassigned", c.id, detail=detail) for c in store if c.split == split and c.id not in on_lists]
 
 
-def _ignore_lists(record: ClipRecord, choice: Choice) -> list[str]:
+def _ignore_lists(record: ClipRecord, choice: WindowQuery) -> list[str]:
     lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
     return [name for name in record.lists if name in lists]
 
 
-def _without_window(store: Store, record: ClipRecord, choice: Choice) -> Reject:
+def _without_window(store: Store, record: ClipRecord, choice: WindowQuery) -> Reject:
     absent = store._without(record.id, choice.fields)
     if absent:
         return Reject("no_field", record.id, detail=f"kept without {', '.join(absent)}")

@@ -20,7 +20,7 @@ from dancedata.core.sample_id import SampleId, id_text
 from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.files.addresses import fetch_soon
+from dancedata.files.addresses import prefetch
 from dancedata.store.clip_choice import require_where
 from dancedata.store.dataset import Store, open_store, reopen
 from dancedata.store.normalize import Scaler
@@ -28,7 +28,7 @@ from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
 from dancedata.torch.augmenting import Augmenter, check_step
-from dancedata.torch.batch_reader import Request, blank_of
+from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_values import require_columns, value_of
 from dancedata.torch.draws import uniform
 from dancedata.torch.epochs import EpochDataset, require_scalers
@@ -37,8 +37,8 @@ from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
 from dancedata.torch.sample_items import SampleItems
 from dancedata.torch.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.torch.selection import (
-    Choice,
-    Selection,
+    SelectedWindows,
+    WindowQuery,
     list_names,
     require_lists,
     require_protocol,
@@ -120,7 +120,7 @@ class SplitDataset(EpochDataset):
 
     def _choose(
         self, place: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
-    ) -> Selection:
+    ) -> SelectedWindows:
         """Return the windows of the split that have all fields, and another one that is read beside them."""
         if place.fps is not None and self.store.fps != place.fps:
             raise UsageError(
@@ -129,7 +129,7 @@ class SplitDataset(EpochDataset):
                 fix=f"build with fps: {place.fps}, or give windows in seconds",
             )  # fmt: skip
         asked = self._asked
-        self._choice = Choice(
+        self._choice = WindowQuery(
             fields=self.fields if also is None or also in self.fields else (*self.fields, also),
             windows=windows,
             trim=place.trim,
@@ -144,7 +144,7 @@ class SplitDataset(EpochDataset):
         for number in reversed(range(len(parts))):
             self._split_of_clip[parts[number].windows.clip] = number
         joined = WindowList.joined(self.split, [part.windows for part in parts])
-        return Selection(joined, tuple(reject for part in parts for reject in part.rejects))
+        return SelectedWindows(joined, tuple(reject for part in parts for reject in part.rejects))
 
     def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
         """Return the splits to read: one, several, or "all"."""
@@ -362,12 +362,12 @@ class SplitDataset(EpochDataset):
         """First samples (S,) of the shards, for an `EpochSampler` that reads neighbours together."""
         return np.flatnonzero(np.diff(self._shards_of_samples[1], prepend=-1))
 
-    def read_soon(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
+    def prefetch(self, blocks: Sequence[npt.NDArray[np.int64]]) -> None:
         """Ask for the shards of the next blocks of samples of an address, in the background."""
         if self._fetches_shards:
             shards, numbers = self._shards_of_samples
             order = dict.fromkeys(numbers[np.concatenate(blocks)].tolist())
-            fetch_soon([shards[number].path for number in order])
+            prefetch([shards[number].path for number in order])
 
     @cached_property
     def _fetches_shards(self) -> bool:
@@ -398,25 +398,25 @@ class SplitDataset(EpochDataset):
         return {name: k for k, name in enumerate(sorted(genres.distinct() - {""} if genres is not None else ()))}
 
     def _metadata(
-        self, request: Request, windows: WindowList | None = None, changes: Sequence[str] = ()
+        self, plan: BatchPlan, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
         """Return the values of samples other than their arrays, (B,) each by name, in the order of a sample's keys.
 
         Places are of `windows`, by default the dataset's; `changes` are those of every sample, without augmentations.
         """
-        places, epoch = np.asarray(request.places, dtype=np.int64), request.epoch
+        places, epoch = np.asarray(plan.places, dtype=np.int64), plan.epoch
         windows = (self.windows if windows is None else windows).take(places)
-        starts = (windows.start + np.asarray(request.shifts, dtype=np.int64)).tolist()
+        starts = (windows.start + np.asarray(plan.shifts, dtype=np.int64)).tolist()
         lengths = windows.length.tolist()
         copies = [
             (*changes, *["mirror"] * flag, *self._augmenter.changes(epoch, place))
-            for place, flag in zip(request.places, request.mirrored, strict=True)
+            for place, flag in zip(plan.places, plan.mirrored, strict=True)
         ]
         marks = [
             f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" if m else "" for m, k in zip(copies, places, strict=True)
         ]
         droppable = self._augmenter.droppable
-        dropped = [self._augmenter.dropped(epoch, place) for place in request.places] if droppable else []
+        dropped = [self._augmenter.dropped(epoch, place) for place in plan.places] if droppable else []
         attributes = ("id", "genre", "music", "dancer", "tempo_bpm", *["columns"] * bool(self.columns))
         of_clips = self.store._clip_values(windows, attributes)
         clips, genres, stated = of_clips["id"], of_clips["genre"], of_clips["tempo_bpm"]
@@ -436,14 +436,14 @@ class SplitDataset(EpochDataset):
             "tempo_estimated": [a is None and not math.isnan(b) for a, b in zip(stated, tempos, strict=True)],
             "mirrored": mirrored,
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
-            "index": [int(place) for place in request.places],
+            "index": [int(place) for place in plan.places],
             **{name: [value_of(self.store, free, name) for free in of_clips["columns"]] for name in self.columns},
-            **self._segment_values(request, clips, starts, lengths, mirrored),
+            **self._segment_values(plan, clips, starts, lengths, mirrored),
         }
 
     def _segment_values(
         self,
-        request: Request,
+        plan: BatchPlan,
         clips: Sequence[str],
         starts: Sequence[int],
         lengths: Sequence[int],
@@ -453,7 +453,7 @@ class SplitDataset(EpochDataset):
         if self._words is None:
             return {}
         windows = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
-        return self._words.values(self.store, windows, mirrored, request.epoch, request.places)
+        return self._words.values(self.store, windows, mirrored, plan.epoch, plan.places)
 
     def _estimated_tempo(self, clip: str) -> float:
         """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""

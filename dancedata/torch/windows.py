@@ -17,19 +17,19 @@ from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 from dancedata.torch.batch_reader import (
     Array,
+    BatchPlan,
     BatchReader,
     FieldReader,
     Layout,
     MemoryPool,
     ReadBatch,
-    Request,
     shared_tensor,
 )
 from dancedata.torch.collate import Batch, Sample, collate
 from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.scalers import root_columns
-from dancedata.torch.selection import Choice, Selection, no_window_error
+from dancedata.torch.selection import SelectedWindows, WindowQuery, no_window_error
 from dancedata.torch.split_dataset import SplitDataset, mirrored_samples, primitive_bias
 
 _log = logging.getLogger(__name__)
@@ -149,19 +149,19 @@ class WindowDataset(SplitDataset):
         self._cached_reader: BatchReader | None = None
         self._pool = MemoryPool()
 
-    def _listed(self, windows: WindowList, also: str | None) -> Selection:
+    def _listed(self, windows: WindowList, also: str | None) -> SelectedWindows:
         """Take windows of the caller's; UsageError for those of another split, or that are selected once more."""
         if self._asked != Select():
             raise clash(self._asked, windows, "windows of one's own are selected already")
         if windows.split != self.split:
             raise clash(f"split={self.split!r}", windows, "they are of another split")
-        self._choice = Choice(fields=self.fields if also is None else (*self.fields, also))
+        self._choice = WindowQuery(fields=self.fields if also is None else (*self.fields, also))
         if not windows:
             raise UsageError("the list of windows is empty", where=str(self.store.path), found=windows)
         for name in self._choice.fields:
             self.store._window_rows(windows, name)  # which checks them
         self._split_of_clip = np.zeros(self.store._tables.n_clips, dtype=np.int16)
-        return Selection(windows, ())
+        return SelectedWindows(windows, ())
 
     def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
         """Return one window; negative indices count from the end, and an id is read again as it was.
@@ -175,11 +175,11 @@ class WindowDataset(SplitDataset):
         """
         if isinstance(index, str | SampleId):
             return self._read_again(index)
-        request, reader = self._request([index]), self._batch_reader()
+        plan, reader = self._plan([index]), self._batch_reader()
         arrays = {name: np.empty((1, *shape), dtype=dtype) for name, (shape, dtype) in reader.layout.items()}
-        reader(request, arrays)
+        reader(plan, arrays)
         tensors = {name: torch.from_numpy(array[0]) for name, array in arrays.items()}
-        return tensors | {name: values[0] for name, values in self._metadata(request).items()}
+        return tensors | {name: values[0] for name, values in self._metadata(plan).items()}
 
     @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
@@ -187,17 +187,17 @@ class WindowDataset(SplitDataset):
 
         Their tensors are rows of one batch, which has its own memory.
         """
-        request, reader = self._request(indices, epoch), self._batch_reader()
-        if not len(request):
+        plan, reader = self._plan(indices, epoch), self._batch_reader()
+        if not len(plan):
             return []
-        tensors = {name: self._pool.tensor((len(request), *s), dtype) for name, (s, dtype) in reader.layout.items()}
-        reader(request, {name: tensor.numpy() for name, tensor in tensors.items()})
+        tensors = {name: self._pool.tensor((len(plan), *s), dtype) for name, (s, dtype) in reader.layout.items()}
+        reader(plan, {name: tensor.numpy() for name, tensor in tensors.items()})
         if get_worker_info() is not None:
             tensors = {name: shared_tensor(tensor.numpy()) for name, tensor in tensors.items()}
-        batch, metadata = Batch.of(len(request), tensors), self._metadata(request)
+        batch, metadata = Batch.of(len(plan), tensors), self._metadata(plan)
         return [
             Sample({n: rows[nth] for n, rows in batch.rows.items()} | {k: v[nth] for k, v in metadata.items()}, batch)
-            for nth in range(len(request))
+            for nth in range(len(plan))
         ]
 
     def __getstate__(self) -> dict[str, Any]:
@@ -212,13 +212,13 @@ class WindowDataset(SplitDataset):
         """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
         return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
 
-    def _request(self, indices: Sequence[int], epoch: int | None = None) -> Request:
+    def _plan(self, indices: Sequence[int], epoch: int | None = None) -> BatchPlan:
         """Return the windows at some indices, and which of them are mirrored in an epoch, or in the current one."""
         epoch = self._drawn_epoch(epoch)
         places = tuple(self._place(index) for index in indices)
         mirrored = tuple(mirrored_samples(self.seed, epoch, places, self.mirror).tolist())
         shifts = tuple(self._shift(place, epoch) for place in places) if self._augmenter.crops else (0,) * len(places)
-        return Request(places, mirrored, shifts, epoch)
+        return BatchPlan(places, mirrored, shifts, epoch)
 
     def _shift(self, place: int, epoch: int) -> int:
         """Return by how many frames the window that is read begins later than the listed one."""
@@ -235,11 +235,11 @@ class WindowDataset(SplitDataset):
 
     def _planned(self, indices: Sequence[int], epoch: int | None = None) -> ReadBatch:
         """Return a reader of the samples at some indices; random numbers are drawn now, files are read later."""
-        request, reader = self._request(indices, epoch), self._batch_reader()
+        plan, reader = self._plan(indices, epoch), self._batch_reader()
 
         def read(out: Mapping[str, Array]) -> dict[str, list[Any]]:
-            reader(request, out)
-            return self._metadata(request)
+            reader(plan, out)
+            return self._metadata(plan)
 
         return read
 

@@ -18,7 +18,7 @@ from dancedata.augment.mirror import MirrorImage
 from dancedata.augment.yaw import Yaw
 from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.sample_steps import Chance, steps_of
+from dancedata.core.sample_steps import RandomAugmentation, steps_of
 from dancedata.testing.stores import write_random_store
 from dancedata.torch import BatchLoader, EpochSampler, Relative, Scale, WindowDataset, Windows
 from dancedata.torch.augmenting import Augmenter
@@ -73,7 +73,7 @@ def test_batches_of_threads_and_shares_of_ranks_are_the_same(store_path: Path) -
 
 def test_an_augmenter_that_does_nothing_changes_no_byte(store_path: Path) -> None:
     plain = dataset(store_path)
-    for augment in ([], {}, {"yaw": 0, "mirror": False}, [Chance(Yaw(), 0.0)]):
+    for augment in ([], {}, {"yaw": 0, "mirror": False}, [RandomAugmentation(Yaw(), 0.0)]):
         changed = dataset(store_path, augment)
         for k in (0, len(plain) - 1):
             assert digest(plain[k]) == digest(changed[k])

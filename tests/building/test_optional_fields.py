@@ -30,7 +30,7 @@ from dancedata.store.stored_clip import StoredClip
 from dancedata.synthetic import synthesise_motion, synthesise_song
 from dancedata.torch import ClipDataset, Dancers, GroupDataset, Primitives, Scale, WindowDataset, Windows
 from dancedata.torch.scalers import scaler_of
-from dancedata.torch.selection import Choice
+from dancedata.torch.selection import WindowQuery
 from examples.make_captures import write_take
 from tests.groups_store import HEADER, SIZES, stored
 
@@ -159,7 +159,7 @@ def test_statistics_and_scalers_are_of_the_rows_that_there_are(mixed: Path) -> N
     np.testing.assert_array_equal(stats["min"], rows.min(axis=0))
     np.testing.assert_array_equal(stats["max"], rows.max(axis=0))
     both = np.concatenate([ds[clip][FIELD] for clip in ("hands_1", "hands_2")])
-    scaler = scaler_of(ds, FIELD, Choice((FIELD,)), Scale(over="all"))
+    scaler = scaler_of(ds, FIELD, WindowQuery((FIELD,)), Scale(over="all"))
     np.testing.assert_array_equal(scaler.data_max, both.max(axis=0))
 
 
@@ -257,7 +257,7 @@ def test_key_motions_may_be_optional(captures: Path, tmp_path: Path, monkeypatch
 
     def of_hands(self: Lodge, motion: Motion) -> Any:
         if motion.skeleton.n_joints < 52:
-            raise UsageError(f"a motion on skeleton {motion.skeleton.name} has no key motions")  # as `on_body`
+            raise UsageError(f"a motion on skeleton {motion.skeleton.name} has no key motions")  # as `transfer_to`
         return analyse(self, motion)
 
     monkeypatch.setattr(Lodge, "analyse", of_hands)

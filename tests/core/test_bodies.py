@@ -13,9 +13,9 @@ from dancedata.core.bodies import (
     SMPLX22,
     SMPLX52,
     SMPLX55,
-    carried_over,
     has_body,
-    on_body,
+    transfer,
+    transfer_to,
 )
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -94,12 +94,12 @@ def test_a_part_joins_bones_across_joints_left_out() -> None:
 @pytest.mark.parametrize("source", SMPL_FAMILY, ids=lambda s: s.name)
 def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton) -> None:
     motion = motion_on(source, trim=2)
-    found = carried_over(motion, target)
+    found = transfer(motion, target)
     assert found.skeleton.joints == target.joints
     assert (found.grid, found.trim_start) == (THIRTY, 2)
     pelvis = [m.translation + m.skeleton.offsets[0] for m in (found, motion)]
     np.testing.assert_allclose(pelvis[0], pelvis[1], atol=1e-12)
-    kept = on_body(motion, target, keep="translation")
+    kept = transfer_to(motion, target, keep="translation")
     np.testing.assert_array_equal(kept.translation, motion.translation)
     np.testing.assert_array_equal(kept.rotations, found.rotations)
     for j, joint in enumerate(target.joints):
@@ -114,18 +114,17 @@ def test_parameters_are_carried_over_by_name(source: Skeleton, target: Skeleton)
 def test_an_own_body_keeps_its_bones() -> None:
     tall = replace(SMPLX55, name="tall", offsets=SMPLX55.offsets * 1.2)
     for target in (SMPLX52, SMPLX22):
-        found = carried_over(motion_on(tall), target)
+        found = transfer(motion_on(tall), target)
         np.testing.assert_allclose(rest(found.skeleton), 1.2 * rest(target), atol=1e-12)
         assert found.skeleton.name == f"tall-{target.n_joints}"
         # The joints stand where the whole body's do.
         np.testing.assert_allclose(found.joints()[:, :22], motion_on(tall).joints()[:, :22], atol=1e-12)
         # On the target's bones if requested.
-        assert on_body(motion_on(tall), target).skeleton is target
+        assert transfer_to(motion_on(tall), target).skeleton is target
     # SMPL's hands are not joints of SMPL-X, so the bones are SMPL's; the other way round, SMPL-X's.
-    assert carried_over(motion_on(tall), SMPL24).skeleton is SMPL24
+    assert transfer(motion_on(tall), SMPL24).skeleton is SMPL24
     assert (
-        carried_over(motion_on(replace(SMPL24, name="mine", offsets=SMPL24.offsets * 1.2)), SMPLX22).skeleton
-        is SMPLX22
+        transfer(motion_on(replace(SMPL24, name="mine", offsets=SMPL24.offsets * 1.2)), SMPLX22).skeleton is SMPLX22
     )
 
 
@@ -134,27 +133,27 @@ def test_other_families_are_refused() -> None:
     assert not has_body(other)
     for motion, target in ((motion_on(other), SMPLX22), (motion_on(SMPLX22), other)):
         with raises_message(UsageError, "smplx22"):
-            carried_over(motion, target)
+            transfer(motion, target)
     # Its own joints are fine, in any family.
     same = replace(other, offsets=other.offsets * 2)
     motion = motion_on(other)
-    assert carried_over(motion, same) is motion
+    assert transfer(motion, same) is motion
 
 
 def test_smplhs_mean_body_is_smpls() -> None:
     """As SMPL's 24 joints do: both bodies put a dance on SMPL-X's bones in the same place."""
     motion = motion_on(SMPL24)
-    smplh = on_body(motion, SMPLH52)
+    smplh = transfer_to(motion, SMPLH52)
     np.testing.assert_array_equal(smplh.joints()[:, :22], motion.joints()[:, :22])
     for target in (SMPLX22, SMPLX52, SMPLX55):
-        assert carried_over(smplh, target).skeleton is target
-        np.testing.assert_array_equal(carried_over(smplh, target).joints(), carried_over(motion, target).joints())
+        assert transfer(smplh, target).skeleton is target
+        np.testing.assert_array_equal(transfer(smplh, target).joints(), transfer(motion, target).joints())
     own = replace(SMPLH52, offsets=SMPLH52.offsets * 1.2)
-    assert carried_over(motion_on(own), SMPLX52).skeleton is own
+    assert transfer(motion_on(own), SMPLX52).skeleton is own
 
 
 def test_a_skeleton_of_another_family_is_sent_to_retarget() -> None:
     motion = Motion(np.zeros((3, 3)), np.zeros((3, 21, 3)), FrameGrid.of(30), MOTORICA21)
-    for call in (lambda: on_body(motion, SMPLX22), lambda: Humanml263().encode(motion)):
+    for call in (lambda: transfer_to(motion, SMPLX22), lambda: Humanml263().encode(motion)):
         with raises_message(UsageError, "transforms.retarget.skeleton=smpl24"):
             call()

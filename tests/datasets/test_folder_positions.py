@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.bodies import MOTORICA21, SMPLX55, on_body
+from dancedata.core.bodies import MOTORICA21, SMPLX55, transfer_to
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
@@ -109,7 +109,7 @@ def test_sets_of_joints(tmp_path: Path, dance: Motion, name: str, tolerance_m: f
 
 
 def test_positions_of_smplx(tmp_path: Path, dance: Motion) -> None:
-    joints = on_body(dance, SMPLX55).joints()
+    joints = transfer_to(dance, SMPLX55).joints()
     np.savez(tmp_path / "a.npz", full_pose=joints, fps=30)
     motion = load(tmp_path / "a.npz", joints="smplx")
     assert motion.grid.rate == 30
@@ -206,7 +206,7 @@ def smplx322(motion: Motion) -> Any:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_motion_x(tmp_path: Path, dance: Motion, dtype: Any) -> None:
-    moved = on_body(dance, SMPLX55)
+    moved = transfer_to(dance, SMPLX55)
     rotations = moved.rotations.copy()
     rotations[:, 22:23] += 0.1
     rotations[:, 25:] += np.linspace(0, 0.4, 30)[:, None]

@@ -8,11 +8,11 @@ import pytest
 
 from dancedata.core.errors import SourceError
 from dancedata.core.registry import DATASETS
-from dancedata.datasets.published import Published
+from dancedata.datasets.published import PublishedDataset
 from tests.datasets.scans import rejects
 from tests.messages import raises_message
 
-NAMES = [name for name in DATASETS.names() if issubclass(DATASETS.get(name), Published)]
+NAMES = [name for name in DATASETS.names() if issubclass(DATASETS.get(name), PublishedDataset)]
 WITH_MUSIC = [name for name in NAMES if DATASETS.get(name).has_audio]
 #: A name that no example has.
 OTHER = {

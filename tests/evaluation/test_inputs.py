@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.bodies import SMPLX55, carried_over
+from dancedata.core.bodies import SMPLX55, transfer
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.protocol import PROTOCOLS
@@ -176,7 +176,7 @@ def test_every_protocol_gives_a_table(store: Store, motions: Mapping[str, Motion
 
 
 def test_lodge_takes_smplx(store: Store, motions: Mapping[str, Motion]) -> None:
-    smplx = {name: carried_over(motion, SMPLX55) for name, motion in motions.items()}
+    smplx = {name: transfer(motion, SMPLX55) for name, motion in motions.items()}
     of_motion = dancedata.evaluate(smplx, protocol="lodge-finedance", pool=smplx, like=store, intervals=False)
     joints = {name: motion.joints()[:, :24] for name, motion in smplx.items()}
     of_joints = dancedata.evaluate(

@@ -224,16 +224,16 @@ def test_a_worker_computes_with_the_reference_and_survives_what_units_do() -> No
     for exact, other in ((True, False), (False, True)):
         (pid,) = run_units(os.getpid, [()], jobs=1, label="x", progress=quiet, exact=exact)
         assert (pid == os.getpid()) is other
-    assert units.exactly(lambda: arithmetic.here()) == arithmetic.REFERENCE  # travels with the call
+    assert units.in_reference(lambda: arithmetic.here()) == arithmetic.REFERENCE  # travels with the call
     with pytest.raises(DataError) as caught:
-        units.exactly(fail)
+        units.in_reference(fail)
     assert (caught.value.reason, caught.value.where) == ("nan", "song.wav")
     with pytest.raises(TypeError, match="pickle"):
-        units.exactly(print, threading.Lock())
+        units.in_reference(print, threading.Lock())
     with pytest.raises(DanceDataError, match="kills its worker") as died:
         run_units(die, [(Path("song.wav"),)], jobs=1, label="features", progress=quiet)
     assert str(died.value.where) == "song.wav"
-    assert units.exactly(abs, -2) == 2
+    assert units.in_reference(abs, -2) == 2
 
 
 @needs_reference
@@ -241,7 +241,7 @@ def test_a_worker_computes_with_the_reference_and_survives_what_units_do() -> No
 @pytest.mark.parametrize("daemon", [True, False])
 def test_a_fork_computes_by_a_worker_of_its_own_or_under_its_own_key(daemon: bool) -> None:
     """Forked workers of a DataLoader are daemons, to which multiprocessing gives no children."""
-    mine = units.exactly(os.getpid)
+    mine = units.in_reference(os.getpid)
     context = multiprocessing.get_context("fork")
     queue: Any = context.Queue()
     child = context.Process(target=_ask, args=(queue,), daemon=daemon)
@@ -253,12 +253,12 @@ def test_a_fork_computes_by_a_worker_of_its_own_or_under_its_own_key(daemon: boo
     else:
         assert pid not in (mine, os.getpid(), child.pid)
         assert expected == arithmetic.REFERENCE
-    assert units.exactly(os.getpid) == mine
+    assert units.in_reference(os.getpid) == mine
 
 
 def _ask(queue: Any) -> None:
     arithmetic.here = lambda: "in the fork"
-    queue.put((units.exactly(os.getpid), arithmetic.expected()))
+    queue.put((units.in_reference(os.getpid), arithmetic.expected()))
 
 
 @needs_reference
@@ -296,7 +296,7 @@ def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> 
     script.write_text(
         "import os, sys\n"
         "from dancedata.execution.progress import Progress\n"
-        "from dancedata.execution.units import exactly, run_units\n"
+        "from dancedata.execution.units import in_reference, run_units\n"
         "sys.path.append(3)\n"  # Python ignores what is no text
         "assert exactly(abs, -2) == 2\n"
         "calls = [(n,) for n in (-2, -3)]\n"
@@ -317,7 +317,7 @@ def test_machines_without_the_level_keep_results_of_their_own(monkeypatch: pytes
     assert own.endswith("OPENBLAS_CORETYPE=Nehalem")
     assert arithmetic.expected() == own
     assert "OPENBLAS_CORETYPE" not in arithmetic.variables()
-    assert units.exactly(os.getpid) == os.getpid()
+    assert units.in_reference(os.getpid) == os.getpid()
 
 
 @needs_reference

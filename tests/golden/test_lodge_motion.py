@@ -7,7 +7,7 @@ import pytest
 
 from dancedata.contacts.height import Height
 from dancedata.contacts.velocity import Velocity
-from dancedata.core.bodies import SMPLX52, SMPLX55, carried_over
+from dancedata.core.bodies import SMPLX52, SMPLX55, transfer
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import matrix_from_6d, rotvec_from_matrix
@@ -92,7 +92,7 @@ def test_lodges_forward_kinematics(peers: Any, name: str) -> None:
     golden = joints[f"{name}.fk139"]
     places, columns = peers.load("lodge_mofea319.npz").rows(name, 0, 300)
     columns = columns[np.isin(places, joints.index(f"{name}.fk139")), :139]
-    found = carried_over(Lodge139().decode(columns, THIRTY), SMPLX55).joints()
+    found = transfer(Lodge139().decode(columns, THIRTY), SMPLX55).joints()
     assert len(found) == len(golden) >= 20
     np.testing.assert_allclose(found, golden, rtol=0, atol=5e-5)
     pelvis = found[:, 0] - golden[:, 0]

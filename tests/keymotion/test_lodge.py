@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.bodies import SMPLX22, carried_over
+from dancedata.core.bodies import SMPLX22, transfer
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -61,7 +61,7 @@ def test_minima_found_in_columns_are_the_clips(dance, columns) -> None:
 
 def test_other_bodies_of_the_family(dance) -> None:
     motion = dance(200, skeleton=SMPL24)
-    np.testing.assert_array_equal(Lodge().analyse(motion), Lodge().analyse(carried_over(motion, SMPLX22)))
+    np.testing.assert_array_equal(Lodge().analyse(motion), Lodge().analyse(transfer(motion, SMPLX22)))
 
 
 def test_frames_before_the_trim_are_looked_at(dance) -> None:

@@ -172,7 +172,7 @@ def test_ranks_share_each_block_and_resume(world_size: int) -> None:
 
 def test_blocks_are_announced_before_they_are_read() -> None:
     class Source(_OfShards):
-        def read_soon(self, blocks: Sequence[Sequence[int]]) -> None:
+        def prefetch(self, blocks: Sequence[Sequence[int]]) -> None:
             soon.append([set(map(int, indices)) for indices in blocks])
 
     soon: list[list[set[int]]] = []

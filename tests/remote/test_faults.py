@@ -20,7 +20,7 @@ import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.files.addresses import local_folder, require_whole
-from dancedata.kernel import Listing
+from dancedata.kernel import DatasetFiles
 from dancedata.remote import client, fetch, source
 from dancedata.remote.pull import pull
 from tests.messages import raises_message
@@ -130,7 +130,7 @@ def test_more_bytes_than_the_file_has(server: Server, address: str, published: P
 
 
 def test_an_answer_that_never_ends(server: Server, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Listing, "MAX_BYTES", 1 << 20)
+    monkeypatch.setattr(DatasetFiles, "MAX_BYTES", 1 << 20)
 
     def endless(handler: Any, data: bytes) -> bool:
         handler.send_response(200)

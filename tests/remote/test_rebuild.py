@@ -14,7 +14,7 @@ import pytest
 
 import dancedata
 from dancedata import comparison
-from dancedata.building.rebuild import Published
+from dancedata.building.rebuild import Publication
 from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
@@ -162,7 +162,7 @@ def test_files_beside(uploads: UploadHub, fine: Path, fine_source: Path, tmp_pat
     more.write_text("id\n")
     push(built, WHERE, recipe_only=True, beside=[more, source / "manifest.csv"], progress=False)
     assert uploads.files()["manifest.csv"] == (source / "manifest.csv").read_bytes()
-    published = Published.at(WHERE)
+    published = Publication.at(WHERE)
     assert published is not None
     assert "notes.csv" in "".join(published.missing_beside(source))
     assert "manifest.csv" in "".join(published.missing_beside(fine_source))

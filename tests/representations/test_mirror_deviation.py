@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dancedata.contacts.height import Height
-from dancedata.core.bodies import SMPLX22, SMPLX52, carried_over
+from dancedata.core.bodies import SMPLX22, SMPLX52, transfer
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.aistpp import AistPP
@@ -50,7 +50,7 @@ def clips(shared: Path) -> list[Motion]:
 
 @SKELETONS
 def test_on_real_clips(clips: list[Motion], skeleton: Skeleton) -> None:
-    require("clips", skeleton, np.concatenate([deviation_m(carried_over(clip, skeleton)) for clip in clips]))
+    require("clips", skeleton, np.concatenate([deviation_m(transfer(clip, skeleton)) for clip in clips]))
     for words in ("1.0 cm on average on SMPL (3.5 at worst", "1.7 cm (7.8) on SMPL-X"):
         assert words in PAGE.read_text()
 
@@ -66,7 +66,7 @@ def test_labels_that_recomputing_would_change(clips: list[Motion]) -> None:
     made, changed = Lodge139(), []
     for clip in clips:
         permuted = made.columns.mirror.apply(made.encode(clip, Height()))[:, :4]
-        anew = made.encode(mirrored_motion(carried_over(clip, SMPLX22)), Height())[:, :4]
+        anew = made.encode(mirrored_motion(transfer(clip, SMPLX22)), Height())[:, :4]
         changed.append(permuted != anew)
     share = 100 * np.concatenate(changed).mean()
     assert f"{share:.1f} % of the contacts" in PAGE.read_text()

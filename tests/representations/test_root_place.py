@@ -11,7 +11,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.spatial import Placement, middle_of, moved
+from dancedata.core.spatial import Placement, centroid, moved
 from dancedata.representations.root_place import RootPlace
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
@@ -53,7 +53,7 @@ def test_pairwise_distances_stay_under_one_change_of_the_group(pair: list[Motion
     rows = np.stack([PLACE.encode(motion) for motion in pair])
     distance = np.linalg.norm(rows[1, :, :3] - rows[0, :, :3], axis=-1)
     mirrored = [PLACE.columns.mirror.apply(r) for r in rows]
-    about = middle_of(rows[:, 0, :3])
+    about = centroid(rows[:, 0, :3])
     assert PLACE.spatial is not None
     turned = [PLACE.spatial.moved(r, PLACE.columns, Placement(2.0, 0.4, -1.0), about) for r in rows]
     for changed in (mirrored, turned):

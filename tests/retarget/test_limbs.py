@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import dancedata
-from dancedata.core.bodies import SKELETONS, SMPLX55, has_body, on_body
+from dancedata.core.bodies import SKELETONS, SMPLX55, has_body, transfer_to
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import rotation, shortest_rotation
@@ -142,7 +142,7 @@ def test_a_body_without_collars_or_toes(tmp_path: Path) -> None:
     limbs = [k for k, (a, _) in enumerate(LIMBS) if a not in (13, 14, 7, 8)]
     found, expected = (directions(stored(motion, target))[:, limbs] for target in ("lodge139", "smpl24"))
     assert degrees(found, expected) < 0.05
-    collars = on_body(motion, SMPLX55).rotations[:, 13:15]
+    collars = transfer_to(motion, SMPLX55).rotations[:, 13:15]
     np.testing.assert_array_equal(collars, motion.rotations[:, 13:15])
 
 
@@ -150,11 +150,11 @@ def test_a_body_without_collars_or_toes(tmp_path: Path) -> None:
 def test_retargeting_between_bodies_of_models_keeps_the_limbs(target: str) -> None:
     """In the stage `retarget`; without it the parameters of body models are copied, as Lodge does with AIST++'s."""
     dance = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=40)[0]
-    for source in (dance, on_body(dance, SMPLX55)):
+    for source in (dance, transfer_to(dance, SMPLX55)):
         moved = retargeted(source, SKELETONS[target], feet=False).motion
         assert degrees(directions(moved.joints()), directions(source.joints())) < 1e-3
         assert not moved.skeleton.captured
-        copied = on_body(source, SKELETONS[target])
+        copied = transfer_to(source, SKELETONS[target])
         np.testing.assert_array_equal(copied.rotations[:, :22], source.rotations[:, :22])
     columns = dancedata.encode(dance, "lodge139")
     rows = columns[:, 7:].reshape(40, 22, 2, 3)

@@ -174,7 +174,7 @@ def why_not_shared(sample_rate: int, rate: int) -> str:
     return f"samples at {sample_rate} Hz and at {rate} Hz coincide only every {samples}, more than {MAX_PERIOD}"
 
 
-def why_not_track(samples: Floats, sample_rate: int, rate: int) -> str:
+def track_obstacle(samples: Floats, sample_rate: int, rate: int) -> str:
     """Return why this version cannot compute a signal: as for windows, or squares beyond single precision."""
     reason = why_not_windows(len(samples), sample_rate, rate)
     if reason:

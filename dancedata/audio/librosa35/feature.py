@@ -100,7 +100,7 @@ class Librosa35(AudioFeature):
         from dancedata.audio import _librosa as reference
         from dancedata.audio.librosa35 import fast
 
-        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        is_fast = self._is_fast(lambda: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
         compute = fast.track_features if is_fast else reference.track_features
         return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
 
@@ -111,7 +111,7 @@ class Librosa35(AudioFeature):
         from dancedata.audio import _librosa as reference
         from dancedata.audio.librosa35 import fast
 
-        is_fast = self._is_fast(lambda: fast.why_not_track(signal.samples, signal.sample_rate, rate))
+        is_fast = self._is_fast(lambda: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
         estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
         return estimate(signal.samples, signal.sample_rate)
 

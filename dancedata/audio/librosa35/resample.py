@@ -34,7 +34,7 @@ def halved(samples: Floats) -> Floats:
     return output
 
 
-def reach_in(from_rate: int, to_rate: int) -> int:
+def filter_radius(from_rate: int, to_rate: int) -> int:
     """Return the number of input samples, before and after, on which an output sample depends."""
     return math.ceil(_REACH * max(1.0, from_rate / to_rate))
 
@@ -127,7 +127,7 @@ def _beginning(from_rate: int, to_rate: int) -> Floats:
 def _n_beginning(from_rate: int, to_rate: int) -> int:
     """Count the first samples of a resampled signal that zeros before the signal would change."""
     step_in = period(from_rate, to_rate)
-    n_zeros = -(-2 * reach_in(from_rate, to_rate) // step_in) * step_in
+    n_zeros = -(-2 * filter_radius(from_rate, to_rate) // step_in) * step_in
     n_lost = n_zeros * to_rate // from_rate
     last = 0
     for seed in range(4):

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.audio.librosa35.arrays import Floats, cut, each_times
-from dancedata.audio.librosa35.resample import head_matrix, period, reach_in, reach_out, tail_matrix
+from dancedata.audio.librosa35.resample import filter_radius, head_matrix, period, reach_out, tail_matrix
 from dancedata.core.audio_signal import resampled_length
 from dancedata.kernel import resample
 
 # Samples at each end of a window that differ from the track's, the same at every level of the pyramid: halving turns
 # an end of one reach of the 2:1 filter into half a reach, and the filter itself adds half a reach.
-END = reach_in(2, 1)
+END = filter_radius(2, 1)
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def resampled_windows(
         none = np.empty((len(starts), 0), dtype=np.float32)
         return Windows(samples, new_starts, new_length, none, none)
     end = max(END, reach_out(from_rate, to_rate))
-    n_head = reach_in(from_rate, to_rate) + math.ceil(end * from_rate / to_rate)
+    n_head = filter_radius(from_rate, to_rate) + math.ceil(end * from_rate / to_rate)
     # The input of the tail must begin at an instant with a sample at both rates, as the windows do.
     step = period(from_rate, to_rate)
     n_tail = length - (length - n_head) // step * step

@@ -19,8 +19,8 @@ from dancedata.building.take import Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import FileFeature, Placed
-from dancedata.core.rejects import attempt, reject_of
+from dancedata.core.plugins import FileFeature, FileSpan
+from dancedata.core.rejects import reject_of, reject_on_error
 from dancedata.core.typing import override
 from dancedata.execution.cache import Cache
 
@@ -41,7 +41,7 @@ class FileField(FeatureField):
     @property
     @override
     def sha256(self) -> str:
-        return self._key("", Placed(0, 0, Fraction(0), Fraction(1)))
+        return self._key("", FileSpan(0, 0, Fraction(0), Fraction(1)))
 
     feature: FileFeature
 
@@ -74,7 +74,7 @@ class FileField(FeatureField):
             what = f"no file {path}" if path is not None else f"the clip has no name for {self.feature.path}"
             fix = f"set audio.{self.name}.path, which is below the source, or leave the field out"
             return Reject("missing_feature", ref.id, str(path or ""), detail=f"field {self.name}: {what}", fix=fix)
-        n_rows = attempt(lambda: self.feature.length(path), path, ref.id)
+        n_rows = reject_on_error(lambda: self.feature.length(path), path, ref.id)
         if isinstance(n_rows, Reject):
             return n_rows
         try:
@@ -111,7 +111,7 @@ class FileField(FeatureField):
                 "the file cannot be read", reason="broken_file", where=loaded, found=str(error)
             ) from error
 
-    def _key(self, sha256: str, placed: Placed) -> str:
+    def _key(self, sha256: str, placed: FileSpan) -> str:
         """Return the key of a file's rows in a place: of its content, not its name."""
         feature = self.feature
         return Cache.key(
@@ -120,10 +120,10 @@ class FileField(FeatureField):
             file=sha256,
             fps=str(self.grid),
             phase=str(placed.phase),
-            **feature.shaping,
+            **feature.hashed_keys,
         )
 
-    def _placed(self, take: Take, dancer: int) -> Placed:
+    def _placed(self, take: Take, dancer: int) -> FileSpan:
         of = take.dancers[dancer]
         begin_s = self.feature.begin_s(of.music.start - take.time.begin)
         return self.feature.placed(of.files[self.name].n_rows, begin_s, self.grid)

@@ -47,7 +47,7 @@ class KeyMotionField(MotionField):
 
     @property
     @override
-    def shaping(self) -> list[Any]:
+    def hashed_values(self) -> list[Any]:
         return [self.finder.name, (self.finder.version, 0)]
 
     @override
@@ -63,4 +63,4 @@ class KeyMotionField(MotionField):
     def _analysed(self, motion: Motion | Nothing) -> Encoded:
         if isinstance(motion, Nothing):
             return motion
-        return self.attempt(lambda: np.asarray(self.finder.analyse(motion)))
+        return self.nothing_on_error(lambda: np.asarray(self.finder.analyse(motion)))

@@ -46,7 +46,7 @@ class MotionField(Field):
     without: tuple[str, ...] = ()
 
     @property
-    def shaping(self) -> list[Any]:
+    def hashed_values(self) -> list[Any]:
         """Names and versions of the plug-ins that shape rows."""
         return [self.name, self.version]
 
@@ -54,7 +54,7 @@ class MotionField(Field):
     def sha256(self) -> str:
         """Hash of all that shapes the rows of a motion."""
         files = [content_hashes(plugin) for plugin in self.plugins.values()]
-        return maker_hash(_STAGE, CROSSING, self.slot, *self.shaping, self.document(), str(self.grid), files)
+        return maker_hash(_STAGE, CROSSING, self.slot, *self.hashed_values, self.document(), str(self.grid), files)
 
     @override
     def block(self, rows: Rows | Nothing, take: Take, dancer: int, grid: FrameGrid) -> LazyArray:
@@ -77,7 +77,7 @@ class MotionField(Field):
     @override
     def make(self, loaded: Any, parts: Sequence[Any]) -> Sequence[Encoded]:
         scene = loaded.after(parts[0][0])
-        motions = [self.attempt(partial(self._on_grid, motion)) for motion in scene.motions]
+        motions = [self.nothing_on_error(partial(self._on_grid, motion)) for motion in scene.motions]
         return self.encoded(motions, [k for _, k in parts], in_group=bool(scene.refs[0].group))
 
     @abstractmethod
@@ -94,7 +94,7 @@ class MotionField(Field):
             self.require(motion)
         return motion.resampled(self.grid)
 
-    def attempt(self, call: Callable[[], T]) -> T | Nothing:
+    def nothing_on_error(self, call: Callable[[], T]) -> T | Nothing:
         """Return the result of a call; Nothing where an optional field cannot take a motion."""
         try:
             return call()
@@ -144,7 +144,7 @@ class SceneField(MotionField):
     ) -> list[Encoded]:
         lost = [motion for motion in motions if isinstance(motion, Nothing)]
         present = [motion for motion in motions if not isinstance(motion, Nothing)]
-        rows: Any = lost[0] if lost else self.attempt(partial(self.encode, present))
+        rows: Any = lost[0] if lost else self.nothing_on_error(partial(self.encode, present))
         if isinstance(rows, Nothing):
             return [rows for _ in dancers]
         if not isinstance(rows, Sequence | np.ndarray) or len(rows) != len(present):
@@ -208,7 +208,7 @@ class RepresentationField(MotionField):
 
     @property
     @override
-    def shaping(self) -> list[Any]:
+    def hashed_values(self) -> list[Any]:
         contacts = 0 if self.contacts is None else self.contacts.version
         return [self.representation.name, (self.representation.version, contacts)]
 
@@ -254,13 +254,13 @@ class RepresentationField(MotionField):
             return motion
         plugin, rule = self.representation, self.contacts
         if floor is None:
-            return self.attempt(lambda: np.asarray(plugin.encode(motion, contacts=rule)))
-        return self.attempt(lambda: np.asarray(plugin.encode_above(motion, floor, contacts=rule)))
+            return self.nothing_on_error(lambda: np.asarray(plugin.encode(motion, contacts=rule)))
+        return self.nothing_on_error(lambda: np.asarray(plugin.encode_above(motion, floor, contacts=rule)))
 
     def _floor(self, motions: Sequence[Motion | Nothing]) -> float | None:
         """Return the floor of a group, of the dancers that the field can take; None where rows have none."""
         if not self.representation.grounded:
             return None
         present = [m for m in motions if not isinstance(m, Nothing)]
-        floors = [self.attempt(partial(self.representation.floor, m)) for m in present]
+        floors = [self.nothing_on_error(partial(self.representation.floor, m)) for m in present]
         return min((height for height in floors if not isinstance(height, Nothing)), default=0.0)

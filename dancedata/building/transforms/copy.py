@@ -19,7 +19,7 @@ from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.rotations import Float64Array
 from dancedata.core.segments import Segment
 from dancedata.core.sided_words import mirrored_segment
-from dancedata.core.spatial import middle_of
+from dancedata.core.spatial import centroid
 from dancedata.core.typing import override
 from dancedata.files.documents import content_hashes, document_of
 
@@ -120,7 +120,7 @@ class Copy(Transform):
         if not refs[0].group or self.augmentation.acts_on == "body":
             return scene.with_motions([self.motion_of(m, r.id) for m, r in zip(motions, refs, strict=True)])
         pelves = np.stack([motion.part(0, 1).joints()[0, 0] for motion in motions])
-        middle = middle_of(pelves)
+        middle = centroid(pelves)
         # As a translation of each dancer: without the place of his pelvis at rest.
         axes = [middle - (pelvis - motion.translation[0]) for pelvis, motion in zip(pelves, motions, strict=True)]
         group = refs[0].group

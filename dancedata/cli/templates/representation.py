@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from dancedata.core.bodies import carried_over
+from dancedata.core.bodies import transfer
 from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
@@ -39,4 +39,4 @@ class TemplateName(Representation):
         if contacts is not None:
             raise UsageError("template_name holds no contacts", found=contacts.name)
         # Without a `decode`, the representation is one that cannot be decoded.
-        return carried_over(motion, SMPL24).joints()[:, 0].astype(np.float32)
+        return transfer(motion, SMPL24).joints()[:, 0].astype(np.float32)

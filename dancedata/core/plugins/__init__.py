@@ -20,10 +20,10 @@ __all__ = [
     "CopyAugmentation",
     "Dataset",
     "FileFeature",
+    "FileSpan",
     "Float32Array",
     "KeyMotionFinder",
     "Metric",
-    "Placed",
     "Plugin",
     "PrimitiveFinder",
     "Representation",
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from dancedata.core.plugins.audio_feature import AudioFeature
     from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
     from dancedata.core.plugins.dataset import Dataset
-    from dancedata.core.plugins.file_feature import FileFeature, Placed
+    from dancedata.core.plugins.file_feature import FileFeature, FileSpan
     from dancedata.core.plugins.finders import PRIMITIVES, KeyMotionFinder, PrimitiveFinder, WindowFilter
     from dancedata.core.plugins.metric import Better, Metric
     from dancedata.core.plugins.plugin import Float32Array, Plugin
@@ -53,7 +53,7 @@ else:
         "dataset": ("Dataset",),
         "file_feature": (
             "FileFeature",
-            "Placed",
+            "FileSpan",
         ),
         "finders": (
             "PRIMITIVES",

@@ -16,7 +16,7 @@ from dancedata.core.plugins.audio_feature import AudioFeature
 
 
 @dataclass(frozen=True)
-class Placed:
+class FileSpan:
     """The rows of a file on a clip's grid.
 
     `first`: Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
@@ -55,7 +55,7 @@ class FileFeature(AudioFeature):
 
     @property
     @abstractmethod
-    def shaping(self) -> dict[str, Any]:
+    def hashed_keys(self) -> dict[str, Any]:
         """All that shapes rows beside the file and its place, as JSON."""
 
     @abstractmethod
@@ -71,11 +71,11 @@ class FileFeature(AudioFeature):
         """Return the second of row 0, counted from frame 0 of a clip whose frame 0 is that second of its music."""
 
     @abstractmethod
-    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> Placed:
+    def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> FileSpan:
         """Place a file of `n_rows` rows, of which row 0 is at second `begin_s` of the clip, on the clip's grid."""
 
     @abstractmethod
-    def rows(self, path: Path, placed: Placed) -> npt.NDArray[Any]:
+    def rows(self, path: Path, placed: FileSpan) -> npt.NDArray[Any]:
         """Return the (placed.n_rows, D) rows of a file on a clip's grid, in `dtype`."""
 
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:

@@ -19,7 +19,7 @@ from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import list_audio
 from dancedata.datasets.motorica.labels import FOLDERS, Labels, read_labels
-from dancedata.datasets.published import Layout, Listing, Published, Splits
+from dancedata.datasets.published import Layout, Listing, PublishedDataset, Splits
 
 #: Seconds from the first frame of LDA's first take to that of its second.
 SECOND_TAKE = Fraction(1, 60)
@@ -105,7 +105,7 @@ def shared_songs(names: Iterable[RecordingName]) -> dict[str, list[str]]:
 
 @DATASETS.register("motorica")
 @dataclass(frozen=True)
-class Motorica(Published):
+class Motorica(PublishedDataset):
     """Motorica Dance, from the published BVH and audio files.
 
     Attributes

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.bodies import crosses
+from dancedata.core.bodies import changes_body
 from dancedata.core.clip import ClipRef, Window
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
@@ -69,8 +69,8 @@ class ClipInput(ABC):
         """Files of the dancers of a group that has one for each; none for others."""
         return ()
 
-    def crosses(self, target: Skeleton) -> bool:
-        """Return whether the motion crosses to another body, see `core.bodies.crosses`; True if that is unknown."""
+    def changes_body(self, target: Skeleton) -> bool:
+        """Return whether the motion crosses to another body, see `bodies.changes_body`; True if that is unknown."""
         return True
 
     @abstractmethod
@@ -104,8 +104,8 @@ class MemoryClip(ClipInput):
     body: str | None = None
 
     @override
-    def crosses(self, target: Skeleton) -> bool:
-        return self.motion is not None and crosses(self.motion.skeleton, target)
+    def changes_body(self, target: Skeleton) -> bool:
+        return self.motion is not None and changes_body(self.motion.skeleton, target)
 
     @override
     def identity(self, cache: Cache) -> Any:
@@ -140,8 +140,8 @@ class DatasetClip(ClipInput):
         return self.ref.motion_path
 
     @override
-    def crosses(self, target: Skeleton) -> bool:
-        return crosses(self.dataset.body_of(self.ref), target)
+    def changes_body(self, target: Skeleton) -> bool:
+        return changes_body(self.dataset.body_of(self.ref), target)
 
     @override
     def identity(self, cache: Cache) -> Any:
@@ -178,8 +178,8 @@ class GroupClip(ClipInput):
         return self.members[0].file
 
     @override
-    def crosses(self, target: Skeleton) -> bool:
-        return any(member.crosses(target) for member in self.members)
+    def changes_body(self, target: Skeleton) -> bool:
+        return any(member.changes_body(target) for member in self.members)
 
     @override
     def identity(self, cache: Cache) -> Any:
@@ -219,9 +219,9 @@ class StoreClip(ClipInput):
         return Path(self.reference[0])
 
     @override
-    def crosses(self, target: Skeleton) -> bool:
+    def changes_body(self, target: Skeleton) -> bool:
         representation = self.reader.representation
-        return representation.decodes and crosses(representation.skeleton, target)
+        return representation.decodes and changes_body(representation.skeleton, target)
 
     @override
     def identity(self, cache: Cache) -> Any:

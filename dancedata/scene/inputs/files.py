@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from dancedata.core.bodies import crosses
+from dancedata.core.bodies import changes_body
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid, as_rate
@@ -118,8 +118,8 @@ class FileClip(ClipInput):
         return () if self.partners is None else (self.path, *self.partners)
 
     @override
-    def crosses(self, target: Skeleton) -> bool:
-        return self.path.suffix.lower() != ".bvh" or crosses(SMPL24, target)
+    def changes_body(self, target: Skeleton) -> bool:
+        return self.path.suffix.lower() != ".bvh" or changes_body(SMPL24, target)
 
     @override
     def identity(self, cache: Cache) -> Any:
