@@ -268,7 +268,7 @@ def _require_rate(fps: Number | None, samples: Mapping[str, Sample]) -> None:
             raise UsageError("the id of a window counts frames of its dataset, which has another rate", where=name,
                              found=f"{FrameGrid.of(fps)} frames per second",
                              allowed=f"{sample.store.grid}, as {sample.store.path.name} has",
-                             fix="leave it out; a model at another rate needs a dataset at that rate")  # fmt: skip
+                             fix="leave fps out; a model at another rate needs a dataset at that rate")  # fmt: skip
 
 
 def _about_samples(samples: Mapping[str, Sample], *, of_groups: bool) -> list[str]:

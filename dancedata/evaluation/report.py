@@ -354,7 +354,8 @@ def _same_as(measured: Sequence[MeasuredClip], truth: Sequence[MeasuredClip]) ->
     real = {m.id: m for m in truth}
     same = [m.id for m in measured if m.id in real and m.same_numbers(real[m.id])]
     of = f"{len(same)} of {counted(len(measured), 'sample')}"
-    return [f"{of} are the dances of the dataset themselves"] if same else []
+    be = "is a dance of the dataset itself" if len(same) == 1 else "are the dances of the dataset themselves"
+    return [f"{of} {be}"] if same else []
 
 
 def lengths_of(seconds: Sequence[float]) -> tuple[float, float, float]:

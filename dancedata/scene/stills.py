@@ -15,6 +15,7 @@ from dancedata.scene.pose_space import frontal
 _WIDTH, _HEIGHT, _MARGIN = 90.0, 120.0, 4.0
 #: Colours of the trunk, left and right limbs and the face, at the edge and lit; readable on light and dark pages.
 _TONES = (("#596169", "#8b959f"), ("#176ca5", "#2f9ce8"), ("#944f00", "#d07a12"), ("#30363c", "#454d55"))
+_FACE = 3
 #: By edge and lit part: share of the width, and shift towards the light, up and to the right, in radii.
 _PARTS = ((1.0, 0.0), (0.7, 0.16))
 
@@ -36,7 +37,11 @@ def still(pose: Float64Array, skeleton: Skeleton, label: str, height: float = _H
     scale = float(np.min((np.array([_WIDTH, _HEIGHT]) - 2 * _MARGIN) / np.maximum(high - low, 0.1)))
     places = np.array([_WIDTH, _HEIGHT]) / 2 + (ends[..., :2] - (low + high) / 2) * scale * [1, -1]
     ways = []
+    # Fingers would be thinner than a point.
+    kept = (cones.radii.max(axis=1) * scale > 1) | (np.array(cones.tones) == _FACE)
     for k in np.argsort(ends[..., 2].sum(axis=1).round(6), kind="stable"):
+        if not kept[k]:
+            continue
         for (share, shift), colour in zip(_PARTS, _TONES[cones.tones[k]], strict=True):
             radii = cones.radii[k] * scale
             lit = places[k] + radii[:, None] * shift * np.array([0.55, -0.83])

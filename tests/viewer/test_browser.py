@@ -158,10 +158,20 @@ def test_the_best_clip_moves_at_once_and_sounds_at_the_first_click(browser: Brow
     hits = {scene.item.name: len(scene.hits) / max(1, len(scene.offsets)) for scene in opened}
     browser.open(served)
     assert hits[state(browser)["id"]] == max(hits.values())
+    sentences = "return [...document.querySelectorAll('.sentences p')].map(p => p.textContent)"
+    browser.js("localStorage.clear()")
+    browser.open(served)
     browser.wait(f"return {V}.state.playing && {V}.state.t > 0 && !{V}.context")
+    browser.wait("return document.querySelector('.sentences')")
+    said = browser.js(sentences)
+    assert len(said) == len(set(said)) >= 4
     browser.driver.find_element("css selector", "[data-dd=sound]").click()
     browser.wait(f"return {V}.context?.state === 'running' && {V}.state.playing")
     assert browser.js("return document.querySelector('[data-dd=sound]').hidden")
+    assert browser.js(sentences) == []
+    browser.open(served)
+    browser.wait(f"return {V}.state.playing && {V}.state.t > 0.5")
+    assert browser.js(sentences) == []  # once
 
 
 def test_flags_are_visited_one_after_the_other(browser: Browser, odd: Path, tmp_path: Path) -> None:

@@ -114,3 +114,25 @@ on(lanes, 'pointermove', e => {
   const at = Object.keys(rows).find(name => e.offsetY >= rows[name].y && e.offsetY < rows[name].y + rows[name].h);
   lanes.title = (e.offsetX < LABEL && SENTENCES[at]) || '';
 });
+
+// Shows the sentences in their lanes until the first click or key; once, where the browser remembers it.
+export function explainLanes() {
+  try {
+    if (localStorage.getItem('dancedata-lanes')) return;
+    localStorage.setItem('dancedata-lanes', 'explained');
+  } catch {
+    // such as in a sandboxed frame
+  }
+  const box = document.createElement('div');
+  box.className = 'sentences';
+  for (const [name, row] of Object.entries(rows).filter(([lane]) => SENTENCES[lane])) {
+    const line = document.createElement('p');
+    line.textContent = SENTENCES[name];
+    line.style.top = `${lanes.offsetTop + row.y + row.h / 2}px`;
+    line.style.left = `${lanes.offsetLeft + LABEL + 8}px`;
+    box.append(line);
+  }
+  lanes.after(box);
+  for (const kind of ['pointerdown', 'keydown', 'resize'])
+    on(window, kind, () => box.remove(), { once: true, capture: true });
+}

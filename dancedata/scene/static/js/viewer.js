@@ -1,5 +1,5 @@
 // The page: it follows its address, starts the controls, and draws.
-import { lanes, rows, view } from './axis.js';
+import { explainLanes, lanes, rows, view } from './axis.js';
 import { chooseDancer, openItem, readySkin, setBody, showNow } from './clip.js';
 import { advance, anchor, context, gain, metronome, play, playSilently, seek, setLoop } from './clock.js';
 import { onKey, setMode, setTheme, startControls } from './controls.js';
@@ -44,7 +44,10 @@ async function followLink() {
         }
       : { linked: true };
   await openItem(item, known);
-  if (h.play === '1' && !matchMedia('(prefers-reduced-motion: reduce)').matches) playSilently();
+  if (h.play === '1' && !matchMedia('(prefers-reduced-motion: reduce)').matches) {
+    playSilently();
+    setTimeout(explainLanes, 200); // once they are drawn
+  }
   if (named && !mine.length)
     el('notes').textContent = `This dataset has no ${h.group === undefined ? 'clip' : 'group'} ${plain(named)}`;
 }
