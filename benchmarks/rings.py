@@ -82,7 +82,9 @@ def imports(path: Path, modules: dict[str, Path]) -> dict[str, set[str]]:
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 taken.setdefault(alias.name, set()).add("")
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+        elif (
+            isinstance(node, ast.Call) and getattr(node.func, "attr", getattr(node.func, "id", "")) == "import_module"
+        ):
             for argument in node.args[:1]:
                 if isinstance(argument, ast.Constant):
                     taken.setdefault(str(argument.value), set()).add("")
