@@ -1,9 +1,10 @@
 """Commands, run in this process; and processes that are killed."""
 
 import json
+import multiprocessing
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -37,3 +38,21 @@ def killed_afterwards(code: str, *arguments: object) -> Iterator[subprocess.Pope
             yield process
         finally:
             process.kill()
+
+
+def in_processes(n: int, target: Callable[[], Any]) -> list[Any]:
+    """Run a function in forks that begin at the same time; returns what they got."""
+    fork = multiprocessing.get_context("fork")
+    queue, barrier = fork.SimpleQueue(), fork.Barrier(n)
+
+    def run() -> None:
+        barrier.wait()
+        queue.put(target())
+
+    processes = [fork.Process(target=run) for _ in range(n)]
+    for process in processes:
+        process.start()
+    found = [queue.get() for _ in processes]
+    for process in processes:
+        process.join()
+    return found

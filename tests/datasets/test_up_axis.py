@@ -14,6 +14,8 @@ from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.up import Stance, wrong_files
 from dancedata.formats.bvh.write import motion_bvh
 from dancedata.synthetic import synthesise_motion
+from tests.core.test_sides import on_the_floor
+from tests.core.test_sides import turned as turned_by
 
 #: Seconds of the cuts: long ones show a floor, short ones may not.
 CUTS = (0.5, 0.5, 1, 1, 1.5, 4)
@@ -36,10 +38,7 @@ def cut(motion: Motion, start: int, n: int) -> Motion:
 
 
 def turned(motion: Motion, axis: str, degrees: float) -> Motion:
-    world, rotations = Rotation.from_euler(axis, degrees, degrees=True), np.array(motion.rotations)
-    root = motion.skeleton.offsets[0]
-    rotations[:, 0] = (world * Rotation.from_rotvec(rotations[:, 0])).as_rotvec()
-    return Motion(world.apply(root + motion.translation) - root, rotations, motion.grid, motion.skeleton)
+    return turned_by(motion, Rotation.from_euler(axis, degrees, degrees=True))
 
 
 def amass(path: Path, motion: Motion) -> None:
@@ -104,19 +103,11 @@ def test_a_body_that_lies_in_one_short_file_is_noted(tmp_path: Path, dance: Moti
 
 def test_upright_dances_and_one_who_lies(tmp_path: Path, parts: list[Motion]) -> None:
     """Of a folder that stands, a dancer who lies is left in, with a flag; the others have none."""
-    motions = [*parts, on_the_floor(parts[-1])]
+    motions = [*parts, on_the_floor(parts[-1], (-np.pi / 2, 0, 0))]
     reader, scan = scan_of(tmp_path, smpl, motions, fps="60", unit="m", up="y")
     assert len(scan.clips) == len(motions)
     flags = [{flag.kind for flag in implausible_flags(reader.load(clip))} for clip in scan.clips]
     assert flags == [*[set()] * len(parts), {"lying"}]
-
-
-def on_the_floor(motion: Motion) -> Motion:
-    rotations = np.array(motion.rotations)
-    rotations[:, 0] = (-np.pi / 2, 0, 0)
-    lowest = Motion(motion.translation, rotations, motion.grid, motion.skeleton).joints()[..., 1].min(axis=1)
-    translation = motion.translation - lowest[:, None] * (0, 1, 0)
-    return Motion(translation, rotations, motion.grid, motion.skeleton)
 
 
 def test_a_few_wrong_files_among_many_that_stand(tmp_path: Path, dance: Motion) -> None:

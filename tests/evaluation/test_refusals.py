@@ -35,11 +35,6 @@ def dances(n: int = 3, **options: Any) -> dict[str, np.ndarray]:
     return {f"d{k}": dance(seed=k, **options) for k in range(n)}
 
 
-def test_another_rate_than_the_protocols() -> None:
-    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
-        dancedata.evaluate(dances(), protocol="bailando-aistpp", fps=30)
-
-
 def test_mixed_rates(motions: Mapping[str, Motion]) -> None:
     names = sorted(motions)
     mixed = dict(motions)
@@ -82,26 +77,27 @@ def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
     assert {s.name: s.better for s in scores if s.value is None}["fid_k"] == "lower"
 
 
-def test_lodge_without_smplx(motions: Mapping[str, Motion]) -> None:
+@pytest.mark.parametrize(
+    ("joints", "options"),
+    [
+        (24, {"protocol": "bailando-aistpp", "fps": 30}), (24, {"protocol": "fact-aistpp", "fps": 60}),
+        (None, {"protocol": "lodge-finedance"}), (22, {"protocol": "lodge-finedance", "fps": 30}),
+        *((number, {"fps": 30}) for number in (17, 23, 100)),
+    ],
+)  # fmt: skip
+def test_dances_that_cannot_be_measured(
+    motions: Mapping[str, Motion], joints: int | None, options: dict[str, Any]
+) -> None:
+    """At another rate, without the true pelvis, without SMPL-X, of an unknown body."""
     with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
-        dancedata.evaluate(motions, protocol="lodge-finedance")
-    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
-        dancedata.evaluate(dances(joints=22), protocol="lodge-finedance", fps=30)
+        dancedata.evaluate(motions if joints is None else dances(joints=joints), **options)
 
 
-def test_fact_without_the_true_pelvis() -> None:
-    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
-        dancedata.evaluate(dances(), protocol="fact-aistpp", fps=60)
+def test_fact_knows_the_pelvis_of_a_named_body() -> None:
     report = dancedata.evaluate(
         dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), intervals=False
     )
     assert report["fid_k"].value is not None
-
-
-@pytest.mark.parametrize("joints", [17, 23, 100])
-def test_joints_of_an_unknown_body(joints: int) -> None:
-    with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
-        dancedata.evaluate(dances(joints=joints), fps=30)
 
 
 def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """The cache of units of work: keys say all that shapes a result, entries are whole, a key is computed once."""
 
-import multiprocessing
 import os
 import threading
 import time
@@ -28,11 +27,10 @@ from dancedata.files.documents import content_hashes
 from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
-from tests.commands import killed_afterwards
+from tests.commands import in_processes, killed_afterwards
 from tests.messages import raises_message
 from tests.takes import keys_of, made, makers_of, take_of, unit_of
 
-FORK = multiprocessing.get_context("fork") if hasattr(os, "fork") else None
 KEY = "ab" + "0" * 62
 HOLDER = """
 import pathlib, sys, time
@@ -221,24 +219,6 @@ def test_a_changed_bit_is_found_when_it_is_read_and_the_entry_removed(own: Cache
     path = next((own.root / "segments").rglob("*.json"))
     path.write_bytes(path.read_bytes().replace(b"2", b"3", 1))
     assert own.json("segments", KEY) is None
-
-
-def in_processes(n: int, target: Any) -> list[Any]:
-    """Run a function in processes that begin at the same time; returns what they put into the queue."""
-    assert FORK is not None
-    queue, barrier = FORK.SimpleQueue(), FORK.Barrier(n)
-
-    def run() -> None:
-        barrier.wait()
-        queue.put(target())
-
-    processes = [FORK.Process(target=run) for _ in range(n)]
-    for process in processes:
-        process.start()
-    found = [queue.get() for _ in processes]
-    for process in processes:
-        process.join()
-    return found
 
 
 def test_many_processes_that_want_one_entry_compute_it_once(own: Cache, tmp_path: Path):

@@ -1,6 +1,5 @@
 """FeatureCache: equal to builds and shared with them, computed once for all processes, and the page's dataset."""
 
-import multiprocessing
 import pickle
 import re
 import time
@@ -17,9 +16,9 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.cache import FeatureCache
 from dancedata.core.errors import DataError, UsageError
 from dancedata.execution.cache_admin import prune
+from tests.commands import in_processes
 from tests.messages import raises_message
 
-FORK = multiprocessing.get_context("fork")
 PAGE = Path(__file__).parents[2] / "docs" / "guides" / "music.md"
 VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
 
@@ -56,26 +55,9 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[], int]:
     return lambda: log.read_text().count("call")
 
 
-def ask_at_once(n: int, ask: Callable[[], Any]) -> list[Any]:
-    """Ask in processes that begin at the same time; returns what they got."""
-    queue, barrier = FORK.SimpleQueue(), FORK.Barrier(n)
-
-    def run() -> None:
-        barrier.wait()
-        queue.put(np.array(ask()))
-
-    processes = [FORK.Process(target=run) for _ in range(n)]
-    for process in processes:
-        process.start()
-    found = [queue.get() for _ in processes]
-    for process in processes:
-        process.join()
-    return found
-
-
 @pytest.mark.parametrize("windows", [None, (150, 15)])
 def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, calls: Callable[[], int], windows: Any):
-    found = ask_at_once(6, lambda: own(song, "librosa35", fps=30, bpm=120, windows=windows))
+    found = in_processes(6, lambda: np.array(own(song, "librosa35", fps=30, bpm=120, windows=windows)))
     assert calls() == 1
     assert all(np.array_equal(rows, found[0]) for rows in found)
     assert found[0].shape[-2:] == ((found[0].shape[0], 35) if windows is None else (150, 35))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.files.regular_file import sha256_file
 from dancedata.synthetic import write_synthetic
 from tests.warm import Process
 
@@ -204,12 +203,6 @@ def slow(make_slow: Callable[[Path], Slow], tmp_path: Path) -> Slow:
 
 
 @pytest.fixture(scope="session")
-def hashes() -> Callable[[Path], dict[str, str]]:
-    """Return a function: SHA-256 of every file in a folder, by name."""
-    return lambda folder: {p.name: sha256_file(p) for p in sorted(folder.iterdir()) if p.name != "local.json"}
-
-
-@pytest.fixture(scope="session")
 def undisturbed(make_slow, corpus, once, hashes):
     """Hashes of a dataset that one process built without being disturbed."""
 
@@ -219,12 +212,6 @@ def undisturbed(make_slow, corpus, once, hashes):
         assert len(slow.calls()) == SONGS
 
     return hashes(once("undisturbed", fill) / "out")
-
-
-@pytest.fixture
-def out(tmp_path: Path) -> Path:
-    """Output folder; does not exist yet, in an empty folder."""
-    return tmp_path / "outs" / "out"
 
 
 @pytest.fixture

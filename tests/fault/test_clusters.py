@@ -21,19 +21,21 @@ HAS_RAY = pytest.mark.skipif(not find_spec("ray"), reason="the extra ray is not 
 HAS_DASK = pytest.mark.skipif(not find_spec("distributed"), reason="the extra dask is not installed")
 
 
-@pytest.fixture
-def ray_two(slow: Any) -> Iterator[None]:
-    """Run two workers."""
-    with ray_cluster(slow.environment):
-        yield
+@pytest.fixture(params=[pytest.param("ray", marks=HAS_RAY), pytest.param("dask", marks=HAS_DASK)])
+def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
+    """Two workers of each engine; gives the options of `build` that use it."""
+    if request.param == "ray":
+        with ray_cluster(slow.environment):
+            yield ["--cluster", "ray://auto"]
+    else:
+        with dask_cluster(slow.environment) as address:
+            yield ["--cluster", address]
 
 
-@HAS_RAY
-@pytest.mark.usefixtures("ray_two")
-def test_ray_gives_the_same_bytes_and_survives_a_killed_worker(slow, corpus, out, songs, undisturbed, hashes):
+def test_the_same_bytes_and_a_killed_worker_is_survived(slow, corpus, out, songs, cluster, undisturbed, hashes):
     slow.sleep(0.3)
     (slow.folder / f"kill-once-{songs[0]}").touch()
-    printed = slow.build(corpus, out, "--cluster", "ray://auto")
+    printed = slow.build(corpus, out, *cluster)
     assert hashes(out) == undisturbed
     assert sorted(slow.calls()) == sorted([*songs, songs[0]]), "only the unit of the dead worker ran again"
     assert slow.strays() == []
@@ -93,17 +95,6 @@ def test_answers_of_workers() -> None:
 
 
 # Each of these takes half a minute to some minutes: python -m pytest -m nightly tests/fault/test_clusters.py
-
-
-@pytest.fixture(params=[pytest.param("ray", marks=HAS_RAY), pytest.param("dask", marks=HAS_DASK)])
-def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
-    """Two workers of each engine; gives the options of `build` that use it."""
-    if request.param == "ray":
-        with ray_cluster(slow.environment):
-            yield ["--cluster", "ray://auto"]
-    else:
-        with dask_cluster(slow.environment) as address:
-            yield ["--cluster", address]
 
 
 @pytest.mark.nightly

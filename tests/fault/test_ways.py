@@ -1,4 +1,4 @@
-"""Equal bytes for any number of jobs, parts and order of files. Dask is in test_workers."""
+"""Equal bytes for any number of jobs, parts and order of files. Clusters are in test_clusters."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Worker processes that die, under loky and under Dask: the build continues, or names the unit at fault."""
+"""Worker processes that die under loky: the build continues, or names the unit at fault. Clusters: test_clusters."""
 
 import os
 import pickle
@@ -21,14 +21,6 @@ import pytest
 
 from tests import warm
 from tests.clusters import DASK, PIPES, dask_cluster
-
-
-@pytest.fixture
-def cluster(slow: Any) -> Iterator[list[str]]:
-    """Two workers; gives the options of `build` that use them."""
-    pytest.importorskip("distributed")
-    with dask_cluster(slow.environment) as address:
-        yield ["--cluster", address]
 
 
 @pytest.fixture
@@ -76,17 +68,6 @@ def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, 
     assert slow.strays() == []
 
 
-def test_dask_gives_the_same_bytes_and_survives_a_killed_worker(
-    slow: Any, corpus: Path, out: Path, songs: list[str], cluster: list[str], undisturbed: dict[str, str], hashes: Any
-):
-    slow.sleep(0.3)
-    (slow.folder / f"kill-once-{songs[0]}").touch()
-    slow.build(corpus, out, *cluster)
-    assert hashes(out) == undisturbed
-    assert sorted(slow.calls()) == sorted([*songs, songs[0]]), "only the unit of the dead worker ran again"
-    assert slow.strays() == []
-
-
 @pytest.mark.nightly
 def test_a_build_resumes_after_a_lost_scheduler(slow, corpus, out, undisturbed, hashes):
     pytest.importorskip("distributed")
@@ -130,7 +111,7 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
 def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, output):
     from dancedata.core.errors import DanceDataError
     from dancedata.execution import arithmetic, requirements
-    from dancedata.execution.executors import run_packed
+    from dancedata.execution.executors import Executor
     from dancedata.files.cache_files import locked_file
 
     with ExitStack() as stack:
@@ -144,7 +125,7 @@ def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, outpu
             "versions": requirements.versions_of({"librosa"}, arithmetic.here()),
         }
         check = partial(requirements.check_worker, requirements.Requirements(**{**right, **wrong}))
-        is_error, result = pickle.loads(run_packed(check, pickle.dumps((abs, (-3,)))))
+        is_error, result = pickle.loads(Executor.run_packed(check, pickle.dumps((abs, (-3,)))))
     assert is_error == (output is not None), result
     if output is None:
         assert result == 3
@@ -164,12 +145,12 @@ def wait() -> int:
 
 def test_a_worker_with_threads_is_refused() -> None:
     """They would undo each other's limit on BLAS."""
-    from dancedata.execution.executors import run_packed
+    from dancedata.execution.executors import Executor
 
     with ThreadPoolExecutor(1) as other:
-        first = other.submit(run_packed, None, pickle.dumps((wait, ())))
+        first = other.submit(Executor.run_packed, None, pickle.dumps((wait, ())))
         BEGUN.wait(60)
-        is_error, refused = pickle.loads(run_packed(None, pickle.dumps((abs, (-3,)))))
+        is_error, refused = pickle.loads(Executor.run_packed(None, pickle.dumps((abs, (-3,)))))
         GO_ON.set()
         assert pickle.loads(first.result()) == (False, 1)
     assert is_error

@@ -193,9 +193,10 @@ def test_names_with_a_prefix_or_suffix_that_all_share(producer: str, prefix: str
 
 
 def test_two_people_by_prefix_are_ambiguous() -> None:
-    names = [f"{person}_{name}" for person in ("anna", "ben") for name in UP_LEG.split()]
-    with raises_message(DataError, "joint_map", reason="ambiguous_joint_map"):
-        detect(HERE, names, {})
+    for between in (":", "_"):
+        names = [f"{person}{between}{name}" for person in ("anna", "ben") for name in UP_LEG.split()]
+        with raises_message(DataError, "joint_map", where="a.bvh", reason="ambiguous_joint_map"):
+            detect(HERE, names, {})
     mine = {joint: f"anna_{name}" for joint, name in (("left_hip", "LeftUpLeg"), ("left_knee", "LeftLeg"))}
     with raises_message(DataError, "joint_map", reason="ambiguous_joint_map"):
         detect(HERE, names, mine)
@@ -218,12 +219,6 @@ def test_a_file_with_the_joints_of_two_producers_is_ambiguous() -> None:
     assert [p.name for p in chosen.producers] == ["xsens"]
     assert names[chosen.of[SMPL24.index("left_hip")]] == "LeftHip"
     assert names[detect(HERE, names, {}, "mixamo").of[SMPL24.index("left_hip")]] == "LeftUpLeg"
-
-
-def test_two_people_in_one_file_are_ambiguous() -> None:
-    names = [f"{person}:{name}" for person in ("anna", "ben") for name in UP_LEG.split()]
-    with raises_message(DataError, "joint_map", where="a.bvh", reason="ambiguous_joint_map"):
-        detect(HERE, names, {})
 
 
 def test_an_unknown_producer() -> None:

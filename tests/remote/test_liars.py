@@ -202,21 +202,16 @@ def _changed(published: Path, site: Path, change: Callable[[dict[str, Any]], obj
     path.write_text(json.dumps({**document, "self_sha256": json_sha256(document)}))
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("size", [10**18, 2**63, 10**40, -1, 1.5, True, None, "9"])
-def test_sizes_that_are_none(server: Server, published: Path, tmp_path: Path, way: str, size: object) -> None:
-    _changed(published, tmp_path / "site", lambda d: d["shards"][0].update(size=size))
-    server.folder = tmp_path / "site"
-    with pytest.raises(StoreError):
-        WAYS[way](f"{server.url}/store")
+SIZES = (10**18, 2**63, 10**40, -1, 1.5, True, None, "9")
+NAMES = ("../x-00000-of-00001.h5", "/etc/passwd", "a/b.h5", "..", "dataset.json", "a\0b.h5")
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", ["../x-00000-of-00001.h5", "/etc/passwd", "a/b.h5", "..", "dataset.json", "a\0b.h5"])
-def test_names_that_lead_out(
-    server: Server, published: Path, tmp_path: Path, own_cache: Path, way: str, name: str
+@pytest.mark.parametrize(("key", "value"), [*(("size", size) for size in SIZES), *(("file", name) for name in NAMES)])
+def test_sizes_that_are_none_and_names_that_lead_out(
+    server: Server, published: Path, tmp_path: Path, way: str, key: str, value: object
 ) -> None:
-    _changed(published, tmp_path / "site", lambda d: d["shards"][0].update(file=name))
+    _changed(published, tmp_path / "site", lambda d: d["shards"][0].update({key: value}))
     server.folder = tmp_path / "site"
     with pytest.raises(StoreError):
         WAYS[way](f"{server.url}/store")
