@@ -16,7 +16,7 @@ from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
 from dancedata.core.rejects import left_out_lines
 from dancedata.core.terms import clips_by_terms, terms_text
-from dancedata.core.text import counted, shown, size_text, table
+from dancedata.core.text import counted, listed, shown, size_text, table
 from dancedata.files.addresses import path_text
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS
@@ -257,7 +257,7 @@ def describe_clips(path: Path) -> str:
 
 
 def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
-    """Return the output of `check`: all errors; of notes with the same reason the first few, and a count."""
+    """Return the output of `check`: all errors; many notes with the same reason are one line."""
     errors = [p for p in problems if p.severity == "error"]
     lines = [str(p) for p in errors]
     kinds: dict[str, list[Problem]] = {}
@@ -266,8 +266,8 @@ def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
             reason = problem.message.split(":")[0]
             kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
     for kind, notes in kinds.items():
-        lines += [str(p) for p in notes[:_NAMED]]
-        if len(notes) > _NAMED:
-            lines.append(f"note: {kind}: {len(notes) - _NAMED} more (all with --json)")
+        names, why = listed([p.where for p in notes], _NAMED), notes[0].message.partition(": ")[2]
+        folded = [f"note: {len(notes):,} {kind}: {names} (all with --json); the first: {why}"]
+        lines += folded if len(notes) > _NAMED else [str(p) for p in notes]
     numbers = f"{counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"
     return "\n".join([*lines, f"{shown(path_text(path))}: {numbers}"])

@@ -120,10 +120,11 @@ class ViewRequest:
         for path in self.compare:
             comparisons.append(comparison_of(path, scenes, self._format(store, scenes.grid, path)))
             if not matched(comparisons[-1], scenes):
+                clips = listed([item.id for item in scenes.items], 2)
                 raise DataError(
                     "nothing here is named as a clip that is shown", reason="nothing_matched", where=str(path),
-                    found=comparisons[-1].held, allowed=listed([item.id for item in scenes.items], 3),
-                    fix="name the files as the clips",
+                    found=comparisons[-1].held, allowed=f"CLIP or CLIP@START+LENGTH; clips are {clips}",
+                    fix="write samples with save_samples, or name the files so",
                 )  # fmt: skip
         names = [comparison.name for comparison in comparisons]
         return tuple(
