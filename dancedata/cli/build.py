@@ -149,11 +149,13 @@ def check(
     if faults:
         from dancedata.curation.quality import quality
 
-        return quality(paths[0], out=out, cache=cache, **reader, **how)
+        scored = quality(paths[0], out=out, cache=cache, **reader, **how)
+        return Output(scored.to_json, lambda: str(scored), ok=bool(scored.clips))
     if offsets:
         from dancedata.alignment.align import align
 
-        return align(paths[0], out=out, cache=cache, **reader, **how)
+        aligned = align(paths[0], out=out, cache=cache, **reader, **how)
+        return Output(aligned.to_json, lambda: str(aligned), ok=bool(aligned.rows))
     if published:
         from dancedata.evaluation.run import self_test
 

@@ -15,7 +15,7 @@ _SHOWN, _WRITTEN = "What to show", "Instead of the browser"
 
 @command(
     "music rights overwrite like field normalized scaler clamp fps up unit body_model betas plugins quiet",
-    path="WHAT: A dataset, or a folder or file of motion: .npy .npz .pkl .bvh.",
+    path="WHAT: A dataset, or a folder, file or pattern of motion: .npy .npz .pkl .bvh.",
     clip="CLIP: Where to begin: the id of a clip, window or group.",
     compare=(_SHOWN, "PATH: A dataset, folder or file to show beside; repeatable."),
     wall=(_SHOWN, "All on one stage, at most 12."),
@@ -75,7 +75,7 @@ def view(
 
 @command(
     "music rights overwrite protocol split like field normalized scaler clamp fps plugins quiet",
-    path="WHAT: A dataset, or samples: a folder or a file.",
+    path="WHAT: A dataset, or samples: a folder, a file or a pattern.",
     compare="DATASET: Another dataset to compare with.",
     out="FILE.html: The page; default NAME-report.html.",
     clips="N: Clips that play: the most suspicious and others; or all, none.",
@@ -98,7 +98,7 @@ def report(
     how: dict[str, Any] = {"overwrite": overwrite, "progress": progress}
     if of_samples["like"] is None and (saved := saved_samples(path)) is not None:
         of_samples["like"] = saved.dataset
-    if of_samples["like"] is not None and path.exists() and not (path / DATASET_FILE).exists():
+    if of_samples["like"] is not None and not (path / DATASET_FILE).exists():
         if compare is not None or not clips.isdecimal():
             raise UsageError("--compare goes with a dataset, and --clips of samples is a number", where=path)
         page = out or (None if as_json else Path(f"{path.stem}-report.html"))

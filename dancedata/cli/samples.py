@@ -10,7 +10,7 @@ from dancedata.core.text import counted, listed
 @command(
     "protocol split music overwrite jobs like field normalized scaler clamp fps up unit body cluster cache plugins "
     "quiet",
-    paths="WHAT...: Samples (a folder or a file) or datasets; scores for each.",
+    paths="WHAT...: Samples (a folder, a file or a pattern) or datasets; scores for each.",
     pool="PATH|SPLITS: What FID and Div compare with: a dataset, a folder, an .npz of --out, or splits; default "
     "train.",
     metric="NAME: Only this one; repeatable.",

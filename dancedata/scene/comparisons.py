@@ -196,7 +196,7 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
     files = motion_files(path, "compare with")
     paths = {file.stem: file for file in files}
-    any_clip = None if path.is_dir() or scenes.has(path.stem) else path
+    any_clip = None if len(files) > 1 or path.is_dir() or scenes.has(files[0].stem) else files[0]
     _require_stated(files[0], form)
     return FilesComparison(paths=paths, any_clip=any_clip, form=form, body=scenes.body, name=path.name)
 

@@ -13,6 +13,7 @@ from dancedata.core.typing import override
 from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.kernel import Sample, Store
 from dancedata.samples import Samples
+from dancedata.scene.inputs.naming import motion_paths
 from dancedata.scene.scene_list import Item
 from dancedata.scene.scenes import Scenes
 
@@ -55,12 +56,7 @@ def samples_in(store: Store, paths: Sequence[Path]) -> list[Sample]:
 
     None where all are named as clips. DataError "outside" for a window that is not within its clip.
     """
-    files = [
-        file
-        for path in paths
-        for file in (sorted(path.iterdir()) if path.is_dir() else [path])
-        if file.suffix.lower() in MOTION_SUFFIXES
-    ]
+    files = [file for path in paths for file in motion_paths(path) if file.suffix.lower() in MOTION_SUFFIXES]
     finder = Samples(store)
     by_stem = {file.stem: sample for file in files if (sample := finder.find(file.stem)) is not None}
     return list(by_stem.values()) if any(sample.id.start is not None for sample in by_stem.values()) else []

@@ -16,6 +16,7 @@ from dancedata.alignment.align import align
 from dancedata.core.skeleton import SMPL24
 from dancedata.curation.quality import quality
 from dancedata.synthetic import synthesise_motion
+from tests.commands import run
 from tests.formats.test_bvh_retarget import MIXAMO, SEGMENTS, SMPL_SHORT, XSENS, write_as
 
 RECIPE: dict[str, Any] = {
@@ -88,6 +89,8 @@ def test_the_recipe_of_a_prepared_folder_is_the_default(mixed: Path, tmp_path: P
     assert [row.clip for row in quality(tmp_path, **how).clips] == ["a"]
     assert [reject.reason for reject in quality(tmp_path, dataset="folder", **how).rejects] == ["undeclared"]
     assert [reject.reason for reject in align(tmp_path, **how).rejects] == ["missing_music"]
+    run("check", tmp_path, "--faults", "--cache", tmp_path / "cache")
+    run("check", tmp_path, "--offsets", "--cache", tmp_path / "cache", code=1)  # there is nothing to compare
 
 
 @pytest.mark.parametrize("recipe", [None, RECIPE])

@@ -99,7 +99,7 @@ def numbers_of(report: Report) -> Numbers:
 
 
 def of_folder(store: Store, folder: Path) -> Numbers:
-    return numbers_of(dancedata.evaluate(folder / "gen", like=store, **OPTIONS))
+    return numbers_of(dancedata.evaluate(folder / "gen" / "*.npy", like=store, **OPTIONS))
 
 
 def of_evaluator(store: Store, folder: Path) -> Numbers:

@@ -34,7 +34,7 @@ from dancedata.formats.values import open_arrays
 from dancedata.formats.video_tracks import people_of
 from dancedata.kernel import Cache, Store
 from dancedata.scene.inputs.clip import ClipInput, columns_identity
-from dancedata.scene.inputs.naming import motion_files
+from dancedata.scene.inputs.naming import motion_files, motion_paths
 from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
 
 #: Names of arrays (T, J, 3) that are taken as positions; "" is the only array of a file.
@@ -330,8 +330,7 @@ def columns_width(path: Path) -> int:
 
 def field_of_width(store: Store, path: Path) -> str | None:
     """Return the only motion field as wide as the columns of the first file of a path; None without one."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
-    file = next((file for file in files if file.suffix.lower() in (".npy", ".npz")), None)
+    file = next((file for file in motion_paths(path) if file.suffix.lower() in (".npy", ".npz")), None)
     try:
         width = 0 if file is None else columns_width(file)
     except (DataError, OSError):  # whose clip gives the reason

@@ -1,5 +1,6 @@
 """What motion is named as: samples of a dataset, or dances to a song; with its music, from the right second on."""
 
+import glob
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -187,15 +188,20 @@ def _song_within(name: str, songs: frozenset[str]) -> str:
     return next(iter(parts)) if len(parts) == 1 else ""
 
 
+def motion_paths(path: Path) -> list[Path]:
+    """Return the motion files of a folder or a pattern by name, or one file as it is; none where nothing is there."""
+    if path.is_file():
+        return [path]
+    entries = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
+    return sorted(p for p in entries if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
+
+
 def motion_files(path: Path, purpose: str) -> list[Path]:
-    """Return the motion files of a folder by name, or one file: the trip of every command that takes motion.
+    """Return the motion files of a folder or a pattern, or one file: the trip of every command that takes motion.
 
     UsageError for none to `purpose`, such as "look at", and for two of one name.
     """
-    if path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in MOTION_SUFFIXES and p.is_file())
-    else:
-        files = [path] if path.is_file() else []
+    files = motion_paths(path)
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
         content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
         raise UsageError(
