@@ -42,7 +42,9 @@ class Named:
         sources = sorted({of.id.source for of in self.samples.values()})
         mixed = f", of its sources {listed(sources)} alike" if len(sources) > 1 else ""
         parts = [f"{what} of {like.path.name} ({splits}){mixed}"] if self.samples else []
-        parts += [f"{len(self.by_song)} by song, from its second 0"] if self.by_song else []
+        at_begin = not any(clip.audio_start for clip in self.clips if clip.id in self.by_song)
+        second = "its second 0" if at_begin else "the second that the list of songs names"
+        parts += [f"{len(self.by_song)} by song, from {second}"] if self.by_song else []
         parts += [f"{len(self.unknown)} without a clip or song: {listed(self.unknown)}"] if self.unknown else []
         return f"{name}: {counted(n, 'sample')}: {', '.join(parts)}"
 
