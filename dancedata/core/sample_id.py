@@ -72,7 +72,7 @@ class SampleId:
     changes
         Names of what changed the sample when it was read: ``~mirror``, ``~yaw``.
     draw
-        Seed, epoch and index of the draw of these changes: ``~draw0.2.17``; None without one.
+        Seed, epoch and index of the draw of these changes, or of a text: ``~draw0.2.17``; None without one.
     dancer
         Number in the source of a dancer of a group, its `member`: ``~p0``; None: all.
     take

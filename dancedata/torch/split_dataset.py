@@ -173,13 +173,14 @@ class SplitDataset(EpochDataset):
         )
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror else {}
         self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
-        self._words = None
+        self._words, self._draws = None, False
         if self._items.words is not None:
             from dancedata.torch.segments import SegmentReader
 
             mirrors = any(step.mirrors and step.p for step in steps)
             self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
-            self._is_random |= self._words.draws
+            self._draws = self._words.draws
+            self._is_random |= self._draws
         self.clamp, self._covers = self._scale.clamp, tuple(steps_of(self._scale.covers))
         for step in self._covers:
             check_step(step, self._augmenter.fields, self.store)
@@ -282,12 +283,19 @@ class SplitDataset(EpochDataset):
             at = (self.windows.start == sample.start) & (self.windows.length == sample.length)
             numbers = np.flatnonzero(at & (self.windows.clip == self.windows.clip_ids.index(sample.clip.id)))
             place = int(numbers[0]) if len(numbers) else -1
-        item = {} if seed != self.seed or not 0 <= place < len(self) else self.samples([place], epoch)[0]
+        reader = self._unchanged() if of.draw is None and self._is_random else self
+        item = {} if seed != self.seed or not 0 <= place < len(self) else reader.samples([place], epoch)[0]
         if item.get("id") != str(of):
             raise UsageError("this dataset does not read this sample", where=str(name),
                              found=item.get("id", f"split {self.split}, seed {self.seed}"),
                              fix="give the arguments of the dataset that gave the id")  # fmt: skip
         return item
+
+    def _unchanged(self) -> Self:
+        """Return a copy without augmentations, as ids without a draw name samples that none has changed."""
+        other = self.rescaled({}, self._source)
+        other.mirror, other._augmenter = 0.0, replace(self._augmenter, steps=())
+        return other
 
     def _id(self, name: str | SampleId) -> SampleId:
         """Return an id; UsageError for one of another source of a mix, where a clip may have the same name."""
@@ -413,7 +421,8 @@ class SplitDataset(EpochDataset):
             for place, flag in zip(plan.places, plan.mirrored, strict=True)
         ]
         marks = [
-            f"~{'~'.join(m)}~draw{self.seed}.{epoch}.{k}" if m else "" for m, k in zip(copies, places, strict=True)
+            "".join(f"~{mark}" for mark in (*m, f"draw{self.seed}.{epoch}.{k}")) if m or self._draws else ""
+            for m, k in zip(copies, places, strict=True)
         ]
         droppable = self._augmenter.droppable
         dropped = [self._augmenter.dropped(epoch, place) for place in plan.places] if droppable else []

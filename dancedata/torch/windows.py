@@ -142,7 +142,8 @@ class WindowDataset(SplitDataset):
         self._prepare(augment, seed)
         if place.start_at is not None and self._augmenter.crops:
             raise clash(place, "the augmentation crop", "both choose where windows begin")
-        self._is_random |= spec is not None and spec.variant == "code"
+        self._draws |= spec is not None and spec.variant == "code"
+        self._is_random |= self._draws
         self._roots = root_columns(self.store, self._items.relative, self._scaled)
         self._stride = self.store._window_grid(**self._choice.windows).stride
         self._starts: dict[str, range] = {}

@@ -205,6 +205,7 @@ def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
         mix, mix.datasets[0], mix.datasets[1], GroupDataset(duets, "train", **plain),
         GroupDataset(duets, "train", dancers=Dancers(persons=1, choose="seed"), **plain),
         ClipDataset(copies, "train", windows=Windows(length_s=3), **noisy),
+        WindowDataset(copies, "train", augment={"mirror": 0.5}, **plain),
     )  # fmt: skip
     for reader in readers:
         for sample in reader.samples(range(len(reader)), 2):

@@ -115,6 +115,7 @@ def test_a_text_is_drawn_by_seed_epoch_and_index(store: Store) -> None:
     assert first != [sample["text"] for sample in dataset.samples(range(len(dataset)), 1)]
     backwards = [sample["text"] for sample in dataset.samples(range(len(dataset))[::-1], 0)]
     assert backwards[::-1] == first
+    assert [dataset[sample["id"]]["text"] for sample in dataset.samples(range(len(dataset)), 0)] == first
     loader = BatchLoader(dataset, 8, sampler=EpochSampler(dataset, shuffle=False, seed=0))
     assert [text for batch in loader for text in batch["text"]] == first
     workers = DataLoader(dataset, 8, num_workers=1, sampler=EpochSampler(dataset, shuffle=False, seed=0))
