@@ -7,7 +7,6 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
 
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.core.hashing import json_sha256
@@ -16,13 +15,8 @@ from dancedata.files.atomic import dump_json, write_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE
+from dancedata.store.segments import SegmentedClip
 from dancedata.store.table_writer import write_segments
-
-
-class _Clip(NamedTuple):
-    id: str
-    n_frames: int
-    segments: Sequence[Segment]
 
 
 def rewrite_segments(folder: Path, segments: Callable[[Store], Mapping[str, Sequence[Segment]]]) -> None:
@@ -50,12 +44,13 @@ def _link(folder: Path, out: Path) -> None:
 
 def _write(out: Path, store: Store, by_clip: Mapping[str, Sequence[Segment]]) -> None:
     splits = [
-        [_Clip(clip.id, clip.n_frames, by_clip[clip.id]) for clip in store.clips(split)] for split in store.splits
+        [SegmentedClip(clip.id, clip.n_frames, by_clip[clip.id]) for clip in store.clips(split)]
+        for split in store.splits
     ]
     layers = sorted({segment.layer for segments in by_clip.values() for segment in segments}, key=repr)
     document = {key: value for key, value in store.info.items() if key not in ("self_sha256", "layers")}
     path = out / SEGMENTS_FILE
-    entries = write_segments(path, store, splits, layers)
+    entries = write_segments(path, store.grid, splits, layers)
     counts = {layer_of(entry): entry["empty"] for entry in store.info.get("layers", ())}
     for layer, entry in zip(layers, entries, strict=True):
         entry["empty"] = max(entry["empty"], counts.get(layer, 0))  # a file of --to does not have those of the build

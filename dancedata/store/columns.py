@@ -8,7 +8,7 @@ length are not used: a damaged heap makes the library hang.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Protocol, overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -29,22 +29,6 @@ MISSING: Mapping[str, Any] = {
 }  # fmt: skip
 _DTYPES = {"int": "<i8", "int32": "<i4", "float": "<f8", "bool": "u1"}
 Array = npt.NDArray[Any]
-
-
-class TableFile(Protocol):
-    """Gives the arrays of a file of tables by their names."""
-
-    def array(self, name: str, kinds: str) -> Array:
-        """Return a dataset (N,) of one of these numpy kinds."""
-        ...
-
-    def is_group(self, name: str) -> bool:
-        """Return whether there is a group of this name."""
-        ...
-
-    def where(self, name: str) -> str:
-        """Return file and name, for errors."""
-        ...
 
 
 class Texts(Sequence[str]):
@@ -173,39 +157,6 @@ def write_column(group: Any, name: str, kind: str, values: Sequence[Any], *, nul
         hdf5.write_array(group, name, np.asarray(values, dtype=_DTYPES[kind]))
         if nullable:
             group[name].attrs["_FillValue"] = np.asarray(MISSING[kind], dtype=_DTYPES[kind])
-
-
-def read_column(table: TableFile, name: str) -> Column:
-    """Read a column, whatever it holds; StoreError for anything that is not one."""
-    where = table.where(name)
-    if not table.is_group(name):
-        return _values(table, name)
-    offset = table.array(f"{name}/offset", "i")
-    text = table.is_group(f"{name}/values")
-    values = _texts(table, f"{name}/values") if text else _values(table, f"{name}/values")
-    if isinstance(values, np.ndarray) and values.dtype.kind == "u":
-        return _texts(table, name)
-    _check_ends(table, name, offset, len(values))
-    return Lists(offset, values, where)
-
-
-def _values(table: TableFile, name: str) -> Array | Texts:
-    column = table.array(name, "iufS")
-    return Texts(column, None, table.where(name)) if column.dtype.kind == "S" else column
-
-
-def _texts(table: TableFile, name: str) -> Texts:
-    offset, raw = table.array(f"{name}/offset", "i"), table.array(f"{name}/values", "u")
-    _check_ends(table, name, offset, len(raw))
-    return Texts(raw, offset, table.where(name))
-
-
-def _check_ends(table: TableFile, name: str, offset: Array, n: int) -> None:
-    """Check the first and last offset; the others are checked where a row is read, and by `check`."""
-    if not len(offset) or offset[0] != 0 or offset[-1] != n:
-        ends = [int(offset[0]), int(offset[-1])] if len(offset) else "none"
-        where = table.where(f"{name}/offset")
-        raise broken(where, "offsets do not begin at 0 and end at the last entry", ends, f"0 to {n}")
 
 
 def problem(kind: str, value: Any) -> str:

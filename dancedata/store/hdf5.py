@@ -28,18 +28,6 @@ class SparseFile(io.RawIOBase):
         self._position = 0
         self._size = 0
 
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
-        """Return True."""
-        return True
-
     def tell(self) -> int:
         """Return the position."""
         return self._position

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, StoreError
@@ -43,23 +43,12 @@ class SegmentRow(NamedTuple):
     data: str
 
 
-class SegmentedClip(Protocol):
+class SegmentedClip(NamedTuple):
     """A clip with its segments."""
 
-    @property
-    def id(self) -> str:
-        """Its id."""
-        ...
-
-    @property
-    def n_frames(self) -> int:
-        """Its length."""
-        ...
-
-    @property
-    def segments(self) -> Sequence[Segment]:
-        """Its segments."""
-        ...
+    id: str
+    n_frames: int
+    segments: Sequence[Segment]
 
 
 def segment_rows(

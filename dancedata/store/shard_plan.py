@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -66,7 +65,7 @@ class ShardPlan:
         for f in self.header.fields:
             rows = self.rows[f.name]
             if f.per_clip:
-                rows += sum(_n_rows(clip.motion[f.name]) for clip in unit)
+                rows += sum(clip.motion[f.name].shape[0] for clip in unit)
             else:
                 blocks = self.blocks[f.name]
                 new = {b.key: b.array.shape[0] for clip in unit for b in clip.audio[f.name] if b.key not in blocks}
@@ -77,7 +76,7 @@ class ShardPlan:
     def add(self, clip: StoredClip) -> None:
         """Add a clip, and assign its rows."""
         for name, spans in self.motion.items():
-            n = _n_rows(clip.motion[name])
+            n = clip.motion[name].shape[0]
             spans.append(Span(self.rows[name], n))
             self.rows[name] += n
         for name, spans in self.audio.items():
@@ -199,9 +198,3 @@ def _check_group(unit: Sequence[StoredClip]) -> None:
             if [(b.key, b.offset) for b in blocks] != [(b.key, b.offset) for b in clip.audio[name]]:
                 found = f"{first.id}, {clip.id}"
                 raise StoreError(f"the dancers of a group do not share the rows of {name}", where=where, found=found)
-
-
-def _n_rows(array: Any) -> int:
-    """Return the number of rows of (T, D) or (W, L, D)."""
-    shape = array.shape
-    return int(shape[0]) if len(shape) == 2 else int(shape[0] * shape[1])

@@ -129,11 +129,10 @@ def _checked_rows(array: npt.NDArray[Any], piece: _Piece) -> Iterator[npt.NDArra
     if array.dtype.kind not in "fiub":
         raise StoreError("an array does not hold real numbers", where=where, found=str(array.dtype))
     if f.codebook is not None:
-        _check_codes(array.reshape(-1, f.columns.width), f, f.codebook, where)
-    rows = array.reshape(-1, f.columns.width)
+        _check_codes(array, f, f.codebook, where)
     step = max(1, _CHUNK_VALUES // f.columns.width)
-    for begin in range(0, len(rows), step):
-        chunk = rows[begin : begin + step]
+    for begin in range(0, len(array), step):
+        chunk = array[begin : begin + step]
         with np.errstate(over="ignore"):
             stored = np.ascontiguousarray(chunk, dtype=f.disk_dtype)
         if not np.isfinite(stored).all():

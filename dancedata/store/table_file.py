@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dancedata.core.segments import MAX_JOINT
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE
-from dancedata.store.columns import MAX_ROWS, broken, kind_of, read_column, require_within
+from dancedata.store.columns import MAX_ROWS, Column, Lists, Texts, broken, kind_of, require_within
 from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile
 from dancedata.store.tables import Tables, check_references, check_spans
@@ -74,7 +74,7 @@ class TableFile:
 
     def column(self, name: str, n_rows: int | None, *kinds: str) -> Any:
         """Read a column with this number of rows, of one of these kinds."""
-        column = read_column(self, name)
+        column = self._column(name)
         if kinds and kind_of(column) not in kinds:
             raise broken(
                 self.where(name), "a column of a table has another type", kind_of(column), " or ".join(kinds)
@@ -83,6 +83,32 @@ class TableFile:
             problem = "a column has another number of rows than its table"
             raise broken(self.where(name), problem, len(column), n_rows)
         return column
+
+    def _column(self, name: str) -> Column:
+        """Read a column, whatever it holds; StoreError for anything that is not one."""
+        if not self.is_group(name):
+            return self._values(name)
+        offset = self.array(f"{name}/offset", "i")
+        is_text = self.is_group(f"{name}/values")
+        values = self._texts(f"{name}/values") if is_text else self._values(f"{name}/values")
+        if isinstance(values, np.ndarray) and values.dtype.kind == "u":
+            return self._texts(name)
+        return Lists(self._ending(name, offset, len(values)), values, self.where(name))
+
+    def _values(self, name: str) -> npt.NDArray[Any] | Texts:
+        column = self.array(name, "iufS")
+        return Texts(column, None, self.where(name)) if column.dtype.kind == "S" else column
+
+    def _texts(self, name: str) -> Texts:
+        offset, raw = self.array(f"{name}/offset", "i"), self.array(f"{name}/values", "u")
+        return Texts(raw, self._ending(name, offset, len(raw)), self.where(name))
+
+    def _ending(self, name: str, offset: npt.NDArray[Any], n: int) -> npt.NDArray[Any]:
+        """Check the first and last offset; the others are checked where a row is read, and by `check`."""
+        if not len(offset) or offset[0] != 0 or offset[-1] != n:
+            ends, where = offset[[0, -1]].tolist() if len(offset) else "none", self.where(f"{name}/offset")
+            raise broken(where, "offsets do not begin at 0 and end at the last entry", ends, f"0 to {n}")
+        return offset
 
     def table(self, name: str, **kinds: str) -> dict[str, Any]:
         """Read columns of a table by name, of these kinds and of one length; none without the table."""

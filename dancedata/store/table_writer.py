@@ -6,10 +6,9 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from fractions import Fraction
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -28,20 +27,6 @@ from dancedata.store.segments import SegmentedClip, SegmentRow, segment_rows
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.table_file import SEGMENT_COLUMNS
-
-
-class Header(Protocol):
-    """Attributes of the files of a dataset."""
-
-    @property
-    def fps(self) -> Fraction | int:
-        """Frames per second."""
-        ...
-
-    @property
-    def grid(self) -> FrameGrid:
-        """The grid of the frames."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -91,7 +76,7 @@ def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> lis
     tables = [shard.window_table() for shard in shards]
     if max(len(clips), sum(len(table.clip) for table in tables)) > MAX_ROWS:
         raise StoreError("a table has too many rows", found=len(clips), allowed=MAX_ROWS)
-    with _written(out / TABLES_FILE, plan.header) as file:
+    with _written(out / TABLES_FILE, plan.header.grid) as file:
         _write_clips(file.create_group("clips"), plan, shards, clips)
         windows = file.create_group("windows")
         before = np.cumsum([0, *(len(shard.clips) for shard in shards)])
@@ -109,15 +94,18 @@ def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> lis
             sizes = [max(clip.group_size for clip in unit) or len(unit) for unit in groups]
             write_column(group, "n_source", "int32", sizes)
         _write_songs(file, clips)
-    splits = [list(of_split) for _, of_split in groupby(clips, lambda clip: clip.split)]
-    return write_segments(out / SEGMENTS_FILE, plan.header, splits, plan.layers)
+    splits = [
+        [SegmentedClip(clip.id, clip.n_frames, clip.segments) for clip in of_split]
+        for _, of_split in groupby(clips, lambda clip: clip.split)
+    ]
+    return write_segments(out / SEGMENTS_FILE, plan.header.grid, splits, plan.layers)
 
 
 @contextmanager
-def _written(path: Path, header: Header) -> Iterator[Any]:
+def _written(path: Path, grid: FrameGrid) -> Iterator[Any]:
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
-        hdf5.write_attributes(file, format=FORMAT, fps=str(header.fps))
+        hdf5.write_attributes(file, format=FORMAT, fps=str(grid.rate))
         yield file
     with atomic_file(path) as temporary, open(temporary, "wb") as target:
         layout.copy_to(target)
@@ -152,16 +140,16 @@ def _write_songs(file: Any, clips: Sequence[StoredClip]) -> None:
 
 
 def write_segments(
-    path: Path, header: Header, splits: Sequence[Sequence[SegmentedClip]], layers: Sequence[Layer]
+    path: Path, grid: FrameGrid, splits: Sequence[Sequence[SegmentedClip]], layers: Sequence[Layer]
 ) -> list[dict[str, Any]]:
     """Write segments.h5 if a segment covers a frame; returns the entries of the layers in dataset.json."""
     numbers, n_clips = {layer: k for k, layer in enumerate(layers)}, 0
     rows, empty = list[SegmentRow](), Counter[int]()
     for clips in splits:
-        of_split, without_frame = segment_rows(clips, n_clips, numbers, header.grid)
+        of_split, without_frame = segment_rows(clips, n_clips, numbers, grid)
         rows, empty, n_clips = rows + of_split, empty + without_frame, n_clips + len(clips)
     if rows:
-        with _written(path, header) as file:
+        with _written(path, grid) as file:
             group = file.create_group("segments")
             columns = dict(zip(SegmentRow._fields, zip(*rows, strict=True), strict=True))
             for name, kind in SEGMENT_COLUMNS.items():

@@ -18,12 +18,14 @@ from dancedata.core.typing import override
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
+from dancedata.store.windowing import whole_period
 from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_collate import pack_clips, pad_clips
+from dancedata.torch.draws import crop_choices, mirrored_samples
 from dancedata.torch.music_beats import beat_labels, beat_starts, no_start
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.selection import no_window_error
-from dancedata.torch.split_dataset import SplitDataset, crop_choices, mirrored_samples
+from dancedata.torch.split_dataset import SplitDataset
 
 
 class ClipDataset(SplitDataset):
@@ -153,8 +155,7 @@ class ClipDataset(SplitDataset):
 
     def _period(self) -> int:
         """Return the least number of frames that is a whole number of rows of every field."""
-        grid = self.store.grid
-        return int(np.lcm.reduce([grid.common_period(self.store.field(name).grid)[0] for name in self.fields]))
+        return whole_period(self.store._description, [self.store.field(name) for name in self.fields])
 
     def _long_enough(self, spans: WindowList, rejects: tuple[Reject, ...]) -> tuple[WindowList, tuple[Reject, ...]]:
         """Return the clips that hold a crop, with a reject for each of the others."""

@@ -19,7 +19,7 @@ from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 from dancedata.torch.clip_values import ASKED, chosen_clips
 from dancedata.torch.music_beats import StartAt, windows_at
-from dancedata.torch.options import FilterLike
+from dancedata.torch.options import FilterLike, Select
 
 if TYPE_CHECKING:
     from dancedata.core.plugins import WindowFilter
@@ -166,24 +166,20 @@ def list_names(store: Store) -> set[str]:
     return set() if lists is None else lists.values.distinct()
 
 
-def require_lists(store: Store, ignore: Sequence[str]) -> None:
-    """Raise UsageError for names of lists that no clip is in; a part of a dataset may lack those of ignored clips."""
+def require_lists(store: Store, asked: Select) -> None:
+    """Check the lists and the protocol that the caller names: misspelt ones would leave out nothing.
+
+    UsageError for those that no clip is in; a part of a dataset may lack the lists of ignored clips.
+    """
     lists = list_names(store)
-    for name in ignore:
+    protocols = sorted({name.rpartition(".")[0] for name in lists} - {"", "ignored"})
+    if asked.protocol is not None and asked.protocol not in protocols:
+        raise UsageError(f"no clip of the store is in a list of the protocol {asked.protocol!r}",
+                         where=str(store.path), fix=did_you_mean(asked.protocol, protocols))  # fmt: skip
+    for name in asked.ignore:
         if ":" not in name and name not in lists and name.partition(".")[0] != "ignored":
             raise UsageError(f"ignore: no clip is in a list named {name!r}", where=str(store.path),
                              fix=did_you_mean(name, sorted(lists)))  # fmt: skip
-
-
-def require_protocol(store: Store, protocol: str) -> None:
-    """Check a protocol that the caller names: a misspelt one would read the stored splits.
-
-    UsageError if no clip is in a list of it.
-    """
-    protocols = sorted({name.rpartition(".")[0] for name in list_names(store)} - {"", "ignored"})
-    if protocol not in protocols:
-        fix = did_you_mean(protocol, protocols) if protocols else "take the splits of the dataset: select=Select()"
-        raise UsageError(f"no clip is in a list of the protocol {protocol!r}", where=str(store.path), fix=fix)
 
 
 def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:

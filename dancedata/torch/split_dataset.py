@@ -30,7 +30,6 @@ from dancedata.store.window_list import WindowList
 from dancedata.torch.augmenting import Augmenter, check_step
 from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_values import require_columns, value_of
-from dancedata.torch.draws import uniform
 from dancedata.torch.epochs import EpochDataset, require_scalers
 from dancedata.torch.music_beats import StartAt, estimated_tempo
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
@@ -41,7 +40,6 @@ from dancedata.torch.selection import (
     WindowQuery,
     list_names,
     require_lists,
-    require_protocol,
     select,
     window_filter,
 )
@@ -51,31 +49,9 @@ if TYPE_CHECKING:
 
     from dancedata.torch.segments import SegmentReader
 
-# 1 is the stream of orders, 4 that of augmentations.
-_MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
 #: A warning is logged if augmentations need more than this many times the range of the scaler.
 _FAR = 10.0
 _log = logging.getLogger(__name__)
-
-
-def mirrored_samples(seed: int, epoch: int, places: Sequence[int], probability: float) -> npt.NDArray[np.bool_]:
-    """Return which of the samples at `places` are mirrored in an epoch, (len(places),)."""
-    if not probability:
-        return np.zeros(len(places), dtype=np.bool_)
-    return np.asarray(uniform(seed, _MIRROR_STREAM, epoch, places) < probability)
-
-
-def crop_choices(
-    seed: int, epoch: int, places: Sequence[int], n_choices: npt.NDArray[np.int64]
-) -> npt.NDArray[np.int64]:
-    """Return a number from 0 to n_choices - 1 for each of the samples at `places`, drawn uniformly in an epoch."""
-    return np.asarray(np.floor(uniform(seed, _CROP_STREAM, epoch, places) * n_choices), dtype=np.int64)
-
-
-def primitive_bias(seed: int, epoch: int, window: int) -> int:
-    """Return by how many frames, -2 to 2, the primitives of a window are shifted in an epoch."""
-    stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(_BIAS_STREAM, epoch, window)))
-    return int(stream.random_raw() % 5) - 2
 
 
 class SplitDataset(EpochDataset):
@@ -108,9 +84,7 @@ class SplitDataset(EpochDataset):
         self._store: Store | None = store if isinstance(store, Store) else open_store(store)
         self._reference = self._store.__reduce__()[1]
         self._asked, self._scale = Select.taken(select), Scale.of(scale)
-        if self._asked.protocol is not None:
-            require_protocol(self.store, self._asked.protocol)
-        require_lists(self.store, self._asked.ignore)
+        require_lists(self.store, self._asked)
         self.splits = self._splits_named(split)
         self.split = "+".join(self.splits)
         self._items = SampleItems.of(self.store, fields)

@@ -26,11 +26,12 @@ from dancedata.torch.batch_reader import (
     shared_tensor,
 )
 from dancedata.torch.collate import Batch, Sample, collate
+from dancedata.torch.draws import mirrored_samples, primitive_bias
 from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.scalers import root_columns
 from dancedata.torch.selection import SelectedWindows, WindowQuery, no_window_error
-from dancedata.torch.split_dataset import SplitDataset, mirrored_samples, primitive_bias
+from dancedata.torch.split_dataset import SplitDataset
 
 _log = logging.getLogger(__name__)
 

@@ -28,7 +28,7 @@ from dancedata.torch import (
     WindowDataset,
     Windows,
 )
-from dancedata.torch.split_dataset import mirrored_samples
+from dancedata.torch.draws import mirrored_samples
 
 FIELDS = ("lodge139", "librosa35")
 EPOCHS = 3

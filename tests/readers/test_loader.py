@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader
 
 from dancedata.store.dataset import open_store
 from dancedata.torch import EpochSampler, WindowDataset, Windows
-from dancedata.torch.split_dataset import mirrored_samples
+from dancedata.torch.draws import mirrored_samples
 
 pytestmark = [
     # Python 3.12 and later warn when a process with threads (torch's, numpy's) forks, as "fork" asks for.
