@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.registry import FILTERS
 from dancedata.core.text import counted
 from dancedata.store import ClipRecord
-from dancedata.store.clip_view import Clip
+from dancedata.store.clip_choice import clips_with
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 from dancedata.torch.clip_values import ASKED, chosen_clips
@@ -72,10 +72,7 @@ def select(store: Store, split: str, choice: WindowQuery) -> SelectedWindows:
     """
     marked = [name.partition(":") for name in choice.ignore if ":" in name]
     choice = replace(choice, ignore=tuple(name for name in choice.ignore if ":" not in name))
-    if choice.protocol is None and not choice.ignore:
-        windows, rejects = _all_windows(store, split, choice)
-    else:
-        windows, rejects = _listed_windows(store, split, choice)
+    windows, rejects = _windows(store, split, choice)
     for layer, _, label in marked:
         unmarked, found = _unmarked(store, windows, layer, label)
         windows, rejects = windows.take(unmarked), rejects + found
@@ -90,43 +87,55 @@ def select(store: Store, split: str, choice: WindowQuery) -> SelectedWindows:
     return SelectedWindows(windows, tuple(rejects))
 
 
-def _all_windows(store: Store, split: str, choice: WindowQuery) -> tuple[WindowList, list[Reject]]:
-    """Return the windows of a split, and rejects of clips without one; makes no objects of the others."""
-    windows, tables = store.windows(split, fields=choice.fields, trim=choice.trim, **choice.windows), store._tables
-    in_split, rejects = tables.in_split(split), list[Reject]()
-    missing = in_split & (np.bincount(windows.clip, minlength=tables.n_clips) == 0)
+def _windows(store: Store, split: str, choice: WindowQuery) -> tuple[WindowList, list[Reject]]:
+    """Return the windows of the clips of a split that are not ignored, and rejects of its other clips."""
+    tables, rejects = store._tables, list[Reject]()
+    members = chosen = _members(store, split, choice.protocol)
+    # A protocol's split has clips of several stored splits.
+    stored = [name for name in store.splits if (members & tables.in_split(name)).any()] or [split]
+    parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored]
+    windows = WindowList.joined(split, parts)
+    if choice.ignore:
+        lists = {*choice.ignore, f"ignored.{choice.protocol}"}
+        ignored = members & clips_with(tables, "lists", tuple(lists))
+        for row in np.flatnonzero(ignored).tolist():
+            names = [name for name in tables.columns["lists"][row] if name in lists]
+            rejects.append(Reject("ignored", tables.ids[row], detail=f"on the list {', '.join(names)}"))
+        chosen = members & ~ignored
+    listed = _listed(store, choice.protocol)
+    if listed and split in store.splits:
+        unlisted = tables.in_split(split) & ~clips_with(tables, "lists", listed)
+        detail = f"on no list of {choice.protocol}"
+        rejects += [Reject("unassigned", tables.ids[row], detail=detail) for row in np.flatnonzero(unlisted).tolist()]
     if choice.where:
-        chosen, rejects = chosen_clips(tables, choice.where, in_split)
-        windows, missing = windows.take(chosen[windows.clip]), missing & chosen
+        chosen, unlike = chosen_clips(tables, choice.where, chosen)
+        rejects += unlike
+    if chosen is not members or listed:
+        windows = windows.take(chosen[windows.clip])
+    missing = chosen & (np.bincount(windows.clip, minlength=tables.n_clips) == 0)
     short = sorted((tables.record(row) for row in np.flatnonzero(missing).tolist()), key=lambda clip: clip.id)
     return windows, rejects + [_without_window(store, clip, choice) for clip in short]
 
 
-def _listed_windows(store: Store, split: str, choice: WindowQuery) -> tuple[WindowList, list[Reject]]:
-    """Return the windows of the clips of a protocol's lists, or without ignored ones."""
-    clips = clips_of(store, split, choice.protocol)
-    ignored_by = {clip: _ignore_lists(record, choice) for clip, record in clips.items()}
-    rejects = [
-        Reject("ignored", clip, detail=f"on the list {', '.join(lists)}")
-        for clip, lists in ignored_by.items()
-        if lists
-    ]
-    rejects += _unlisted(store, split, choice.protocol)
-    remaining = {clip for clip, lists in ignored_by.items() if not lists}
-    # A protocol's split has clips of several stored splits.
-    stored_splits = sorted({record.split for record in clips.values()}, key=store.splits.index) or [split]
-    if choice.where:
-        among = np.logical_or.reduce([store._tables.in_split(name) for name in stored_splits])
-        _, unwanted = chosen_clips(store._tables, choice.where, among)
-        rejects += [reject for reject in unwanted if reject.clip in remaining]
-        remaining -= {reject.clip for reject in unwanted}
-    parts = [store.windows(name, fields=choice.fields, trim=choice.trim, **choice.windows) for name in stored_splits]
-    windows = WindowList.joined(split, parts)
-    windows = windows.take(np.isin(windows.clip, [k for k, clip in enumerate(windows.clip_ids) if clip in remaining]))
-    with_window = {windows.clip_ids[k] for k in np.unique(windows.clip)}
-    return windows, rejects + [
-        _without_window(store, clips[clip], choice) for clip in sorted(remaining - with_window)
-    ]
+def _members(store: Store, split: str, protocol: str | None) -> npt.NDArray[np.bool_]:
+    """Return which clips (N,) are of a split: those of the protocol's lists, if the store has such lists."""
+    tables, listed, name = store._tables, _listed(store, protocol), f"{protocol}.{split}"
+    if not listed:
+        store._rows_of_split(split)  # an error for an unknown one
+        return tables.in_split(split)
+    if name not in listed:
+        splits = sorted(each.removeprefix(f"{protocol}.") for each in listed)
+        raise UsageError(f"no clip of the store is in {protocol}'s split {split!r}", where=str(store.path),
+                         fix=did_you_mean(split, splits))  # fmt: skip
+    members = clips_with(tables, "lists", (name,))
+    if split != "train" and "source" in tables.columns:
+        members &= tables.columns["source"].isin([""])  # copies are for training only, whatever split has them
+    return members
+
+
+def _listed(store: Store, protocol: str | None) -> tuple[str, ...]:
+    """Return the names of the lists of a protocol."""
+    return tuple(name for name in list_names(store) if protocol is not None and name.startswith(f"{protocol}."))
 
 
 def _unmarked(
@@ -146,20 +155,6 @@ def _unmarked(
     return keep, rejects
 
 
-def clips_of(store: Store, split: str, protocol: str | None) -> dict[str, Clip]:
-    """Return the clips of a split by id: those of the protocol's lists, if the store has such lists."""
-    prefix = f"{protocol}."
-    on_lists = [c for c in store if any(name.startswith(prefix) for name in c.lists)] if protocol else []
-    if not on_lists:
-        return {c.id: c for c in store if c.split == split}
-    names = {name.removeprefix(prefix) for c in on_lists for name in c.lists if name.startswith(prefix)}
-    if split not in names:
-        raise UsageError(f"no clip of the store is in {protocol}'s split {split!r}", where=str(store.path),
-                         fix=did_you_mean(split, sorted(names)))  # fmt: skip
-    # Mirrored copies are for training only, independent of the split they are stored in.
-    return {c.id: c for c in on_lists if prefix + split in c.lists and (split == "train" or not c.source)}
-
-
 def list_names(store: Store) -> set[str]:
     """Return the names of the lists that clips are in."""
     lists = store._tables.columns.get("lists")
@@ -174,26 +169,13 @@ def require_lists(store: Store, asked: Select) -> None:
     lists = list_names(store)
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"", "ignored"})
     if asked.protocol is not None and asked.protocol not in protocols:
-        raise UsageError(f"no clip of the store is in a list of the protocol {asked.protocol!r}",
-                         where=str(store.path), fix=did_you_mean(asked.protocol, protocols))  # fmt: skip
+        known = did_you_mean(asked.protocol, protocols)
+        raise UsageError(f"no clip is in a list of the protocol {asked.protocol!r}", where=str(store.path),
+                         fix=known if protocols else "take the splits of the dataset: select=Select()")  # fmt: skip
     for name in asked.ignore:
         if ":" not in name and name not in lists and name.partition(".")[0] != "ignored":
             raise UsageError(f"ignore: no clip is in a list named {name!r}", where=str(store.path),
                              fix=did_you_mean(name, sorted(lists)))  # fmt: skip
-
-
-def _unlisted(store: Store, split: str, protocol: str | None) -> list[Reject]:
-    """Return rejects for the clips of a stored split that are on none of the protocol's lists."""
-    on_lists = {c.id for c in store if any(name.startswith(f"{protocol}.") for name in c.lists)}
-    if protocol is None or not on_lists:
-        return []
-    detail = f"on no list of {protocol}"
-    return [Reject("unassigned", c.id, detail=detail) for c in store if c.split == split and c.id not in on_lists]
-
-
-def _ignore_lists(record: ClipRecord, choice: WindowQuery) -> list[str]:
-    lists = {*choice.ignore, f"ignored.{choice.protocol}"} if choice.ignore else set()
-    return [name for name in record.lists if name in lists]
 
 
 def _without_window(store: Store, record: ClipRecord, choice: WindowQuery) -> Reject:
