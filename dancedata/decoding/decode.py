@@ -13,9 +13,9 @@ from dancedata.core.errors import UsageError
 from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
-from dancedata.decoding.decoder import Decoder, Like, ScalerLike
+from dancedata.decoding.decoder import Decoder
 from dancedata.decoding.files import decode_files
-from dancedata.scene.like import opened, store_of
+from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 
 #: Files of columns, folders of them, or patterns.
 Files: TypeAlias = "str | Path | Sequence[str | Path]"
@@ -25,7 +25,7 @@ _Batch = np.ndarray[tuple[int, int, int], Any]
 
 @overload
 def decode(
-    columns: _OneMotion, field: str | None = ..., *, like: Like = ..., normalized: bool | None = ...,
+    columns: _OneMotion, field: str | None = ..., *, like: DatasetLike = ..., normalized: bool | None = ...,
     scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ..., **parameters: Any,
 ) -> Motion: ...  # fmt: skip
 
@@ -33,21 +33,21 @@ def decode(
 @overload
 def decode(
     columns: _Batch, field: str | None = ..., *, mask: npt.ArrayLike | None, place: npt.ArrayLike | None = ...,
-    like: Like = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
+    like: DatasetLike = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
     fps: Number | None = ..., **parameters: Any,
 ) -> list[Motion | None]: ...  # fmt: skip
 
 
 @overload
 def decode(
-    columns: _Batch, field: str | None = ..., *, like: Like = ..., normalized: bool | None = ...,
+    columns: _Batch, field: str | None = ..., *, like: DatasetLike = ..., normalized: bool | None = ...,
     scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ..., **parameters: Any,
 ) -> list[Motion]: ...  # fmt: skip
 
 
 @overload
 def decode(
-    columns: Files, field: str | None = ..., *, to: str, out: str | Path, like: Like = ...,
+    columns: Files, field: str | None = ..., *, to: str, out: str | Path, like: DatasetLike = ...,
     normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ..., fps: Number | None = ...,
     key: str | None = ..., overwrite: bool = ..., body_model: str | Path | None = ...,
     betas: npt.ArrayLike | None = ..., frames: str | None = ..., **parameters: Any,
@@ -58,7 +58,7 @@ def decode(
     columns: npt.NDArray[Any] | Files,
     field: str | None = None,
     *,
-    like: Like = None,
+    like: DatasetLike = None,
     normalized: bool | None = None,
     scaler: ScalerLike = None,
     clamp: bool = False,
@@ -167,7 +167,7 @@ def decode(
     return decoder.motions(columns)
 
 
-def _field_of_width(columns: Any, like: Like) -> str:
+def _field_of_width(columns: Any, like: DatasetLike) -> str:
     """Return the only motion field of a dataset as wide as columns; UsageError without one."""
     store = None if like is None else store_of(opened(like))
     width = np.shape(columns)[-1:]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,15 +17,12 @@ from dancedata.formats.arrays import UNSTATED, StatedScaling
 from dancedata.kernel import make_named
 
 if TYPE_CHECKING:
-    from dancedata.kernel import Reader, Scaler, Store
+    from dancedata.kernel import Store
+    from dancedata.scene.like import DatasetLike, ScalerLike
 
 
 #: The representation that holds the places of dancers.
 _PLACES = "root_place"
-#: A dataset, open or not, or a reader of it.
-Like: TypeAlias = "Store | Reader | str | Path | None"
-#: A scaler, or its file.
-ScalerLike: TypeAlias = "Scaler | str | Path | None"
 
 
 @dataclass(frozen=True)
@@ -41,7 +37,7 @@ class Decoder:
     field: str
     representation: Representation
     fps: Number | None
-    like: Like
+    like: DatasetLike
     normalized: bool | None
     scaler: ScalerLike
     clamp: bool
@@ -50,7 +46,7 @@ class Decoder:
 
     @classmethod
     def of(
-        cls, field: str, parameters: dict[str, Any], fps: Number | None, like: Like, normalized: bool | None,
+        cls, field: str, parameters: dict[str, Any], fps: Number | None, like: DatasetLike, normalized: bool | None,
         scaler: ScalerLike, clamp: bool,
     ) -> Decoder:  # fmt: skip
         """Return the decoder of a call; `decode` says what is refused."""

@@ -19,7 +19,7 @@ from dancedata.core.grid import Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.text import counted, listed, shown
-from dancedata.decoding.decoder import Decoder, Like, ScalerLike
+from dancedata.decoding.decoder import Decoder
 from dancedata.files import atomic
 from dancedata.files.listing import named_files
 from dancedata.formats.arrays import Array, ArrayFile
@@ -29,7 +29,7 @@ from dancedata.formats.motion_files import MOTION_FILES, motion_file
 from dancedata.formats.stated import PERSON_MASK
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
 from dancedata.scene.inputs.files import field_of_width
-from dancedata.scene.like import opened, store_of
+from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 
 _log = logging.getLogger(__name__)
 
@@ -65,7 +65,7 @@ def _decode_file(
     *,
     to: str,
     out: Path,
-    like: Like,
+    like: DatasetLike,
     fps: Number | None,
     key: str | None,
     overwrite: bool,

@@ -20,25 +20,21 @@ from dancedata.evaluation.self_test import SelfTest
 from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.kernel import Progress, Store, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
-from dancedata.scene.like import opened, store_of
+from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
-    from dancedata.kernel import Reader, Scaler
 
 __all__ = ["evaluate", "self_test"]
 
 #: A dataset, a folder or a file of motion, or motions by the id of a clip.
 MotionSet: TypeAlias = "str | Path | Store | Mapping[str, npt.ArrayLike | Motion]"
-#: What samples are like, and what normalises their columns.
-Like: TypeAlias = "str | Path | Store | Reader"
-ScalerLike: TypeAlias = "str | Path | Scaler | None"
 
 
 @overload
 def evaluate(
     what: MotionSet, *, protocol: str | Protocol = ..., pool: MotionSet | None = ..., split: str | None = ...,
-    pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ..., like: Like | None = ...,
+    pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ..., like: DatasetLike = ...,
     field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
     fps: Number | None = ..., up: str | None = ..., unit: str | None = ..., body: str | None = ...,
     music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ..., save_pool: str | Path | None = ...,
@@ -51,7 +47,7 @@ def evaluate(
 def evaluate(
     what: list[MotionSet] | tuple[MotionSet, ...], *, protocol: str | Protocol = ..., pool: MotionSet | None = ...,
     split: str | None = ..., pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ...,
-    like: Like | None = ..., field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ...,
+    like: DatasetLike = ..., field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ...,
     clamp: bool = ..., fps: Number | None = ..., up: str | None = ..., unit: str | None = ...,
     body: str | None = ..., music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ...,
     save_pool: str | Path | None = ..., jobs: int | None = ..., cache: str | Path | None = ...,
@@ -67,7 +63,7 @@ def evaluate(
     split: str | None = None,
     pool_split: str | None = None,
     role: Literal["truth", "generated"] | None = None,
-    like: Like | None = None,
+    like: DatasetLike = None,
     field: str | None = None,
     normalized: bool | None = None,
     scaler: ScalerLike = None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TypeAlias
 
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.kernel import Reader, Scaler, Store, open_store
@@ -11,6 +12,10 @@ from dancedata.store.normalize import scaler_from
 
 #: An open dataset, or a reader of it.
 Like = Store | Reader
+#: What samples are like: a dataset, open or not, or a reader of it.
+DatasetLike: TypeAlias = Like | str | Path | None
+#: A scaler, or its file.
+ScalerLike: TypeAlias = Scaler | str | Path | None
 
 
 def opened(like: Like | str | Path) -> Like:
