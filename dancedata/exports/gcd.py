@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from dancedata.exports._motions import MotionExport, groups_decoded, needs_motio
 from dancedata.exports.base.job import EXPORTS, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field, needs_fps, needs_music_from_start
 from dancedata.files.atomic_folder import AtomicFolder
-
-if TYPE_CHECKING:
-    pass
 
 _FPS = 30
 _GUIDE = """GCD reads this folder as its `--data_path`:
