@@ -135,7 +135,7 @@ class Alignment:
         if rivals:
             notes.append(
                 f"other songs of the source, of the same tempo, fit too for {listed(rivals)}: the offset is of the "
-                "song that the source states; test_songs=True makes these unknown"
+                "song that the source states; in Python, test_songs=True makes these unknown"
             )
         reasons = {row.offset.unknown for row in self.rows} - {""}
         return notes + [f"unknown, {reason}: {REASONS[reason]}" for reason in REASONS if reason in reasons]

@@ -8,9 +8,8 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from dancedata.cli.command import Output
 from dancedata.core.packages import MODULES, install, needed_by, requirements
@@ -24,14 +23,15 @@ if TYPE_CHECKING:
 _AMPLE, _LEAST = 10 * 10**9, 10**8
 #: Formats that songs have, and the encoding that is written of each.
 _FORMATS = {"wav": "PCM_16", "flac": "PCM_16", "ogg": "VORBIS", "mp3": "MPEG_LAYER_III"}
+_INSTALL = "pip install -c constraints.txt . installs what is missing"
+Status = Literal["ok", "note", "failed"]
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """The result of one check; "note" for a limit of the installation that breaks nothing."""
 
     check: str
-    status: Literal["ok", "note", "failed"]
+    status: Status
     found: str
     fix: str = ""
 
@@ -42,11 +42,11 @@ class Finding:
 
 def installation() -> Output:
     """Check the installation."""
-    findings = [*check_packages(requirements()), *check_cache(), *check_music()]
+    findings = [*check_packages(requirements()), check_cache(), check_music()]
     failed = sum(finding.status == "failed" for finding in findings)
     end = f"{counted(failed, 'check')} failed" if failed else "this installation works; try: dancedata build demo"
     return Output(
-        lambda: {"checks": [asdict(finding) for finding in findings]},
+        lambda: {"checks": [finding._asdict() for finding in findings]},
         lambda: "\n".join([*map(str, findings), end]),
         ok=not failed,
     )
@@ -59,42 +59,39 @@ def check_packages(required: Sequence[str]) -> Iterator[Finding]:
         fix = "install it with pip install ., or with pip install -e . in a checkout"
         yield Finding("packages", "note", "dancedata is not installed, so that its needs are unknown", fix)
         return
-    text, problems, _ = _versions(needed_by("", required))
-    fix = "pip install -c constraints.txt . installs what is missing" if problems else ""
-    yield Finding("packages", "failed" if problems else "ok", problems or text, fix)
+    yield _versions("packages", needed_by("", required), _INSTALL)
     for extra in MODULES:
         if needed := needed_by(extra, required):
-            text, problems, missing = _versions(needed)
-            status: Literal["ok", "note", "failed"] = "note" if missing else "failed" if problems else "ok"
-            yield Finding(f"extra {extra}", status, problems or text, install(extra, required) if problems else "")
+            yield _versions(f"extra {extra}", needed, install(extra, required))
 
 
-def _versions(needed: Sequence["Requirement"]) -> tuple[str, str, bool]:
-    """Return the versions of packages, their problems, and whether one is missing."""
+def _versions(check: str, needed: Sequence["Requirement"], fix: str) -> Finding:
+    """Compare the versions of packages; a missing one of an extra is a note."""
     installed: list[str] = []
     problems: list[str] = []
-    missing = False
+    status: Status = "failed"
     for requirement in needed:
         try:
             version = importlib.metadata.version(requirement.name)
         except importlib.metadata.PackageNotFoundError:
             problems.append(f"{requirement.name} is not installed")
-            missing = True
+            status = "failed" if check == "packages" else "note"
             continue
         installed.append(f"{requirement.name} {version}")
         if not requirement.specifier.contains(version, prereleases=True):
             problems.append(f"{installed[-1]} is installed, {requirement.specifier} is needed")
-    return ", ".join(installed), "; ".join(problems), missing
+    return (
+        Finding(check, status, "; ".join(problems), fix) if problems else Finding(check, "ok", ", ".join(installed))
+    )
 
 
-def check_cache() -> Iterator[Finding]:
+def check_cache() -> Finding:
     """Write, lock and remove a file in the folder of the cache, or in its first existing parent."""
-    from dancedata.execution.cache import ENVIRONMENT, Cache
+    from dancedata.execution.cache import ENVIRONMENT, default_cache
 
     fix = f"set {ENVIRONMENT} to a writable folder with free space"
-    root = Cache.at().root
+    root = default_cache().absolute()
     existing = next(folder for folder in (root, *root.parents) if os.path.lexists(folder))
-    text = str(root) if existing == root else f"{root}, which is made by the first build"
     try:
         if not os.access(existing, os.W_OK | os.X_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(existing))
@@ -102,17 +99,16 @@ def check_cache() -> Iterator[Finding]:
             has_locks = _locks_work(Path(folder) / "lock")
         free = shutil.disk_usage(existing).free
     except OSError as error:
-        yield Finding("cache", "failed", f"{root} cannot be written: {error}", fix)
-        return
+        return Finding("cache", "failed", f"{root} cannot be written: {error}", fix)
+    text = str(root) if existing == root else f"{root}, which is made by the first build"
     text += f"; {free / 1e9:.1f} GB free; {'locks work' if has_locks else 'the file system has no locks'}"
-    if free >= _AMPLE and has_locks:
-        yield Finding("cache", "ok", text)
-    elif not has_locks:
+    if not has_locks:
         fix = f"builds at once may compute the same twice: set {ENVIRONMENT} to another file system"
-        yield Finding("cache", "failed" if free < _LEAST else "note", text, fix)
-    else:
-        fix = fix if free < _LEAST else "make space before a large build, or dancedata cache prune"
-        yield Finding("cache", "failed" if free < _LEAST else "note", text, fix)
+    elif free >= _AMPLE:
+        return Finding("cache", "ok", text)
+    elif free >= _LEAST:
+        fix = "make space before a large build, or dancedata cache prune"
+    return Finding("cache", "failed" if free < _LEAST else "note", text, fix)
 
 
 def _locks_work(path: Path) -> bool:
@@ -128,19 +124,18 @@ def _locks_work(path: Path) -> bool:
         unlock(first)
 
 
-def check_music() -> Iterator[Finding]:
+def check_music() -> Finding:
     """Say which formats of songs the installed libsndfile has."""
     try:
         import soundfile
     except (ImportError, OSError) as error:
-        fix = "pip install -c constraints.txt . installs what is missing"
-        yield Finding("music", "failed", f"{type(error).__name__}: {error}", fix)
-        return
+        return Finding("music", "failed", f"{type(error).__name__}: {error}", _INSTALL)
     missing = [suffix for suffix, subtype in _FORMATS.items() if not soundfile.check_format(suffix.upper(), subtype)]
     known = ", ".join(suffix for suffix in _FORMATS if suffix not in missing)
     text = f"libsndfile {soundfile.__libsndfile_version__} reads {known}"
     fix = "pip install --upgrade soundfile, or convert such songs to wav or flac"
-    if missing:
-        yield Finding("music", "note", f"{text}, not {', '.join(missing)}", fix)
-    else:
-        yield Finding("music", "ok", text)
+    return (
+        Finding("music", "note", f"{text}, not {', '.join(missing)}", fix)
+        if missing
+        else Finding("music", "ok", text)
+    )

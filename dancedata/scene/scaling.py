@@ -115,7 +115,9 @@ def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 @cache
 def _warn_once(text: str) -> None:
-    _log.warning("%s; like= or scaler=, and normalized=, state how they are scaled (docs/guides/samples.md)", text)
+    _log.warning(
+        "%s; name what scaled them: %s", text, "like= or scaler=, in a command --like DATASET or --scaler FILE"
+    )
 
 
 def _check(
