@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 from dancedata.decoding.decoder import Decoder
 from dancedata.decoding.files import decode_files
+from dancedata.scene.inputs.files import field_of_width
 from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 
 #: Files of columns, folders of them, or patterns.
@@ -169,11 +170,9 @@ def decode(
 
 def _field_of_width(columns: Any, like: DatasetLike) -> str:
     """Return the only motion field of a dataset as wide as columns; UsageError without one."""
-    store = None if like is None else store_of(opened(like))
-    width = np.shape(columns)[-1:]
-    names = [] if store is None else [f.name for f in map(store.field, store.fields) if f.kind == "motion"]
-    fitting = [name for name in names if store is not None and (store.field(name).columns.width,) == width]
-    if len(fitting) != 1:
+    (width,) = np.shape(columns)[-1:] or (0,)
+    field = None if like is None else field_of_width(store_of(opened(like)), width)
+    if field is None:
         raise UsageError("nothing states what these columns are", found=f"shape {np.shape(columns)}",
                          fix='name the field: decode(columns, "edge151")')  # fmt: skip
-    return fitting[0]
+    return field

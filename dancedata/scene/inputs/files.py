@@ -328,13 +328,16 @@ def columns_width(path: Path) -> int:
     return shape[-1] if len(shape) in (2, 3) and shape[-1] > 3 else 0
 
 
-def field_of_width(store: Store, path: Path) -> str | None:
-    """Return the only motion field as wide as the columns of the first file of a path; None without one."""
-    file = next((file for file in motion_paths(path) if file.suffix.lower() in (".npy", ".npz")), None)
-    try:
-        width = 0 if file is None else columns_width(file)
-    except (DataError, OSError):  # whose clip gives the reason
-        return None
+def field_of_width(store: Store, of: Path | int) -> str | None:
+    """Return the only motion field of a width, or of that of the first file of a path; None without one."""
+    if isinstance(of, int):
+        width = of
+    else:
+        file = next((file for file in motion_paths(of) if file.suffix.lower() in (".npy", ".npz")), None)
+        try:
+            width = 0 if file is None else columns_width(file)
+        except (DataError, OSError):  # whose clip gives the reason
+            return None
     widths = {name: store.field(name).columns.width for name in motion_readers(store)}
     fields = [name for name in widths if widths[name] == width]
     return fields[0] if len(fields) == 1 else None
