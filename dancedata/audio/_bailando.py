@@ -27,12 +27,12 @@ from dancedata.kernel import compiling, resample
 #: That of 7.5 rows per second, the lowest of Bailando's two; the five octaves of chroma need about 1 kHz.
 MIN_SAMPLE_RATE = 3840
 #: Upper limit of the onset envelope's mel bands in librosa 0.8, for any sample rate.
-ERA_FMAX = 11025.0
+_ERA_FMAX = 11025.0
 N_MFCC, N_CHROMA, N_LAGS = 20, 12, 384
 #: Frames that the derivative of MFCC spans: fewer have none.
-DELTA_WIDTH = 3
+_DELTA_WIDTH = 3
 #: The sample rate at which chroma have seven octaves; five at every other one.
-RATE_OF_SEVEN_OCTAVES = 60 * HOP
+_RATE_OF_SEVEN_OCTAVES = 60 * HOP
 
 Floats = NDArray[np.float32]
 
@@ -84,17 +84,17 @@ class BailandoFeature(AudioFeature):
         self.require_samples(signal)
         rate = self._feature_rate(grid)
         available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
-        if available < DELTA_WIDTH:
+        if available < _DELTA_WIDTH:
             raise DataError(f"{self.name}: the audio is too short for the derivative of its MFCC",
                             reason="short_audio",
                             found=f"{signal.n_samples} samples at {signal.sample_rate} Hz: rows {available}",
-                            allowed=f"audio for at least {DELTA_WIDTH} rows at {grid.rate} per second")  # fmt: skip
-        fmax = ERA_FMAX if self.onset_fmax == "era" else rate / 2
+                            allowed=f"audio for at least {_DELTA_WIDTH} rows at {grid.rate} per second")  # fmt: skip
+        fmax = _ERA_FMAX if self.onset_fmax == "era" else rate / 2
         compile_kernels()
         return self._rows(resample(signal.samples, signal.sample_rate, rate), rate, fmax)
 
     def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:
-        return compute(samples, rate, onset_fmax, 7 if rate == RATE_OF_SEVEN_OCTAVES else 5)
+        return compute(samples, rate, onset_fmax, 7 if rate == _RATE_OF_SEVEN_OCTAVES else 5)
 
     @override
     def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
@@ -118,10 +118,10 @@ def compile_kernels() -> None:
 
     They are more than librosa35's: separating harmonics resynthesises a signal.
     """
-    noise = np.random.default_rng(0).standard_normal(RATE_OF_SEVEN_OCTAVES).astype(np.float32)
-    noise[:: RATE_OF_SEVEN_OCTAVES // 4] = 10.0
+    noise = np.random.default_rng(0).standard_normal(_RATE_OF_SEVEN_OCTAVES).astype(np.float32)
+    noise[:: _RATE_OF_SEVEN_OCTAVES // 4] = 10.0
     with compiling():
-        compute(noise, RATE_OF_SEVEN_OCTAVES, RATE_OF_SEVEN_OCTAVES / 2, 7)
+        compute(noise, _RATE_OF_SEVEN_OCTAVES, _RATE_OF_SEVEN_OCTAVES / 2, 7)
 
 
 def compute(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
@@ -145,7 +145,7 @@ def first_columns(samples: Floats, rate: int, onset_fmax: float, octaves: int) -
 
     with _known_warnings():
         mfcc = _mfcc(samples, rate)
-        delta = librosa.feature.delta(mfcc, width=DELTA_WIDTH)
+        delta = librosa.feature.delta(mfcc, width=_DELTA_WIDTH)
         harmonic, percussive = librosa.effects.hpss(samples)
         chroma = librosa.feature.chroma_cqt(y=harmonic, sr=rate, hop_length=HOP, n_chroma=N_CHROMA, n_octaves=octaves)
         envelope = librosa.onset.onset_strength(

@@ -97,14 +97,14 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
 
     def _noisy(self, motion: Motion, draw: Draw) -> Motion:
         joints = motion.skeleton.n_joints
-        turns = draw_smooth(draw, joints - 1, motion.n_frames, motion.grid, self.every_s)
+        turns = _draw_smooth(draw, joints - 1, motion.n_frames, motion.grid, self.every_s)
         turns *= math.radians(self.std_degrees)
         rotations = motion.rotations.copy()
         rotations[:, 1:] = (rotation(rotations[:, 1:]) * rotation(turns)).as_rotvec()
         return replace(motion, rotations=rotations)
 
 
-def draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every_s: float) -> Float64Array:
+def _draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every_s: float) -> Float64Array:
     """Return vectors (T, J, 3): standard normal at knots every `every_s` seconds, linear between them.
 
     Joints are drawn one after another: the first ones have the same noise on every skeleton.

@@ -22,12 +22,12 @@ _SLIDES_M_S, _PAUSE_S = 0.3, 0.05
 #: Angles beyond which joints are not bent, degrees. Knees and elbows, forwards and backwards: active range of motion
 #: (American Academy of Orthopaedic Surgeons 1965; Soucie et al. 2011, tables of ages 9 to 44) with the 30 degrees
 #: that fitted bodies of real dancers go beyond it.
-HINGES = {
+_HINGES = {
     "knee": (-35.0, 175.0),
     "elbow": (-40.0, 180.0),
 }
 #: Other joints, from their pose at rest, in any direction.
-SWINGS = {"ankle": 90.0, "wrist": 120.0, "neck": 90.0, "head": 90.0, "spine1": 75.0, "spine2": 75.0, "spine3": 75.0}
+_SWINGS = {"ankle": 90.0, "wrist": 120.0, "neck": 90.0, "head": 90.0, "spine1": 75.0, "spine2": 75.0, "spine3": 75.0}
 #: Limbs that may not lie in each other: those of the arms against the torso, the head and the legs, and left against
 #: right below the knees and elbows. Each is the bone that ends in the joint.
 _ARMS, _TRUNK = ("elbow", "wrist"), ("spine2", "spine3", "neck", "head")
@@ -98,7 +98,7 @@ def joint_limits(motion: Motion, least: float) -> tuple[Span, ...]:
     beyond, names = [], []
     matrices, joints = motion.matrices, motion.skeleton.joints
     for side in ("left", "right"):
-        for hinge, (low, high) in HINGES.items():
+        for hinge, (low, high) in _HINGES.items():
             joint = motion.skeleton.index(f"{side}_{hinge}")
             bend = _bend(
                 matrices[:, joint], motion.skeleton.offsets[motion.skeleton.parents.index(joint)], hinge, side
@@ -106,7 +106,7 @@ def joint_limits(motion: Motion, least: float) -> tuple[Span, ...]:
             beyond.append(np.maximum(bend - high, low - bend))
             names.append(f"{side}_{hinge}")
     for joint, name in enumerate(joints):
-        limit = SWINGS.get(name.removeprefix("left_").removeprefix("right_"))
+        limit = _SWINGS.get(name.removeprefix("left_").removeprefix("right_"))
         if limit is not None and joint in motion.skeleton.parents:
             bone = motion.skeleton.offsets[motion.skeleton.parents.index(joint)]
             turned = (matrices[:, joint] * bone).sum(axis=-1)

@@ -145,7 +145,7 @@ def jitter(motion: Motion) -> Float64Array | None:
     """
     from scipy.ndimage import median_filter
 
-    high = high_pass(motion.joints(), float(motion.grid.rate))
+    high = _high_pass(motion.joints(), float(motion.grid.rate))
     if high is None:
         return None
     size = 2 * round(_STRETCH_S * float(motion.grid.rate) / 2) + 1
@@ -153,7 +153,7 @@ def jitter(motion: Motion) -> Float64Array | None:
     return np.asarray(_MAD * np.median(around, axis=1))
 
 
-def high_pass(values: Float64Array, rate: float) -> Float64Array | None:
+def _high_pass(values: Float64Array, rate: float) -> Float64Array | None:
     """Return values (T, ...) above 10 Hz; None where a motion is too short or too slow to have any."""
     low = low_pass(values, rate, JITTER_HZ)
     return None if low is None else values - low

@@ -14,9 +14,9 @@ from dancedata.files.listing import relative
 from dancedata.files.segment_files import SEGMENT_FILES, SegmentRow, read_segment_file
 from dancedata.formats.humanml_texts import read_texts
 
-TEXTS = "texts"
+_TEXTS = "texts"
 #: Name of the layer of captions.
-DESCRIPTION = "description"
+_DESCRIPTION = "description"
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class StatedWords:
 
 def words_of(source: Path) -> list[Path]:
     """Return the files of segments and the folder of captions in a source."""
-    return [path for name in (*SEGMENT_FILES, TEXTS) if (path := source / name).exists()]
+    return [path for name in (*SEGMENT_FILES, _TEXTS) if (path := source / name).exists()]
 
 
 def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> StatedWords:
@@ -56,9 +56,9 @@ def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> State
             detail = f"{counted(len(unused), 'segment')} of clips that are not there: {of}"
             rejects.append(Reject("unused_segments", file=relative(path, source), detail=detail))
         notes.append(f"Segments: {path.name}, {counted(len(rows) - len(unused), 'segment')}.")
-    if (source / TEXTS).is_dir():
-        layer = Layer(DESCRIPTION, language=language)
-        captions = files_by_stem(source / TEXTS, source, ".txt", lambda stem: "")
+    if (source / _TEXTS).is_dir():
+        layer = Layer(_DESCRIPTION, language=language)
+        captions = files_by_stem(source / _TEXTS, source, ".txt", lambda stem: "")
         rejects += captions.rejects
         for name, path in sorted(captions.files.items()):
             if name not in ids:
@@ -69,7 +69,7 @@ def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> State
                 segments[name] += read_texts(path, layer)
             except DataError as error:
                 rejects.append(Reject(error.reason, clip=name, file=relative(path, source), detail=str(error)))
-        notes.append(f"Captions: {TEXTS}/, of {counted(len(ids & captions.files.keys()), 'clip')}.")
+        notes.append(f"Captions: {_TEXTS}/, of {counted(len(ids & captions.files.keys()), 'clip')}.")
     stated = [replace(clip, segments=(*clip.segments, *segments[clip.id])) for clip in clips]
     return StatedWords(stated, tuple(rejects), tuple(notes))
 

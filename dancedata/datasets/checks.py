@@ -20,7 +20,7 @@ DOWNLOAD_AGAIN = "download the file again"
 #: Bound of the deviation of published matrices from rotations.
 _TOLERANCE_MATRIX = 1e-3
 #: Least cosine between the mean vector from pelvis to head and the axis that is taken as up.
-UPRIGHT_COSINE = 0.8
+_UPRIGHT_COSINE = 0.8
 #: Part of every message about an array that may contain positions.
 POSITIONS = (
     "joint positions are not rotations: save them as positions, numpy.savez(file, positions=(T, J, 3), "
@@ -157,7 +157,7 @@ def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes:
     Raises DataError: ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
     """
     cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
-    clear = next((axis for axis, value in cosines.items() if abs(value) >= UPRIGHT_COSINE), "")
+    clear = next((axis for axis, value in cosines.items() if abs(value) >= _UPRIGHT_COSINE), "")
     clear = f"-{clear}" if clear and cosines[clear] < 0 else clear
     if up != "auto" and clear in ("", up):
         return up
@@ -170,7 +170,7 @@ def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes:
         reason="bad_axes",
         where=str(path),
         found="cosines of the spines " + ", ".join(f"{axis} {value:.2f}" for axis, value in cosines.items()),
-        allowed=f"at least {UPRIGHT_COSINE} along {' or '.join(signed)}",
+        allowed=f"at least {_UPRIGHT_COSINE} along {' or '.join(signed)}",
         fix=f"set dataset.{dataset}.up to the axis that is up, {' or '.join(axes)}, or leave the file out",
     )
 

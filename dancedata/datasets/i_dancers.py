@@ -49,7 +49,7 @@ from dancedata.kernel import audio_length
 KEYS, SUFFIX = ("smpl_poses", "smpl_trans"), "_smpl"
 #: Rates that are recognised from the lengths of motion and music, which agree within this share.
 _RATES, _NEAR = (20, 24, 25, 30, 50, 60), Fraction(1, 50)
-MAX_TRIM = 100_000
+_MAX_TRIM = 100_000
 
 Floats = NDArray[np.float64]
 
@@ -90,9 +90,9 @@ class IDancers(PublishedDataset):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if type(self.trim_frames) is not int or not 0 <= self.trim_frames <= MAX_TRIM:
+        if type(self.trim_frames) is not int or not 0 <= self.trim_frames <= _MAX_TRIM:
             raise UsageError("i-dancers: invalid value for trim_frames", found=repr(self.trim_frames),
-                             allowed=f"a number of frames from 0 to {MAX_TRIM}")  # fmt: skip
+                             allowed=f"a number of frames from 0 to {_MAX_TRIM}")  # fmt: skip
         if self.fps != "auto":
             as_rate(self.fps)
 

@@ -68,13 +68,13 @@ MUQ_FOLDER = "music/muq_features/test_infinitedance"
 MUSIC55_FOLDER = "music/musicfeature_55_allmusic_pure"
 OWN, UNKNOWN = "infinitedance", "unknown"
 #: Dataset of a list's name before "_train.txt" and so on, with the terms of its clips.
-ORIGINS: Mapping[str, tuple[str, str]] = {
+_ORIGINS: Mapping[str, tuple[str, str]] = {
     "infinitedance": (OWN, "InfiniteDance's licence"),
     "aistpp": ("aist++", "AIST++'s and the AIST Dance Video Database's terms"),
     "finedance": ("finedance", "FineDance's terms"),
     "motorica": ("motorica", "Motorica Dance's licence"),
 }
-TERMS = dict(ORIGINS.values())
+TERMS = dict(_ORIGINS.values())
 #: Names of clips of other datasets: as those datasets publish them.
 AIST = re.compile(r"g[A-Z]{2}_s[A-Z]{2}_c(?:All|[0-9]{2})_(d[0-9]{2})_(m[A-Z]{2}[0-9]+)_ch[0-9]{2}")
 _NAMES = (("aist++", AIST), ("motorica", re.compile(r"kth(?:street|jazz|misc)_.+")))
@@ -255,7 +255,7 @@ class InfiniteDance(PublishedDataset):
         fits = files_by_stem(
             listing.folders.root / FITS_FOLDER, listing.folders.source, ".pkl", lambda stem: ""
         ).files
-        origins, styles = origins_of(refs, fits), cast(_Listing, listing).styles
+        origins, styles = _origins_of(refs, fits), cast(_Listing, listing).styles
         stated = [
             replace(
                 ref, genre=styles.of.get(ref.id, ""), dancer=aist[1] if (aist := AIST.fullmatch(ref.id)) else "",
@@ -281,7 +281,7 @@ class InfiniteDance(PublishedDataset):
         yield "Music: no audio was published, but files of features."
         yield from cast(_Listing, listing).styles.notes
         if clips:
-            yield origins_note([str(dict(clip.columns)["origin"]) for clip in clips])
+            yield _origins_note([str(dict(clip.columns)["origin"]) for clip in clips])
 
     @override
     def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
@@ -290,7 +290,7 @@ class InfiniteDance(PublishedDataset):
     @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, metres, radians, +Y up."""
-        return load_fit(ref.motion_path, self.up) if self.motion == "fits" else load_columns(ref.motion_path)
+        return _load_fit(ref.motion_path, self.up) if self.motion == "fits" else load_columns(ref.motion_path)
 
     @override
     def make_example(self, folder: Path) -> None:
@@ -328,18 +328,18 @@ class InfiniteDance(PublishedDataset):
             write_lines(folder / "partition" / f"{name}.txt", names, end="\n" * (k % 2))
 
 
-def origins_of(refs: Iterable[ClipRef], fits: Collection[str]) -> dict[str, str]:
+def _origins_of(refs: Iterable[ClipRef], fits: Collection[str]) -> dict[str, str]:
     """Return the dataset that each clip comes from: by the lists of datasets, then its name, then a fit."""
     origins = {}
     for ref in refs:
-        listed_in = [match[1] for name in ref.lists if (match := _LIST.fullmatch(name)) and match[1] in ORIGINS]
+        listed_in = [match[1] for name in ref.lists if (match := _LIST.fullmatch(name)) and match[1] in _ORIGINS]
         by_name = next((origin for origin, form in _NAMES if form.fullmatch(ref.id)), "")
-        stated = ORIGINS[listed_in[-1]][0] if listed_in else ""
+        stated = _ORIGINS[listed_in[-1]][0] if listed_in else ""
         origins[ref.id] = stated or by_name or (OWN if ref.id in fits else UNKNOWN)
     return origins
 
 
-def origins_note(origins: Collection[str]) -> str:
+def _origins_note(origins: Collection[str]) -> str:
     """Return the note with the number of clips of each dataset, and the terms of those of others."""
     counts = sorted(Counter(origins).items())
     numbers = ", ".join(f"{n:,} {name}" for name, n in counts)
@@ -349,7 +349,7 @@ def origins_note(origins: Collection[str]) -> str:
     return f"Origin of the clips: {numbers}{terms}{unknown}."
 
 
-def load_fit(path: Path, up: str = "auto") -> Motion:
+def _load_fit(path: Path, up: str = "auto") -> Motion:
     """Read a fit of SMPL-X's body.
 
     `path`: A file of joblib, or a pickle; read with the allow-list unpickler, so nothing in it is executed.

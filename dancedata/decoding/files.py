@@ -34,7 +34,7 @@ from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 _log = logging.getLogger(__name__)
 
 #: Entries of a group's file: which of its dancers there are, and where they are.
-ROOT_PLACE = "root_place"
+_ROOT_PLACE = "root_place"
 #: Names of the formats; obj needs a body model, and has a file for each frame.
 FORMATS = (*MOTION_FILES, "obj")
 _SUFFIXES = tuple(suffix for suffix in MOTION_SUFFIXES if suffix != ".bvh")
@@ -94,7 +94,7 @@ def _decode_file(
     decoder = Decoder.of(field, parameters, fps, like, normalized, scaler, clamp)
     with open_arrays(path) as arrays:
         array = arrays.read(_key(arrays, decoder.representation, key))
-        mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, ROOT_PLACE))
+        mask, place = (arrays.read(name) if name in arrays.names else None for name in (PERSON_MASK, _ROOT_PLACE))
         decoder = replace(decoder, file=stated_scaling(arrays), grid=stated_grid(arrays))
     if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
         raise UsageError("the frame rate of these columns is unknown", where=path,
@@ -174,7 +174,7 @@ def _motions(decoder: Decoder, array: Array, mask: Array | None, place: Array | 
         )
     if array.ndim < 4:
         return _members("", decoder.group(array, mask, place))
-    for name, beside in ((PERSON_MASK, mask), (ROOT_PLACE, place)):
+    for name, beside in ((PERSON_MASK, mask), (_ROOT_PLACE, place)):
         if beside is not None and len(beside) != len(array):
             raise UsageError(f"{name} is of another number of groups", found=len(beside), allowed=len(array))
     dancers: dict[str, Motion] = {}

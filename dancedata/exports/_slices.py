@@ -54,7 +54,7 @@ class SliceExport(Export):
     @override
     def guide_values(self, job: ExportJob) -> Mapping[str, object]:
         width = job.store.fields[self.feature].width
-        kind = WIDTHS[width]
+        kind = _WIDTHS[width]
         again = ", and once more in `baseline_feats`" if kind == "baseline" else ""
         return {"kind": kind, "width": width, "again": again}
 
@@ -82,7 +82,7 @@ class SliceWriter:
         """Write the folders of a part, "train" or "test"; return its slices and their motion at 30 per second."""
         slices = [item for split in splits for item in slices_of(self.job, split, self.feature)]
         slices.sort(key=lambda item: f"{item.name}.")  # as text, slice10 before slice2, as EDGE's loader
-        note_rejects(self.job, splits, self.folder)
+        _note_rejects(self.job, splits, self.folder)
         if self.sound == "cut":
             slices = with_whole_sound(self.job, slices, self.folder)
         for name in FOLDERS:
@@ -114,7 +114,7 @@ class SliceWriter:
 
     def _write_features(self, part: str, slices: list[Slice]) -> None:
         names = ["jukebox_feats"]
-        if WIDTHS[self.job.store.fields[self.feature].width] == "baseline":
+        if _WIDTHS[self.job.store.fields[self.feature].width] == "baseline":
             names.append("baseline_feats")
         for item in self.job.each(f"{part}: {self.feature}", slices):
             rows = self.job.store.read(item.window, self.feature).astype(np.float32)
@@ -136,7 +136,7 @@ MOTION = "edge151"
 FPS, LENGTH, STRIDE = 30, 150, 15
 LENGTH_S, STRIDE_S = 5, Fraction(1, 2)
 #: Columns of EDGE's two features: librosa ("baseline") and Jukebox.
-WIDTHS = {35: "baseline", 4800: "jukebox"}
+_WIDTHS = {35: "baseline", 4800: "jukebox"}
 _SILENCE_RATE = 16_000
 
 
@@ -158,7 +158,7 @@ def needs_slices(job: ExportJob, feature: str, splits: Sequence[str], *, sound: 
     """Check that a dataset has all that slices need."""
     missing = needs_fps(job, FPS) + needs_field(job, MOTION, kind="motion", width=151, rate=FPS)
     missing += needs_field(job, feature, kind="audio", rate=FPS)
-    if feature in job.store.fields and job.store.fields[feature].width not in WIDTHS:
+    if feature in job.store.fields and job.store.fields[feature].width not in _WIDTHS:
         width, fix = job.store.fields[feature].width, "audio: {librosa35: {}}, and --set feature=librosa35"
         missing.append(Missing(f"{feature} has {width} columns, not 35 or 4800", fix))
     slices = [clip for clip in job.clips() if clip.slice_of] if not missing else []
@@ -194,7 +194,7 @@ def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     return [Slice(c.id if c.slice_of else slice_name(c.id, w.start // STRIDE), c, w) for c, w in pairs]
 
 
-def note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
+def _note_rejects(job: ExportJob, splits: Sequence[str], folder: AtomicFolder) -> None:
     """Note the windows of splits that the dataset has left out: the trainer's own scripts would have them."""
     windows = job.store.info["windows"]
     if job.store.slice_length is None and (windows["length"], windows["stride"]) != (LENGTH, STRIDE):

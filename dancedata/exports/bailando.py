@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dancedata.kernel import Clip
 
 
-def find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
+def _find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
     """Return the clip with the longest signal of each music id, and ids with signals that are different music.
 
     Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
@@ -153,7 +153,7 @@ class Bailando(Export):
             missing.append(
                 Missing(f"no sequence of train has {_LEAST} frames: loaders stop without one", "longer clips")
             )
-        return missing + needs_music_from_start(clips, exactly=True) + find_songs(job, clips)[1]
+        return missing + needs_music_from_start(clips, exactly=True) + _find_songs(job, clips)[1]
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
@@ -171,7 +171,7 @@ class Bailando(Export):
                 )
         from dancedata.kernel import unit_runner
 
-        songs, _ = find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
+        songs, _ = _find_songs(job, [clip for part in PARTS for clip in self._clips(job, part)])
         feature = _feature_of(job, self.feature)
         compute = unit_runner(feature.exact)
         for music, clip in job.each("songs at 7.5 rows per second", list(songs.items())):

@@ -71,7 +71,7 @@ class HumanML3D(Export):
             folder.write_npy(f"new_joint_vecs/{clip.id}.npy", rows)
             folder.write_npy(f"new_joints/{clip.id}.npy", representation.positions(rows).astype(np.float32))
         splits = job.store.splits if self.scaler == "all" else ("train",)
-        mean, std = mean_and_std(lambda: map(vectors, job.clips(*splits)))
+        mean, std = _mean_and_std(lambda: map(vectors, job.clips(*splits)))
         folder.write_npy("Mean.npy", mean)
         folder.write_npy("Std.npy", std)
         if not std.all():
@@ -152,7 +152,7 @@ def vectors(clip: Clip) -> Floats:
     return np.asarray(clip.read(FIELD)[:-1], np.float32)
 
 
-def mean_and_std(parts: Callable[[], Iterable[Floats]]) -> tuple[Floats, Floats]:
+def _mean_and_std(parts: Callable[[], Iterable[Floats]]) -> tuple[Floats, Floats]:
     """Return mean and grouped deviation (263,) of arrays (T, 263), which `parts()` gives twice."""
     count, total = 0, np.zeros(263)
     for rows in parts():

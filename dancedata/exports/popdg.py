@@ -53,7 +53,7 @@ class Popdg(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH, place=to_camera)
+        writer = SliceWriter(job, folder, self.feature, self.sound, repeat=1, batch=_BATCH, place=_to_camera)
         for part in ("train", "test"):
             writer.write(part, (part,))
             clips = dict.fromkeys(clip.slice_of or clip.id for clip in job.clips(part))
@@ -61,7 +61,7 @@ class Popdg(SliceExport):
         folder.write_text("high_quality_dataset", "")
 
 
-def to_camera(motion: Motion) -> Motion:
+def _to_camera(motion: Motion) -> Motion:
     """Return a motion, +Y up, as POPDG's loader takes it: half a turn about x, without the place that it adds."""
     rotations = motion.rotations.copy()
     rotations[:, 0] = (rotation(np.array([np.pi, 0.0, 0.0])) * rotation(rotations[:, 0])).as_rotvec()

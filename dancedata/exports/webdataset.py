@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.kernel import Clip
 
-Member = tuple[str, bytes]
+_Member = tuple[str, bytes]
 
 
 @EXPORTS.register("webdataset")
@@ -100,7 +100,7 @@ class WebDataset(SampleExport):
             counts[name] = count
         return counts
 
-    def _members(self, job: ExportJob, clip: Clip, window: Window | None) -> Iterator[Member]:
+    def _members(self, job: ExportJob, clip: Clip, window: Window | None) -> Iterator[_Member]:
         key = clip.id if window is None else f"{clip.id}_{window.start:06d}"
         for name in self.reads(job):
             rows = clip.read(name) if window is None else job.store.read(window, name)
@@ -125,7 +125,7 @@ def _npy(rows: npt.NDArray[Any]) -> bytes:
     return buffer.getvalue()
 
 
-def _add(tar: tarfile.TarFile, members: Iterator[Member]) -> int:
+def _add(tar: tarfile.TarFile, members: Iterator[_Member]) -> int:
     """Add files without owner and time, so that equal samples give equal bytes; return their size."""
     size = 0
     for name, data in members:

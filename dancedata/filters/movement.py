@@ -53,14 +53,14 @@ class Movement(WindowFilter):
 
     @override
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
-        std = movement_std(rows)
+        std = _movement_std(rows)
         if std > self.min_std:
             return None
         detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, the limit is {self.min_std:g}"
         return Reject(self.reason, detail=detail, numbers={"std": std})
 
 
-def movement_std(rows: npt.NDArray[Any]) -> float:
+def _movement_std(rows: npt.NDArray[Any]) -> float:
     """Return the mean over columns of the standard deviation (ddof 0) over time of rows (L, D).
 
     In the rows' own dtype, float32, as the references compute it: windows near the limit fall on their side.

@@ -108,7 +108,7 @@ MAX_MEMBERS = 1000
 #: numpy's own limit, which numpy applies only after allocating the announced length, up to 4 GB.
 MAX_HEADER_BYTES = 10_000
 #: A member of an .npz archive that is larger is not a short text.
-MAX_TEXT_BYTES = 4096
+_MAX_TEXT_BYTES = 4096
 #: A list of texts that is larger is not one of names.
 MAX_TEXTS_BYTES = 1 << 16
 
@@ -184,7 +184,7 @@ class NpzFile(ArrayFile):
     @override
     def text(self, name: str) -> str:
         size = self._members[name].file_size
-        if size > MAX_TEXT_BYTES:
+        if size > _MAX_TEXT_BYTES:
             return ""
         with reading(self.path), self._open(name) as file:
             header = read_header(self.path, file)
@@ -215,7 +215,7 @@ class NpzFile(ArrayFile):
             header = self._any_header(name)
             if header.dtype.hasobject:
                 found[name] = unpickled(partial(self._unpacked, name), self.path, start=header.start)
-            elif header.n_bytes <= MAX_TEXT_BYTES:
+            elif header.n_bytes <= _MAX_TEXT_BYTES:
                 found[name] = self._array(name)
         return found
 

@@ -23,7 +23,7 @@ from dancedata.formats.body_model import ModelArrays, not_a_model, shape_of, ske
 from dancedata.formats.bvh.hierarchy import MAX_VALUE
 
 Float32 = npt.NDArray[np.float32]
-Int32 = npt.NDArray[np.int32]
+_Int32 = npt.NDArray[np.int32]
 
 #: Joints that move a vertex in formats and shaders for skinned meshes.
 INFLUENCES = 4
@@ -46,7 +46,7 @@ class BodyMesh:
 
     skeleton: Skeleton
     vertices: Float32
-    faces: Int32
+    faces: _Int32
     weights: Float32
     correctives: Float32
 
@@ -151,7 +151,7 @@ def skinned(
     return moved
 
 
-def vertex_normals(vertices: Float32, faces: Int32) -> Float32:
+def vertex_normals(vertices: Float32, faces: _Int32) -> Float32:
     """Return unit normals (V, 3), the mean of the triangles' by area; (0, 1, 0) where there is no triangle."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
@@ -186,7 +186,7 @@ def _check(
         raise not_a_model(model.file, "NaN, infinity or larger numbers", f"numbers within +-{MAX_VALUE:g}")
 
 
-def obj_text(vertices: Float32, faces: Int32) -> str:
+def obj_text(vertices: Float32, faces: _Int32) -> str:
     """Return a mesh as Wavefront OBJ, six decimals, with the vertices in their order; metres, +Y up."""
     places = "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in vertices.tolist())
     return places + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist())

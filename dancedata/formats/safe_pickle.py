@@ -335,7 +335,7 @@ ArrayUnpickler.dispatch |= {
 }
 
 
-def read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
+def _read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
     """Return the content of a file, unpacked if zlib, gzip, bz2, lzma or xz has packed it, and the file's size.
 
     Raises ValueError: if it is larger than the limit, truncated, or packed more than 100-fold.
@@ -380,7 +380,7 @@ def load_pickle(path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:
     Raises DataError: "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is
         truncated, not a pickle, unreadable, or larger than MAX_PICKLE_BYTES.
     """
-    return unpickled(lambda: read_unpacked(path, MAX_PICKLE_BYTES), path, names, start)
+    return unpickled(lambda: _read_unpacked(path, MAX_PICKLE_BYTES), path, names, start)
 
 
 def unpickled(read: Callable[[], tuple[bytes, int]], path: Path, names: Names = ARRAY_NAMES, start: int = 0) -> Any:

@@ -23,10 +23,10 @@ Variant = Literal["paper", "code"]
 #: Least number of frames between the centre of a soft cue and the borders of its segment.
 MARGIN = 12
 #: Least number of frames between the centres of two soft cues, which then do not overlap.
-SPACING = LENGTH
-SOFT_PER_SEGMENT = 2
+_SPACING = LENGTH
+_SOFT_PER_SEGMENT = 2
 #: A segment with fewer frames is too short for two soft cues at these distances.
-MIN_SEGMENT = 4 * MARGIN
+_MIN_SEGMENT = 4 * MARGIN
 #: Widths of Lodge's columns: contacts 4, root 3, 22 or 52 joints in 6D.
 _LODGE_WIDTHS = (139, 319)
 
@@ -119,9 +119,9 @@ def primitives(
         raise UsageError(f"unknown variant {variant!r}", fix=did_you_mean(variant, ("paper", "code")))
     if not isinstance(bias, int | np.integer) or bias != 0:
         raise UsageError("variant paper has no bias", found=f"bias {bias!r}", allowed="0")
-    if n < MIN_SEGMENT:
+    if n < _MIN_SEGMENT:
         raise UsageError(
-            "a segment is too short for two soft cues", found=f"n {n}", allowed=f"at least {MIN_SEGMENT}"
+            "a segment is too short for two soft cues", found=f"n {n}", allowed=f"at least {_MIN_SEGMENT}"
         )
     return _as_in_the_paper(window, n, *_minima(window, minima, prominence))
 
@@ -219,9 +219,9 @@ def _soft_cues(low: int, high: int, minima: IntArray, prominence: Float64Array) 
     frames, depth = minima[inside], prominence[inside]
     chosen: list[tuple[int, str]] = []
     for m in frames[np.lexsort((frames, -depth))].tolist():
-        if len(chosen) < SOFT_PER_SEGMENT and all(abs(m - centre) >= SPACING for centre, _ in chosen):
+        if len(chosen) < _SOFT_PER_SEGMENT and all(abs(m - centre) >= _SPACING for centre, _ in chosen):
             chosen.append((m, "minimum"))
-    while len(chosen) < SOFT_PER_SEGMENT:
+    while len(chosen) < _SOFT_PER_SEGMENT:
         ends = sorted([low, high, *(m for m, _ in chosen)])
         widest = int(np.argmax(np.diff(ends)))
         chosen.append(((ends[widest] + ends[widest + 1]) // 2, "filled"))
@@ -237,7 +237,7 @@ def _as_released(window: npt.NDArray[Any], n: int, bias: int | np.random.Generat
     if len(window) < 2 * LENGTH:
         raise UsageError("the window is too short", found=f"N {len(window)}", allowed=f"at least {2 * LENGTH}")
     minima = key_motion(joints_of(window)).minima.tolist()
-    keys = key_frames(minima, SOFT_PER_SEGMENT * (len(window) // n), len(window))
+    keys = key_frames(minima, _SOFT_PER_SEGMENT * (len(window) // n), len(window))
     return _primitives(*pieces(window, keys, n, int(shift)), len(window), n)
 
 

@@ -67,7 +67,7 @@ class MovingBody:
     @classmethod
     def of(cls, joints: Float64Array, fps: float, skeleton: Skeleton, floor_m: float | None = None) -> MovingBody:
         """Make a body on a given floor, by default on its own: the height that the lowest joint has most often."""
-        return cls(joints, fps, skeleton, lowest_often(joints) if floor_m is None else floor_m)
+        return cls(joints, fps, skeleton, _lowest_often(joints) if floor_m is None else floor_m)
 
     def smooth(self, values: Float64Array, seconds: float) -> Float64Array:
         """Return values smoothed along time by a Gaussian."""
@@ -117,7 +117,7 @@ class MovingBody:
         return length
 
 
-def lowest_often(joints: Float64Array) -> float:
+def _lowest_often(joints: Float64Array) -> float:
     """Return the height of the floor under joints (T, J, 3), a tenth quantile of that of the lowest joint."""
     return float(np.quantile(joints[..., 1].min(axis=1), 0.1))
 
@@ -290,7 +290,7 @@ def events(
     `limits`: ``turn_degrees``, ``flight_s`` and ``travel_m``: least turn, time in the air, and distance.
     Returns: For each dancer, by the first frame.
     """
-    floor = min(lowest_often(joints) for joints in dancers)
+    floor = min(_lowest_often(joints) for joints in dancers)
     bodies = [MovingBody.of(joints, fps, skeleton, floor) for joints in dancers]
     of_dancers = [
         [event for kind in kinds if kind in _OF_ONE for event in _OF_ONE[kind](body, limits, len(bodies) > 1)]

@@ -135,7 +135,7 @@ def local_minima(curve: FloatArray, order: int = 1) -> IntArray:
     return np.asarray(argrelextrema(np.asarray(curve), np.less, order=order)[0], dtype=np.int64)
 
 
-def prominences(curve: FloatArray, minima: IntArray) -> Float64Array:
+def _prominences(curve: FloatArray, minima: IntArray) -> Float64Array:
     """Return the depths of minima (M,) of a curve (n,), in its unit: `peak_prominences` of the negative curve."""
     from scipy.signal import peak_prominences
 
@@ -170,6 +170,6 @@ def key_motion(joints: FloatArray, sigma_frames: float = SIGMA_FRAMES) -> KeyMot
     """
     curve = smoothed(kinetic_curve(joints), sigma_frames)
     minima = local_minima(curve)
-    prominence = prominences(curve, minima)
+    prominence = _prominences(curve, minima)
     real = prominence > _ROUNDING
     return KeyMotion(curve, minima[real], prominence[real])

@@ -37,7 +37,7 @@ _EQUAL, _INTERVAL = 0.95, 0.9
 #: Equal peaks that are nearer than this share of a beat contradict each other; farther ones are other beats.
 _OTHER_BEAT = 0.75
 #: Widest known offset, seconds: three quarters of a frame at 60 per second, which leaves room for a bias.
-MAX_WIDTH_S = 1 / 80
+_MAX_WIDTH_S = 1 / 80
 
 #: Why an offset is unknown.
 REASONS = {
@@ -200,7 +200,7 @@ def find_offset(
         unknown = "p"
     elif rivals and test_songs:
         unknown = "rivals"
-    elif not unknown and width_s > MAX_WIDTH_S:
+    elif not unknown and width_s > _MAX_WIDTH_S:
         unknown = "wide"
     curves = {}
     for k, name in enumerate(CURVES):

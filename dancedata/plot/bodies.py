@@ -17,7 +17,7 @@ from dancedata.formats.body_mesh import BodyMesh, Float32, vertex_normals
 from dancedata.scene.figure import Figure
 
 #: From the edge inwards: share of the width, shift towards the light in radii, share of white, or of black below 0.
-STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))
+_STRIPS = ((1.0, 0.0, -0.5), (0.9, 0.02, -0.22), (0.76, 0.05, 0.0), (0.44, 0.12, 0.16), (0.2, 0.16, 0.3))
 #: Direction of the light on the picture, right and up.
 _LIGHT = (0.55, 0.83)
 #: Points of each end of a cone.
@@ -101,11 +101,11 @@ def _cones(figure: Figure, at: int, camera: Camera, tones: Sequence[str]) -> tup
     cones = figure.limbs.cones(figure.joints[at], None if figure.look is None else figure.look[at])
     begin, end = camera(cones.begin), camera(cones.end)
     radii = cones.radii * camera.scale(np.stack([begin[:, 2], end[:, 2]], axis=1))
-    outlines = np.stack([cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in STRIPS], axis=1)
+    outlines = np.stack([cone_outlines(begin[:, :2], end[:, :2], radii, *strip[:2]) for strip in _STRIPS], axis=1)
     colours = [*tones, shade(tones[0], -0.65)]
     order = np.argsort(begin[:, 2] + end[:, 2], kind="stable")
     order = order if np.isfinite(outlines).all() else order[:0]
-    fills = [shade(colours[cones.tones[k]], white) for k in order for *_, white in STRIPS]
+    fills = [shade(colours[cones.tones[k]], white) for k in order for *_, white in _STRIPS]
     return outlines[order].reshape(-1, *outlines.shape[2:]), fills
 
 
@@ -117,11 +117,11 @@ def _faces(vertices: Float32, mesh: BodyMesh, camera: Camera, tones: Sequence[st
     seen = np.flatnonzero((bx - ax) * (cy - ay) - (by - ay) * (cx - ax) > 0)
     seen = seen[np.argsort(corners[seen, :, 2].sum(axis=1), kind="stable")]
     plain = mesh.sides @ load("matplotlib.colors", "report", "a figure").to_rgba_array(tones)[:, :3]
-    colours = plain * brightness(vertex_normals(vertices, mesh.faces), camera.axes[2])[:, None]
+    colours = plain * _brightness(vertex_normals(vertices, mesh.faces), camera.axes[2])[:, None]
     return corners[seen, :, :2], colours[mesh.faces[seen]].mean(axis=1).clip(0, 1)
 
 
-def brightness(normals: Float32, towards: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _brightness(normals: Float32, towards: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return how bright surfaces with unit normals (V, 3) are; `towards` is the way to the camera, (3,)."""
     key = (0.5 + 0.5 * normals @ _SUN) ** 2
     rim = (1 - np.abs(normals @ towards)) ** 3

@@ -78,7 +78,7 @@ def features(
         raise UsageError(f"there are no rows of {name}", where=f"clip {shown(clip)}")
     motion = None if columns or name not in scenes.fields else motion_readers(ds)[name].pose(np.asarray(rows)).motion
     if motion is not None:
-        shown_rows = angles_from_mean(motion.rotations)
+        shown_rows = _angles_from_mean(motion.rotations)
         labels, edges = motion.skeleton.joints, np.arange(shown_rows.shape[1] + 1)
     else:
         shown_rows = _scaled(np.asarray(rows, dtype=np.float64))
@@ -102,7 +102,7 @@ def features(
     return axes
 
 
-def angles_from_mean(rotations: Float64Array) -> Float64Array:
+def _angles_from_mean(rotations: Float64Array) -> Float64Array:
     """Return the angles (T, J), degrees, of axis-angle rotations (T, J, 3) from the mean over T of each joint.
 
     The mean is the rotation nearest to the mean of the matrices.

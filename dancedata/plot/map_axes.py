@@ -56,10 +56,10 @@ def pose_map(store: Store | str | Path, *, stills: int = 14, ax: Axes | None = N
     >>> plot.pose_map("data/demo").figure.savefig("poses.pdf")
     """
     ds = store if isinstance(store, Store) else open_store(store)
-    return draw_pose_map(measured_poses(ds), str(ds.path), stills=stills, ax=ax)
+    return _draw_pose_map(measured_poses(ds), str(ds.path), stills=stills, ax=ax)
 
 
-def draw_pose_map(poses: Poses, where: str, *, stills: int = 14, ax: Axes | None = None) -> Axes:
+def _draw_pose_map(poses: Poses, where: str, *, stills: int = 14, ax: Axes | None = None) -> Axes:
     """Draw the map of measured poses; see `pose_map`."""
     if len(poses.hexagons) < 2:
         raise UsageError("there are no poses to map", where=where)

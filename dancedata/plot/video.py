@@ -34,7 +34,7 @@ from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import ClipSound, ClipSource
 
 
-def write_mp4(
+def _write_mp4(
     path: Path,
     frames: Iterable[npt.NDArray[np.uint8]],
     size: tuple[int, int],
@@ -130,7 +130,7 @@ def write_scene(
     music = None if sound is None else _part(sound.signal, times, figure)
     frames = Frames(scene, size, times, theme, credit, None if sound is None else sound.signal)
     try:
-        write_mp4(target, frames, size, figure.grid.rate, music, comment=credit)
+        _write_mp4(target, frames, size, figure.grid.rate, music, comment=credit)
     except OSError as error:
         fix = "name a file in a folder that you can write to, on a disk with free space; nothing was left there"
         raise StoreError("the video cannot be written", where=target, found=str(error), fix=fix) from error
@@ -203,7 +203,7 @@ def write_video(
     PosixPath('dance.mp4')
     """
     target = Path(path)
-    require_video_name(target)
+    _require_video_name(target)
     _require_drawable(size, theme)
     part: dict[str, Any] = {"start_s": start_s, "length_s": length_s}
     mesh = None if body_model is None else BodyMesh.read(body_model, betas)
@@ -247,7 +247,7 @@ def export_video(
     Raises UsageError: As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
     Raises StoreError: if it cannot be written.
     """
-    require_video_name(to)
+    _require_video_name(to)
     sides = size.lower().split("x")
     if len(sides) != 2 or not all(side.isdecimal() for side in sides):
         raise UsageError("invalid size of a video", found=size, allowed="WIDTHxHEIGHT, such as 1080x1920")
@@ -272,7 +272,7 @@ def export_video(
     return write_scene(to, scene, sound, size=pixels, start_s=begin, length_s=end, credit=credit)
 
 
-def require_video_name(path: Path) -> None:
+def _require_video_name(path: Path) -> None:
     """Raise UsageError unless a file is named as a video."""
     if path.suffix.lower() != ".mp4":
         raise UsageError("a video is an mp4 file", found=shown(path.name), allowed="a name that ends in .mp4")

@@ -37,7 +37,7 @@ from dancedata.remote.fetch import (
 from dancedata.remote.source import NotThereError, not_cached, refused
 
 #: Folder of what addresses held last.
-ADDRESSES = "addresses"
+_ADDRESSES = "addresses"
 #: Files above this size are fetched with progress.
 _SHOWN_BYTES = 10_000_000
 #: Shards that are fetched while one is read.
@@ -62,7 +62,7 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
     """
     address = parse_address(path)
     root = Cache.at(cache).root
-    remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
+    remembered = root / DATASETS / _ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
     if is_offline():
         return _last(address, remembered, root)
     if address.is_pinned and remembered.exists():
@@ -81,7 +81,7 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
             write_bytes(folder / name, data)
         write_json(folder.with_name(f"{folder.name}.json"), asdict(Origin(str(place), str(address))))
         for text in {str(address), str(place)}:
-            remembered = root / DATASETS / ADDRESSES / f"{sha256_bytes(text.encode())}.json"
+            remembered = root / DATASETS / _ADDRESSES / f"{sha256_bytes(text.encode())}.json"
             remembered.parent.mkdir(exist_ok=True)
             write_json(remembered, {"address": text, "self_sha256": folder.name, "resolved": str(place)})
     return folder

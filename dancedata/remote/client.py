@@ -20,7 +20,7 @@ from dancedata.remote.source import Answer, Interrupted, NotThereError, OutOfRan
 #: Seconds for the head of an answer, and without a byte of its body, after which a connection is given up.
 TIMEOUT_S = 30.0
 #: A failed request is repeated by the caller, from the last byte on.
-RETRY = {"max_retries": 0}
+_RETRY = {"max_retries": 0}
 #: Longest wait that a server may ask for.
 _MAX_WAIT_S = 300.0
 _PASSING = {408, 425, 429, 500, 502, 503, 504}
@@ -57,7 +57,7 @@ class Client:
         _require_no_fork(address)
         _first_used_in = os.getpid()
         self.address = address
-        retry: Any = RETRY
+        retry: Any = _RETRY
         if address.scheme in BUCKETS:
             self.store: Any = from_url(str(address), retry_config=retry)
             return

@@ -40,7 +40,7 @@ def source_of(address: Address) -> Client:
 
 def resolved(address: Address) -> Address:
     """Return the address whose content does not change: of a branch, that of its commit."""
-    return persist(lambda: source_of(address).resolve(), str(address))
+    return _persist(lambda: source_of(address).resolve(), str(address))
 
 
 def fetch_description(
@@ -69,7 +69,7 @@ def read_small(source: Client, name: str, where: str) -> bytes:
     """Return the bytes of a file; StoreError if there are more than a description has."""
     too_large = refused(f"the file is larger than any {name}", name, f"more than {DatasetFiles.MAX_BYTES:,} bytes")
     # It is small: no ranges.
-    return persist(
+    return _persist(
         lambda: read_within(source.open(name, 0).chunks, DatasetFiles.MAX_BYTES, lambda _: too_large), where
     )
 
@@ -156,7 +156,7 @@ def _fetch(source: Client, where: str, file: FileEntry, path: Path, target: Path
     report(part.have)
     found = ""
     for _ in range(2):
-        persist(partial(_append, source, where, file, part, report), where, lambda: part.have)
+        _persist(partial(_append, source, where, file, part, report), where, lambda: part.have)
         found = part.sha256
         if found == file.sha256:
             with open(path, "rb") as written:
@@ -200,7 +200,7 @@ def _append(source: Client, where: str, file: FileEntry, part: _Part, report: Re
         raise Interrupted(f"the answer ended after {part.have:,} of {file.size:,} bytes")
 
 
-def persist(attempt: Callable[[], T], where: str, have: Callable[[], int] = lambda: 0) -> T:
+def _persist(attempt: Callable[[], T], where: str, have: Callable[[], int] = lambda: 0) -> T:
     """Return the result of `attempt`; StoreError after ATTEMPTS failures in a row without new bytes of `have`."""
     failures, reached = 0, have()  # the most bytes: a part may be discarded, and come again
     while True:

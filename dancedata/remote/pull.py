@@ -14,7 +14,7 @@ from dancedata.remote.cached import fetch_files, folder_of_address
 from dancedata.remote.fetch import has_file
 
 #: Files that are fetched at once.
-JOBS = 6
+_JOBS = 6
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def pull(
             raise UsageError(f"no split named {name!r}", where=str(address), fix=did_you_mean(name, listing.splits))
     files = listing.files(splits)
     missing = [file for file in files if not has_file(folder / file.file, file.size)]
-    fetched = fetch_files(folder, missing, Progress(quiet=not progress), JOBS) if missing else 0
+    fetched = fetch_files(folder, missing, Progress(quiet=not progress), _JOBS) if missing else 0
     origin = origin_of(folder)
     shown = str(address) if origin is None else origin.address
     return Pulled(folder, shown, len(files), sum(file.size for file in files), len(missing), fetched)
@@ -85,4 +85,4 @@ def fetch_all(folder: Path) -> None:
     files = DatasetFiles.read(folder).files()
     missing = [file for file in files if not has_file(folder / file.file, file.size)]
     if missing:
-        fetch_files(folder, missing, jobs=JOBS)
+        fetch_files(folder, missing, jobs=_JOBS)

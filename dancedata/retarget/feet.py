@@ -11,8 +11,8 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.tracks import lengths, runs
 
 #: A foot stands where its toe moves slower than this, metres per second, and is this near to its floor, metres.
-MAX_SPEED_M_S = 0.25
-MAX_HEIGHT_M = 0.06
+_MAX_SPEED_M_S = 0.25
+_MAX_HEIGHT_M = 0.06
 #: The floor of a foot is this quantile of its heights: a dancer's toes go below it by noise only.
 _FLOOR = 0.02
 #: Contacts that last less than this, seconds, are swings of the leg.
@@ -41,8 +41,8 @@ def contact_spans(feet: Float64Array, rate: float) -> list[tuple[int, int]]:
     if len(feet) < 2:
         return []
     steps = np.linalg.norm(np.diff(feet, axis=0), axis=1) * rate
-    slow = np.maximum(np.append(steps, steps[-1]), np.insert(steps, 0, steps[0])) < MAX_SPEED_M_S
-    standing = slow & (feet[:, 1] < np.quantile(feet[:, 1], _FLOOR) + MAX_HEIGHT_M)
+    slow = np.maximum(np.append(steps, steps[-1]), np.insert(steps, 0, steps[0])) < _MAX_SPEED_M_S
+    standing = slow & (feet[:, 1] < np.quantile(feet[:, 1], _FLOOR) + _MAX_HEIGHT_M)
     return runs(standing, _LEAST_S * rate)
 
 

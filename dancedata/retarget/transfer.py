@@ -20,7 +20,7 @@ VERSION = 3
 #: Residuals above this are flagged, metres: about the length of a hand.
 MAX_RESIDUAL_M = 0.15
 #: Joints whose places are compared: skeletons put the others (spine, neck, head, collars, hands) at different places.
-MEASURED = (0, 1, 2, 4, 5, 7, 8, 10, 11, 16, 17, 18, 19, 20, 21)
+_MEASURED = (0, 1, 2, 4, 5, 7, 8, 10, 11, 16, 17, 18, 19, 20, 21)
 #: Twists about a bone are copied, not seen: no joint position shows them.
 _UNSEEN = "twists of limbs are copied and cannot be checked by joint positions"
 
@@ -106,7 +106,7 @@ def retargeted(
     moved = replace(moved, translation=moved.translation + np.array([0.0, lift, 0.0]))
     if feet:
         moved = with_planted_feet(moved, toes * factor, spans)
-    shared = [(k, j) for k, j in enumerate(body.joints) if j in MEASURED]
+    shared = [(k, j) for k, j in enumerate(body.joints) if j in _MEASURED]
     targets = body.places[:, [k for k, _ in shared]] * factor
     apart = np.linalg.norm(moved.joints()[:, [j for _, j in shared]] - targets, axis=-1)
     worst = apart.argmax(axis=1)

@@ -146,7 +146,7 @@ class Figure:
     @property
     def bones(self) -> tuple[tuple[int, int], ...]:
         """Pairs (parent, joint) of the J - 1 bones."""
-        return bones_of(self.skeleton)
+        return _bones_of(self.skeleton)
 
     @cached_property
     def sides(self) -> tuple[int, ...]:
@@ -326,6 +326,6 @@ class Figure:
         return f"Figure({self.n_frames} frames at {self.grid} per second, {self.skeleton.n_joints} joints)"
 
 
-def bones_of(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
+def _bones_of(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
     """Return the pairs (parent, joint) of a skeleton."""
     return tuple((parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0)

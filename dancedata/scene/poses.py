@@ -34,7 +34,7 @@ BODIES: dict[str, tuple[tuple[str, ...], bool]] = {
     "smplx55": (SMPLX55.joints, True),
 }
 #: Body of an array without a declared one, by its number of joints. Of 24 joints the pelvis is unknown.
-BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
+_BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Pose:
         DataError "bad_shape", "empty", "nan" or "missing_joints".
         """
         positions = checked_joints(joints)
-        name = body or BODY_OF.get(positions.shape[1], "")
+        name = body or _BODY_OF.get(positions.shape[1], "")
         joints_of_body = BODIES.get(name)
         if joints_of_body is None or len(joints_of_body[0]) != positions.shape[1]:
             bodies = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())

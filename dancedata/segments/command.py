@@ -14,7 +14,7 @@ from dancedata.files.atomic import atomic_file
 from dancedata.files.segment_files import write_segment_file
 from dancedata.kernel import Clip, Store, open_store, rewrite_segments, stored_recipe
 
-SUFFIXES = (".csv", ".jsonl")
+_SUFFIXES = (".csv", ".jsonl")
 #: The segment of a copy, of a segment of its clip and the name of the clip or group.
 Changed = Callable[[Segment, str], Segment | None]
 
@@ -77,7 +77,7 @@ def segments(
 
 
 def _write(store: Store, file: Path, layer: str | None) -> None:
-    if file.suffix.lower() not in SUFFIXES or file.exists():
+    if file.suffix.lower() not in _SUFFIXES or file.exists():
         raise UsageError("the file exists already" if file.exists() else "not a file of segments", where=file,
                          allowed="a new .csv or .jsonl", fix="choose another --out")  # fmt: skip
     clips = [(clip.id, segments) for clip in store if (segments := store.segments(clip.id, layer))]
@@ -99,14 +99,16 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
             of_file = laid.overlay.segments
             notes.extend(laid.overlay.notes)
         copies, lexicons = _recipe(store)
-        stored_layers: dict[tuple[Any, ...], Layer] = {(layer_id(layer), layer.kind): layer for layer in store.layers}
+        stored_layers: dict[tuple[Any, ...], Layer] = {
+            (_layer_id(layer), layer.kind): layer for layer in store.layers
+        }
         read = [[_with_labels_of(s, stored_layers) for s in segments] for segments in of_file.values()]
         stated = dict(zip(of_file, with_mirrored_words(read, lexicons), strict=True))
-        new = {layer_id(s.layer) for segments in stated.values() for s in segments}
+        new = {_layer_id(s.layer) for segments in stated.values() for s in segments}
         notes.extend(_lost(stated, store))
         return {
             clip.id: [
-                *(s for s in store.segments(clip.id) if layer_id(s.layer) not in new),
+                *(s for s in store.segments(clip.id) if _layer_id(s.layer) not in new),
                 *_of_clip(stated, store, clip, copies),
             ]
             for clip in store
@@ -129,7 +131,7 @@ def _lost(stated: Mapping[str, Sequence[Segment]], store: Store) -> list[str]:
 def _with_labels_of(segment: Segment, by_name: Mapping[tuple[Any, ...], Layer]) -> Segment:
     """Return a segment whose layer also has the units and pairs of labels without a row, as the dataset has them."""
     layer = segment.layer
-    earlier = by_name.get((layer_id(layer), layer.kind))
+    earlier = by_name.get((_layer_id(layer), layer.kind))
     if earlier is None:
         return segment
     units = dict(earlier.units) | dict(layer.units)
@@ -138,7 +140,7 @@ def _with_labels_of(segment: Segment, by_name: Mapping[tuple[Any, ...], Layer]) 
     return replace(segment, layer=replace(layer, units=tuple(sorted(units.items())), mirror=tuple(sorted(pairs))))
 
 
-def layer_id(layer: Layer) -> tuple[str, str, str]:
+def _layer_id(layer: Layer) -> tuple[str, str, str]:
     """Return what makes two layers the same one: name, language, author."""
     return layer.name, layer.language, layer.author
 

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 #: Incremented whenever the bytes for equal parameters change.
 VERSION = 1
 MARKER = "synthetic.json"
-MAX_MARKER_BYTES = 1 << 16
-UNFINISHED = "synthetic.partial.json"
+_MAX_MARKER_BYTES = 1 << 16
+_UNFINISHED = "synthetic.partial.json"
 
 
 def write_synthetic(
@@ -178,14 +178,14 @@ def _write_all(folder: Path, plan: Plan, made_by: dict[str, Any]) -> None:
     for clip in plan.clips:
         _write_clip(folder, clip, made_by["seed"])
     atomic.write_json(folder / MARKER, made_by)
-    (folder / UNFINISHED).unlink()
+    (folder / _UNFINISHED).unlink()
 
 
 def _matching_marker(folder: Path, made_by: dict[str, Any]) -> str | None:
     """Return the marker in the folder that has exactly these parameters, if there is one."""
-    for name in (MARKER, UNFINISHED):
+    for name in (MARKER, _UNFINISHED):
         try:
-            content = read_json(folder / name, MAX_MARKER_BYTES)
+            content = read_json(folder / name, _MAX_MARKER_BYTES)
         except (OSError, ValueError):
             continue
         if content == made_by:
@@ -204,7 +204,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
     marker = _matching_marker(folder, made_by)
     if marker is not None or not names:
         return marker == MARKER
-    existing = next((name for name in (MARKER, UNFINISHED) if name in names), None)
+    existing = next((name for name in (MARKER, _UNFINISHED) if name in names), None)
     if existing is None:
         raise SourceError(
             "synthetic: the source folder contains files that this dataset did not write; nothing was changed",
@@ -224,7 +224,7 @@ def _check_folder(folder: Path, made_by: dict[str, Any]) -> bool:
 
 def _marker_text(path: Path) -> str:
     try:
-        return shown(read_regular(path, MAX_MARKER_BYTES).decode("utf-8", "replace").strip())
+        return shown(read_regular(path, _MAX_MARKER_BYTES).decode("utf-8", "replace").strip())
     except OSError as error:
         return shown(error)
 
@@ -232,7 +232,7 @@ def _marker_text(path: Path) -> str:
 def _claim(folder: Path, made_by: dict[str, Any]) -> None:
     """Create the folders; the marker of an incomplete corpus comes first, so that an interrupted write can resume."""
     folder.mkdir(parents=True, exist_ok=True)
-    atomic.write_json(folder / UNFINISHED, made_by)
+    atomic.write_json(folder / _UNFINISHED, made_by)
     for name in ("motions", "wavs", "cameras", "splits", "truth"):
         (folder / name).mkdir(exist_ok=True)
     for left in folder.rglob("*"):

@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 OFFSETS: Floats = np.array(SMPL24.offsets)
 
 #: A foot joint that moves farther than this in 1/30 s counts as moving: twice EDGE's contact threshold.
-MOVING_M = 0.02
+_MOVING_M = 0.02
 
 #: Largest used fraction of a leg's full length, so that knees never lock.
-REACH = 0.985
+_REACH = 0.985
 
 # Left arm: swing forward (about y), raise (about z), twist (about x), elbow bend (about y), degrees.
 _ARMS = np.array([
@@ -96,7 +96,7 @@ def _truth(time: Timeline, feet: Footwork, positions: Floats, beats_s: Floats, f
         beat_frames=frames,
         key_frames=time.keys[inside],
         planted=still,
-        moving=moved > MOVING_M,
+        moving=moved > _MOVING_M,
         foot_positions=positions.astype(np.float32),
         floor_height_m=floor,
     )
@@ -134,7 +134,7 @@ def _pelvis(time: Timeline, feet: Footwork, root: Rotation, ankles: Floats, rng:
     highest = np.full(time.n_frames, np.inf)
     for side, hip, knee, ankle in ((0, 1, 4, 7), (1, 2, 5, 8)):
         offset = root.apply(OFFSETS[hip])
-        leg = REACH * sum(np.linalg.norm(OFFSETS[[knee, ankle]], axis=1))
+        leg = _REACH * sum(np.linalg.norm(OFFSETS[[knee, ankle]], axis=1))
         apart = ankles[:, side, [0, 2]] - pelvis[:, [0, 2]] - offset[:, [0, 2]]
         drop = np.sqrt(leg**2 - (apart**2).sum(axis=1))
         highest = np.minimum(highest, ankles[:, side, 1] - feet.jump + drop - offset[:, 1])

@@ -16,7 +16,7 @@ from dancedata.core.errors import UsageError
 MOTION_RATE = 60
 
 #: A song is this much longer than the clips danced to it, seconds.
-SONG_TAIL_S = 1.0
+_SONG_TAIL_S = 1.0
 
 #: Two dancers of each AIST++ genre.
 DANCERS: dict[str, tuple[int, int]] = {
@@ -135,7 +135,7 @@ def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
         ClipPlan(name, music, n, split) for (name, music), n, split in zip(named, lengths, splits, strict=True)
     )
     song_plans = tuple(
-        SongPlan(music, 44_100 if k == 1 else 48_000, 1 if k == 1 else 2, clip_s + SONG_TAIL_S)
+        SongPlan(music, 44_100 if k == 1 else 48_000, 1 if k == 1 else 2, clip_s + _SONG_TAIL_S)
         for k, music in enumerate(chosen)
     )
     train = [clip.name for clip in clips if clip.split == "train"]

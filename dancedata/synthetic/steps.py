@@ -19,13 +19,13 @@ Bools = NDArray[np.bool_]
 HOLD, LEFT, RIGHT, JUMP, HEELS, TAP_LEFT, TAP_RIGHT = range(7)
 
 #: Distance of each foot from the middle of the stance, metres.
-STANCE_WIDTH = 0.13
+_STANCE_WIDTH = 0.13
 
 #: Least length of a step, metres, where the feet allow it.
-SHORTEST_STEP = 0.15
+_SHORTEST_STEP = 0.15
 
 #: Most frames of a step in the air (0.4 s); in a slow song the feet wait on the floor.
-LONGEST_SWING = 24
+_LONGEST_SWING = 24
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Timeline:
         """Interpolate key values (K, ...) to frames (N, ...) with min-jerk curves."""
         shape = (-1,) + (1,) * (values.ndim - 1)
         start, stop = values[self.interval], values[self.interval + 1]
-        moved: Floats = start + min_jerk(self.phase).reshape(shape) * (stop - start)
+        moved: Floats = start + _min_jerk(self.phase).reshape(shape) * (stop - start)
         return moved
 
 
@@ -82,7 +82,7 @@ class Footwork:
     jump: Floats
 
 
-def min_jerk(s: Floats) -> Floats:
+def _min_jerk(s: Floats) -> Floats:
     """Return the min-jerk curve of s in [0, 1]: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985)."""
     return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
 
@@ -123,13 +123,13 @@ def make_footwork(time: Timeline, advanced: bool, rng: np.random.Generator) -> F
     # A foot leaves the floor shortly after the previous key and lands exactly on the next one.
     gap = np.diff(time.keys, append=time.keys[-1] + 1)
     start = np.where(swing, rng.uniform(0.08, 0.3, len(actions)), 0.1)
-    start = np.where(actions == JUMP, start, np.maximum(start, 1.0 - LONGEST_SWING / gap))[time.interval]
+    start = np.where(actions == JUMP, start, np.maximum(start, 1.0 - _LONGEST_SWING / gap))[time.interval]
     u = np.clip((time.phase - start) / (1.0 - start), 0.0, 1.0)
     action = actions[time.interval]
     steps = np.stack([action == LEFT, action == RIGHT], axis=1) | (action == JUMP)[:, None]
     taps = np.stack([action == TAP_LEFT, action == TAP_RIGHT], axis=1)
     heels = (action == HEELS)[:, None] & np.array([True, True])
-    hill, ease = bump(u)[:, None], np.where(steps, min_jerk(u)[:, None], 0.0)
+    hill, ease = bump(u)[:, None], np.where(steps, _min_jerk(u)[:, None], 0.0)
     yaws = yaw[time.interval], yaw[time.interval + 1]
     lift = rng.uniform(0.07, 0.14, len(actions))[time.interval][:, None]
     tilt = 0.6 * (1.0 - 2.0 * u)[:, None]
@@ -219,20 +219,20 @@ def _place_feet(actions: Ints, heading: Floats, rng: np.random.Generator) -> tup
     facing = heading[:, None] + 0.2 * sides + rng.uniform(-0.1, 0.1, (count, 2))
     place = np.empty((count, 2, 2))
     yaw = np.empty((count, 2))
-    place[0], yaw[0] = _turn(STANCE_WIDTH * sides[:, None] * [1.0, 0.0], heading[0]), facing[0]
+    place[0], yaw[0] = _turn(_STANCE_WIDTH * sides[:, None] * [1.0, 0.0], heading[0]), facing[0]
     for k in range(1, count):
         place[k], yaw[k] = place[k - 1], yaw[k - 1]
         action = actions[k - 1]
         middle = place[k - 1].mean(axis=0)
         if action == JUMP:
-            apart = _turn(STANCE_WIDTH * sides[:, None] * [1.0, 0.0], heading[k])
+            apart = _turn(_STANCE_WIDTH * sides[:, None] * [1.0, 0.0], heading[k])
             place[k], yaw[k] = 0.7 * middle + 0.3 * noise[k, 0] + apart, facing[k]
         elif action in (LEFT, RIGHT):
             side = 0 if action == LEFT else 1
             spots = place[k, 1 - side] + _turn(_steps(side, noise[k], middle, heading[k]), heading[k])
             length = np.linalg.norm(spots - place[k, side], axis=1)
             # The first that is long enough for a step, or the longest.
-            place[k, side] = spots[np.argmax(np.minimum(length, SHORTEST_STEP))]
+            place[k, side] = spots[np.argmax(np.minimum(length, _SHORTEST_STEP))]
             yaw[k, side] = facing[k, side]
     return place, yaw
 
@@ -241,5 +241,5 @@ def _steps(side: int, noise: Floats, middle: Floats, heading: float) -> Floats:
     """Return places (C, 2) for a foot, sideways and ahead of the standing one, for each row of noise (C, 2)."""
     sign = 1.0 if side == 0 else -1.0
     aim = noise + _turn(-0.5 * middle, np.asarray(-heading))
-    wide = np.clip(2.0 * STANCE_WIDTH + sign * aim[:, 0], 0.18, 0.38) * sign
+    wide = np.clip(2.0 * _STANCE_WIDTH + sign * aim[:, 0], 0.18, 0.38) * sign
     return np.stack([wide, np.clip(aim[:, 1], -0.25, 0.25)], axis=1)

@@ -21,7 +21,7 @@ def check_export(cls: type[Export], folder: Path) -> None:
     """
     check_plugin(cls)
     plugin, folder = cls(), folder.absolute()
-    source, store = build_for_export(plugin, folder)
+    source, store = _build_for_export(plugin, folder)
     outs = [folder / "one" / "export", folder / "two" / "export"]
     for out in outs:
         done = export_dataset(store, plugin, out, source=source, link=out is outs[1])
@@ -33,7 +33,7 @@ def check_export(cls: type[Export], folder: Path) -> None:
     _check_refusal(plugin, folder, source)
 
 
-def build_for_export(plugin: Export, folder: Path) -> tuple[Path, Path]:
+def _build_for_export(plugin: Export, folder: Path) -> tuple[Path, Path]:
     """Build a small dataset from an export's own recipe; returns its source and the dataset."""
     from dancedata.building.build import build
     from dancedata.recipes.parse import parse_recipe

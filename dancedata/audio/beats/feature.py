@@ -170,7 +170,7 @@ class Beats(NetworkFeature):
     def track(self, signal: AudioSignal, *, start_bpm: float | None = None) -> BeatTrack:
         """Return the beats themselves, which have no rate of rows; parameters and errors as for `extract`."""
         if self.source == "librosa":
-            return librosa_beats(signal, start_bpm)
+            return _librosa_beats(signal, start_bpm)
         require("beats", what="beats: the source beat_this")
         from dancedata.audio.beats.by_network import network_beats
         from dancedata.audio.beats.weights import load_network
@@ -180,7 +180,7 @@ class Beats(NetworkFeature):
         return network_beats(signal, self.network((path, str(device)), lambda: load_network(path).to(device)), device)
 
 
-def librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
+def _librosa_beats(signal: AudioSignal, start_bpm: float | None) -> BeatTrack:
     """Return the beats of a signal by librosa, without downbeats; none for silence.
 
     An onset envelope, one tempo for the signal, dynamic programming (Ellis 2007). Frames of the envelope begin at

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 #: Convolutions of the front end, each of which halves the bands and doubles the channels.
-N_HALVINGS = 3
+_N_HALVINGS = 3
 #: Width of the front end's inner layers, as a multiple of its channels.
 _FRONTEND_FACTOR = 4
 
@@ -62,8 +62,8 @@ class Sizes:
     @property
     def possible(self) -> bool:
         """Whether bands and heads have valid divisors."""
-        widths = [self.width, *(self.stem * 2**k for k in range(N_HALVINGS) if self.partial)]
-        return self.bands % (4 * 2**N_HALVINGS) == 0 and self.head > 0 and not any(w % self.head for w in widths)
+        widths = [self.width, *(self.stem * 2**k for k in range(_N_HALVINGS) if self.partial)]
+        return self.bands % (4 * 2**_N_HALVINGS) == 0 and self.head > 0 and not any(w % self.head for w in widths)
 
 
 class BeatNetwork(nn.Module):
@@ -93,9 +93,9 @@ class _Frontend(nn.Module):
         self.stem = nn.ModuleDict(
             {"bn1d": nn.BatchNorm1d(sizes.bands), "conv2d": convolution, "bn2d": nn.BatchNorm2d(sizes.stem)}
         )
-        self.blocks = nn.ModuleList([_Halving(sizes.stem * 2**k, sizes) for k in range(N_HALVINGS)])
-        bands = sizes.bands // (4 * 2**N_HALVINGS)
-        self.linear = nn.Linear(sizes.stem * 2**N_HALVINGS * bands, sizes.width)
+        self.blocks = nn.ModuleList([_Halving(sizes.stem * 2**k, sizes) for k in range(_N_HALVINGS)])
+        bands = sizes.bands // (4 * 2**_N_HALVINGS)
+        self.linear = nn.Linear(sizes.stem * 2**_N_HALVINGS * bands, sizes.width)
 
     def forward(self, spectrum: Tensor) -> Tensor:
         bands = self.stem["bn1d"](spectrum.transpose(1, 2))[:, None]

@@ -12,7 +12,7 @@ N_COLUMNS = 4
 #: Phase where the bars are unknown.
 UNKNOWN = -1.0
 #: Beats of a bar where a signal has a single downbeat.
-USUAL_BAR = 4
+_USUAL_BAR = 4
 #: Beats on each side of an interval that its tempo is measured over.
 _TEMPO_REACH = 3
 
@@ -92,7 +92,7 @@ def bar_positions(downbeats: npt.NDArray[np.bool_]) -> Floats:
     `downbeats`: (B,), with at least one that is true.
     """
     first = np.flatnonzero(downbeats)
-    lengths = np.diff(first) if len(first) > 1 else np.array([USUAL_BAR])
+    lengths = np.diff(first) if len(first) > 1 else np.array([_USUAL_BAR])
     bar = np.maximum(np.cumsum(downbeats) - 1, 0)
     of_bar = lengths[np.minimum(bar, len(lengths) - 1)]
     positions: Floats = bar + (np.arange(len(downbeats)) - first[bar]) / of_bar

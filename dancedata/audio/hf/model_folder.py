@@ -93,7 +93,7 @@ class ModelFolder:
                           allowed="model.safetensors, pytorch_model.bin, or one of their indexes")  # fmt: skip
 
     def _shards(self, index: Path) -> tuple[Path, ...]:
-        weight_map = read_document(index).get("weight_map")
+        weight_map = _read_document(index).get("weight_map")
         names = {str(name) for name in weight_map.values()} if isinstance(weight_map, dict) else set()
         missing = sorted(names - {path.name for path in self.path.iterdir()})
         if missing or not names:
@@ -133,7 +133,7 @@ def open_model(model: str, revision: str | None = None) -> ModelFolder:
             raise UsageError("hf: a revision is a commit of a model on the hub, and this is a folder", where=folder,
                              found=revision,
                              fix="omit revision; the weights are identified by their hash")  # fmt: skip
-        provenance = provenance_of(folder)
+        provenance = _provenance_of(folder)
         return _read(
             folder.absolute(), provenance.get("id") or folder.absolute().name, provenance.get("revision", "")
         )
@@ -171,7 +171,7 @@ def _parsed(path: Path, state: tuple[int, int]) -> dict[str, Any]:
     return document
 
 
-def read_document(path: Path) -> dict[str, Any]:
+def _read_document(path: Path) -> dict[str, Any]:
     """Read a JSON object of a model's folder; SourceError if it is not one."""
     try:
         status = path.stat()
@@ -180,11 +180,11 @@ def read_document(path: Path) -> dict[str, Any]:
     return _parsed(path, (status.st_mtime_ns, status.st_size))
 
 
-def provenance_of(folder: Path) -> dict[str, str]:
+def _provenance_of(folder: Path) -> dict[str, str]:
     """Return what PROVENANCE says: id, revision and licence, texts; empty without such a file."""
     if not (folder / PROVENANCE).is_file():
         return {}
-    record = read_document(folder / PROVENANCE)
+    record = _read_document(folder / PROVENANCE)
     return {key: shown(value) for key, value in record.items() if isinstance(value, str)}
 
 
@@ -194,11 +194,11 @@ def _read(folder: Path, source: str, revision: str) -> ModelFolder:
                           found=listed(sorted(p.name for p in folder.iterdir())) or "an empty folder")  # fmt: skip
     extractor: dict[str, Any] = {}
     if (folder / "preprocessor_config.json").is_file():
-        extractor = read_document(folder / "preprocessor_config.json")
+        extractor = _read_document(folder / "preprocessor_config.json")
     elif (folder / "processor_config.json").is_file():
-        inner = read_document(folder / "processor_config.json").get("feature_extractor")
+        inner = _read_document(folder / "processor_config.json").get("feature_extractor")
         extractor = inner if isinstance(inner, dict) else {}
-    return ModelFolder(folder, read_document(folder / "config.json"), extractor, source, revision)
+    return ModelFolder(folder, _read_document(folder / "config.json"), extractor, source, revision)
 
 
 def _shaping(document: Mapping[str, Any]) -> dict[str, Any]:
@@ -223,4 +223,4 @@ def licence_of(folder: Path) -> str:
             card: Any = ModelCard(text, ignore_metadata_errors=True).data
             named = [str(part) for part in (card.get("license_name"), card.get("license_link")) if part]
             licence = card.license if card.license not in (None, "other") or not named else " ".join(named)
-    return shown(licence or provenance_of(folder).get("licence") or UNKNOWN, _MAX_LICENCE)
+    return shown(licence or _provenance_of(folder).get("licence") or UNKNOWN, _MAX_LICENCE)

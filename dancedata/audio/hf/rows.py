@@ -18,7 +18,7 @@ from scipy import sparse
 from dancedata.audio.hf.families.base import Chunk, Timing
 from dancedata.core.grid import FrameGrid
 
-Method = Literal["area", "linear", "nearest"]
+_Method = Literal["area", "linear", "nearest"]
 Ints = npt.NDArray[Any]
 
 #: Times beyond this are computed with Python's whole numbers, which have no limit.
@@ -114,7 +114,7 @@ def area_overlaps(frames: Frames, n_rows: int) -> tuple[Ints, Ints, Ints]:
     return frame, row.astype(np.int64), end - begin
 
 
-def row_map(frames: Frames, n_rows: int, method: Method) -> RowMap:
+def row_map(frames: Frames, n_rows: int, method: _Method) -> RowMap:
     """Return how frames become rows.
 
     "area": each frame counts for as long as its stretch overlaps with the row's. "linear": between the two frames
@@ -190,10 +190,10 @@ class RowSum:
         return np.concatenate(self._done)
 
 
-def method_of(method: str, timing: Timing, grid: FrameGrid, *, codes: bool) -> Method:
+def method_of(method: str, timing: Timing, grid: FrameGrid, *, codes: bool) -> _Method:
     """Return the method for a value of the key `resample`."""
     if method != "auto":
-        return method  # type: ignore[return-value]  # one of Method: the recipe's type
+        return method  # type: ignore[return-value]  # one of _Method: the recipe's type
     if codes:
         return "nearest"
     return "area" if timing.rate > Fraction(grid.rate) else "linear"

@@ -10,7 +10,7 @@ from typing import Any
 from dancedata.core.errors import UsageError
 
 # EDGE and jukemirlib label every song with one length, in seconds; the labels of all clips follow from it.
-TOTAL_LENGTH_S = 62
+_TOTAL_LENGTH_S = 62
 
 # Hyperparameters that change the arithmetic, with the only value that is implemented: that of the 5b model.
 _FIXED: dict[str, dict[str, Any]] = {
@@ -76,11 +76,11 @@ class JukeboxConfig:
             if getattr(self, whole) % getattr(self, part):
                 raise UsageError(f"JukeboxConfig: {whole} must be a multiple of {part}",
                                  found=f"{getattr(self, whole)} and {getattr(self, part)}")  # fmt: skip
-        if not self.min_duration_s <= TOTAL_LENGTH_S < self.max_duration_s:
+        if not self.min_duration_s <= _TOTAL_LENGTH_S < self.max_duration_s:
             raise UsageError(
                 "JukeboxConfig: the label of the song's length is out of range",
                 found=f"{self.min_duration_s} to {self.max_duration_s} s",
-                allowed=f"a range that includes {TOTAL_LENGTH_S} s, the label of every clip",
+                allowed=f"a range that includes {_TOTAL_LENGTH_S} s, the label of every clip",
             )
 
     @property
@@ -101,7 +101,7 @@ class JukeboxConfig:
     @property
     def total_length(self) -> int:
         """The label "length of the song" in samples, the same for every clip: 2,734,080."""
-        return TOTAL_LENGTH_S * self.sample_rate // self.hop * self.hop
+        return _TOTAL_LENGTH_S * self.sample_rate // self.hop * self.hop
 
     @classmethod
     def from_hparams(cls, hparams: Mapping[str, Any]) -> JukeboxConfig:

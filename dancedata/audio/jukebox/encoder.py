@@ -39,8 +39,8 @@ from dancedata.core.errors import DanceDataError, UsageError
 
 Features = dict[int, NDArray[np.float32]]
 
-DEFAULT_LAYER = 66
-MAX_MATRICES = 4
+_DEFAULT_LAYER = 66
+_MAX_MATRICES = 4
 
 
 class JukeboxEncoder:
@@ -96,7 +96,7 @@ class JukeboxEncoder:
         folder: Path | str,
         *,
         config: JukeboxConfig | None = None,
-        layers: Iterable[int] = (DEFAULT_LAYER,),
+        layers: Iterable[int] = (_DEFAULT_LAYER,),
         device: str | torch.device | None = None,
         precision: str = "auto",
         max_codes: int | None = None,
@@ -320,7 +320,7 @@ class JukeboxEncoder:
         """Return the resampling matrix on the device; the latest ones are cached, 1 MB for a 5-s clip."""
         key = (n_codes, frames)
         if key not in self._matrices:
-            if len(self._matrices) == MAX_MATRICES:
+            if len(self._matrices) == _MAX_MATRICES:
                 self._matrices.pop(next(iter(self._matrices)))
             self._matrices[key] = torch.tensor(resampling_matrix(n_codes, frames), device=self.device)
         return self._matrices[key]

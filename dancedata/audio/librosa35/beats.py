@@ -15,7 +15,7 @@ from dancedata.audio._settings import HOP
 from dancedata.audio.librosa35.arrays import Floats, strided
 from dancedata.audio.librosa35.spectra import hann
 
-Doubles = NDArray[np.float64]
+_Doubles = NDArray[np.float64]
 _WINDOW_S = 8.0
 _MAX_BPM = 320.0
 _FRAMES_AT_ONCE = 256
@@ -42,7 +42,7 @@ def window_beats(envelopes: Floats, tempos: NDArray[np.float64], rate: int, tigh
     return beats
 
 
-def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> Doubles:
+def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> _Doubles:
     """Smooth envelopes of unit deviation by a Gaussian of 1/32 beat; (W, T)."""
     deviation = envelopes.std(axis=1, ddof=1, keepdims=True)
     onsets = envelopes / (deviation + np.finfo(np.float32).tiny)
@@ -60,7 +60,7 @@ def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> Doubles:
     return score
 
 
-def _best_paths(score: Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], Doubles]:
+def _best_paths(score: _Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], _Doubles]:
     """Find for each frame the previous beat, and the score of the best path that ends at it.
 
     Returns: (W, T) frame of the previous beat, or -1.
@@ -105,7 +105,7 @@ def _penalty(
     return np.where(possible, tightness * (deviation * deviation), np.inf)
 
 
-def _last_beats(total: Doubles) -> NDArray[np.int64]:
+def _last_beats(total: _Doubles) -> NDArray[np.int64]:
     """Return the last local maximum of each path score that is at least half the median of its maxima."""
     n_frames = total.shape[1]
     peak = np.zeros(total.shape, dtype=np.bool_)
@@ -130,7 +130,7 @@ def _path(links: list[int], last: int) -> list[int]:
     return path
 
 
-def _trim(score: Doubles, beats: NDArray[np.bool_]) -> None:
+def _trim(score: _Doubles, beats: NDArray[np.bool_]) -> None:
     """Drop beats before the first, and after the last, frame whose score is above half the beats' RMS."""
     strengths = np.convolve(score[beats], [0.0, 0.5, 1.0, 0.5, 0.0])[2 : len(score) + 2]
     strong = score > 0.5 * np.sqrt(strengths @ strengths / len(strengths))

@@ -59,7 +59,7 @@ def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
     return np.asarray(near & (largest > 0)[:, np.newaxis])
 
 
-def decided_onsets(envelope: Floats, rate: int, samples_of: Callable[[int], Floats]) -> NDArray[np.bool_]:
+def _decided_onsets(envelope: Floats, rate: int, samples_of: Callable[[int], Floats]) -> NDArray[np.bool_]:
     """Return which frames of envelopes (W, T) are onsets; where rounding matters, librosa's envelope decides.
 
     `samples_of` is as for `decide_near_ties`.
@@ -92,10 +92,10 @@ def decide_near_ties(
     near = near_ties(chroma, largest)
     for window in np.flatnonzero(near.any(axis=1)).tolist():
         frames = np.flatnonzero(near[window])
-        chroma[window, frames] = librosa_chroma(samples_of(window), frames, tunings[window], rate)
+        chroma[window, frames] = _librosa_chroma(samples_of(window), frames, tunings[window], rate)
 
 
-def librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate: int) -> Floats:
+def _librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate: int) -> Floats:
     """Return librosa's `chroma_cqt` (F, 12), not normalised, of some frames of a signal.
 
     `samples`: (n,) float32 at the features' rate.
@@ -114,7 +114,7 @@ def librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate
     return np.asarray(chroma[:, frames].T)
 
 
-def librosa_tuning(samples: Floats, rate: int) -> int:
+def _librosa_tuning(samples: Floats, rate: int) -> int:
     """Return librosa's `estimate_tuning` of a signal (n,), as the index of the histogram's bar."""
     peaks = [find_peaks(np.abs(spectrum), rate, is_power=False) for spectrum in _librosa_spectra(samples)]
     return window_tuning(Peaks.concatenated(peaks), np.arange(1 + len(samples) // HOP))[0]
@@ -252,7 +252,7 @@ def _features(
     tunings = []
     for window, rows in enumerate(spectra.rows):
         tuning, is_certain = window_tuning(spectra.peaks, rows)
-        tunings.append(tuning if is_certain else librosa_tuning(samples_of(window), rate))
+        tunings.append(tuning if is_certain else _librosa_tuning(samples_of(window), rate))
     tempos = np.empty(len(bpms))
     for bpm in set(bpms):
         same = np.flatnonzero(np.asarray(bpms) == bpm)
@@ -263,7 +263,7 @@ def _features(
     features[..., 0] = envelope
     features[..., 1:21] = mfcc
     features[..., 21:33] = cens(chroma)
-    features[..., 33] = decided_onsets(envelope, rate, samples_of)
+    features[..., 33] = _decided_onsets(envelope, rate, samples_of)
     features[..., 34] = window_beats(envelope, tempos, rate, settings.tightness)
     return features
 

@@ -40,7 +40,7 @@ def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floa
         # A constant affects coefficient 0 only, and smaller numbers lose less to rounding.
         floor = limited.min()
         mfcc[window] = (limited - floor) @ _dct()
-        mfcc[window, :, 0] += floor * np.float32(np.sqrt(N_MELS))
+        mfcc[window, :, 0] += floor * np.float32(np.sqrt(_N_MELS))
         rise = limited[1:] - limited[:-1]
         np.maximum(rise, np.float32(0), out=rise)
         envelope[window, LAG:] = rise.mean(axis=1)[: n_frames - LAG]
@@ -115,13 +115,13 @@ def _leave_out_close_ones(peaks: NDArray[np.bool_], wait: int) -> None:
 @lru_cache(maxsize=1)
 def _dct() -> Floats:
     """Matrix (128, 20) of the orthonormal type-2 cosine transform."""
-    k, n = np.arange(N_MFCC), np.arange(N_MELS)
-    matrix = np.cos(np.pi / N_MELS * np.outer(n + 0.5, k)) * np.sqrt(2.0 / N_MELS)
+    k, n = np.arange(N_MFCC), np.arange(_N_MELS)
+    matrix = np.cos(np.pi / _N_MELS * np.outer(n + 0.5, k)) * np.sqrt(2.0 / _N_MELS)
     matrix[:, 0] /= np.sqrt(2.0)
     return np.ascontiguousarray(matrix, dtype=np.float32)
 
 
-N_MELS = 128
+_N_MELS = 128
 # Power that librosa treats as silence: -100 dB.
 _MIN_POWER = np.float32(1e-10)
 # Frames at once: with their spectra they fit into the processor's cache.
@@ -178,7 +178,7 @@ def _mel_and_peaks(
     import scipy.fft
 
     filters = mel_filters(rate)
-    db = np.empty((n_rows, N_MELS), dtype=np.float32)
+    db = np.empty((n_rows, _N_MELS), dtype=np.float32)
     peaks, done = [], 0
     for stack, kept in blocks:
         power = np.empty((*stack.shape[:2], N_FFT // 2 + 1), dtype=np.float32)
@@ -186,7 +186,7 @@ def _mel_and_peaks(
             spectrum = scipy.fft.rfft(frames, axis=1, overwrite_x=True)
             np.square(spectrum.real, out=row_power)
             row_power += np.square(spectrum.imag)
-        db[done : done + len(kept)] = np.matmul(power, filters).reshape(-1, N_MELS)[kept]
+        db[done : done + len(kept)] = np.matmul(power, filters).reshape(-1, _N_MELS)[kept]
         peaks.append(find_peaks(power.reshape(-1, N_FFT // 2 + 1)[kept], rate, is_power=True))
         done += len(kept)
     np.maximum(db, _MIN_POWER, out=db)
@@ -236,10 +236,10 @@ def hann(length: int) -> NDArray[np.float64]:
 @lru_cache(maxsize=8)
 def mel_filters(rate: int) -> Floats:
     """Slaney's mel filter bank (1025, 128) of librosa, transposed: 0 Hz to half the rate, equal area."""
-    edges_hz = _mel_frequencies(rate / 2, N_MELS + 2)
+    edges_hz = _mel_frequencies(rate / 2, _N_MELS + 2)
     widths = np.diff(edges_hz)
     ramps = np.subtract.outer(edges_hz, np.fft.rfftfreq(N_FFT, 1.0 / rate))
-    weights = np.zeros((N_MELS, N_FFT // 2 + 1), dtype=np.float32)
+    weights = np.zeros((_N_MELS, N_FFT // 2 + 1), dtype=np.float32)
     weights[:] = np.maximum(0, np.minimum(-ramps[:-2] / widths[:-1, np.newaxis], ramps[2:] / widths[1:, np.newaxis]))
     weights *= (2.0 / (edges_hz[2:] - edges_hz[:-2]))[:, np.newaxis]
     return np.ascontiguousarray(weights.T)

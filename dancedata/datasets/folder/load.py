@@ -48,7 +48,7 @@ from dancedata.formats.video_pose import PersonArrays
 
 NO_LENGTH = "BVH bones without length"
 #: Height of a skeleton in a guessed unit, toes to head joint at rest, metres.
-PLAUSIBLE_M = (1.2, 2.2)
+_PLAUSIBLE_M = (1.2, 2.2)
 _UNITS_ALLOWED = f"{', '.join(UNITS)}, or metres per unit, such as 0.0254"
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ def motion_of(arrays: ArrayFile, reading: Reading) -> Motion:
     from scipy.spatial.transform import Rotation
 
     layout = recognised(arrays, reading)
-    facts = array_facts(arrays, layout, reading)
+    facts = _array_facts(arrays, layout, reading)
     if layout.body == "positions":
         return _fitted(arrays, layout, reading, facts)
     translation, rotations, first = on_video_frames(arrays, *read_motion(arrays, layout))
@@ -147,7 +147,7 @@ def _body_at(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[Float
     return body_at(arrays, layout.poses or "", layout.joints or reading.joints, reading.joint_map)
 
 
-def fitting_note(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[str, ...]:
+def _fitting_note(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[str, ...]:
     """Return the note on positions: which joints they are of, and what is not known."""
     if layout.joints:
         names, where = JOINT_SETS[layout.joints], f"{layout.name}'s definition"
@@ -166,7 +166,7 @@ def recognised(arrays: ArrayFile, reading: Reading) -> Layout:
     return recognise(arrays, reading.manifest.layout or reading.recipe.layout or "auto", reading.keys)
 
 
-def array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFacts:
+def _array_facts(arrays: ArrayFile, layout: Layout, reading: Reading) -> FileFacts:
     """Return the facts about a file of arrays; DataError (``undeclared``, ``bad_rate``) if one is unknown."""
     path, found = arrays.path, f"layout {layout.name}, arrays {arrays.listed}"
     if layout.poses == "":
@@ -295,7 +295,7 @@ def bvh_facts(bvh: Bvh, reading: Reading) -> tuple[FileFacts, Rig]:
 
 def _guessed(height: float, unit: Fact[str]) -> tuple[Fact[str], float]:
     """Choose the unit that gives a plausible height; without one scale the body to the height of SMPL's."""
-    low, high = PLAUSIBLE_M
+    low, high = _PLAUSIBLE_M
     fitting = [(name, value) for name, value in UNITS.items() if low <= height * value <= high]
     if fitting:
         name, value = fitting[0]
@@ -391,10 +391,10 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFa
         return notes, SMPL24.name, facts
     with open_person(path, reading.manifest.person) as arrays:
         layout = recognised(arrays, reading)
-        facts = array_facts(arrays, layout, reading)
+        facts = _array_facts(arrays, layout, reading)
         span = seen_in(arrays)
         tracks = arrays.tracks if isinstance(arrays, PersonArrays) else ()
-        fit = fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
+        fit = _fitting_note(arrays, layout, reading) if layout.body == "positions" else ()
     body = "smpl" if layout.body == "positions" else layout.body
     joints = f" on {body}'s {layout.skeleton.n_joints} joints" if layout.name != layout.body else ""
     text = f"{path.suffix.lower()}, layout {layout.name}{joints}: {facts}"

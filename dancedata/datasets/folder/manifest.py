@@ -44,7 +44,7 @@ _PROPOSED = ("guessed", "evidence")
 COLUMNS = (*_ABOUT, *_DECLARED, *SECONDS, "licence", "citation", *_PROPOSED)
 #: Enough for a hundred thousand clips.
 MAX_BYTES = 1 << 24
-MAX_LINE = 1 << 16
+_MAX_LINE = 1 << 16
 MAX_ID = 200
 MAX_TEMPO = 1000.0
 ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, not starting with a dot"
@@ -91,8 +91,8 @@ def read_manifest(path: Path) -> list[Row]:
     if "\n" not in text:
         text = text.replace("\r", "\n")
     for number, line in enumerate(text.split("\n"), start=1):
-        if len(line) > MAX_LINE:
-            raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {MAX_LINE:,}")
+        if len(line) > _MAX_LINE:
+            raise _bad(path, number, "a line is too long", f"{len(line):,} characters", f"at most {_MAX_LINE:,}")
     lines = _csv(path, text) if path.suffix == ".csv" else _jsonl(path, text)
     read = list(lines)
     free = [{name.removeprefix(FREE): value for name, value in v.items() if name.startswith(FREE)} for _, v in read]

@@ -19,7 +19,7 @@ from dancedata.formats.video_pose import PersonArrays, open_people
 from dancedata.formats.video_tracks import MAX_GAP, joined, people_of
 
 #: Frames before a person appears; an hour at 30 FPS.
-MAX_LEAD = 108_000
+_MAX_LEAD = 108_000
 
 Floats = NDArray[np.float64]
 
@@ -116,9 +116,9 @@ def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
         return None
     steps = np.diff(frames)
     gap = int(steps.max()) - 1 if len(steps) else 0
-    if frames[0] < 0 or frames[0] > MAX_LEAD or (steps < 1).any():
+    if frames[0] < 0 or frames[0] > _MAX_LEAD or (steps < 1).any():
         order = f"frames from {frames[0]:,}, {'not ' if (steps < 1).any() else ''}in rising order"
-        allowed = f"frames in rising order from 0 on; the first one at most {MAX_LEAD:,}"
+        allowed = f"frames in rising order from 0 on; the first one at most {_MAX_LEAD:,}"
         raise _missing_frames(arrays.path, "the frames of the video are not in order", order, allowed)
     if gap > MAX_GAP:
         at = int(steps.argmax())

@@ -31,7 +31,7 @@ from dancedata.formats.bvh.producers import REQUIRED, detect, plain
 from dancedata.formats.stated import JOINT_NAMES
 
 #: Names under which files have positions; "" is the only array of a file.
-POSITION_NAMES = (
+_POSITION_NAMES = (
     "positions", "joint_positions", "joints", "joints3d", "joints_3d", "keypoints3d_optim", "keypoints3d",
     "keypoints_3d", "new_joints", "full_pose", "",
 )  # fmt: skip
@@ -84,7 +84,7 @@ Floats = NDArray[np.float64]
 def positions_in(arrays: ArrayFile) -> str | None:
     """Return the name of the array (T, J, 3) that may be joint positions: one of the usual names, or the only one."""
     shaped = [name for name in arrays.names[:100] if _is_positions(arrays, name)]
-    usual = [name for name in POSITION_NAMES if name in shaped]
+    usual = [name for name in _POSITION_NAMES if name in shaped]
     return usual[0] if usual else shaped[0] if len(shaped) == 1 else None
 
 
@@ -161,7 +161,7 @@ def map_names(path: Path, names: Sequence[str], joint_map: Mapping[str, str] | s
     return dict(sorted(of.items()))
 
 
-def body_positions(points: Floats, names: Sequence[str], of: Mapping[int, int]) -> tuple[Floats, list[int]]:
+def _body_positions(points: Floats, names: Sequence[str], of: Mapping[int, int]) -> tuple[Floats, list[int]]:
     """Return positions (T, 24, 3) of SMPL's joints, and the leaves of its tree that are not known."""
     at = np.full((len(points), 24, 3), np.nan)
     for smpl, joint in of.items():
@@ -221,7 +221,7 @@ def body_at(
     """
     names, _ = joint_names(arrays, name, joints)
     rows = finite(arrays, name)
-    return body_positions(rows.reshape(len(rows), -1, 3), names, map_names(arrays.path, names, joint_map))
+    return _body_positions(rows.reshape(len(rows), -1, 3), names, map_names(arrays.path, names, joint_map))
 
 
 def humanml_at(arrays: ArrayFile) -> tuple[Floats, list[int]]:
@@ -242,10 +242,10 @@ def humanml_at(arrays: ArrayFile) -> tuple[Floats, list[int]]:
         )
     representation: Any = REPRESENTATIONS.get("humanml263")()
     points = representation.positions(columns)
-    return body_positions(points, JOINT_SETS["smpl22"], {joint: joint for joint in range(22)})
+    return _body_positions(points, JOINT_SETS["smpl22"], {joint: joint for joint in range(22)})
 
 
-def bone_lengths(at: Floats) -> Floats:
+def _bone_lengths(at: Floats) -> Floats:
     """Return the mean lengths (24,) of the bones from their parents; 0 for the pelvis, NaN for unknown joints."""
     bones = np.zeros((len(at), 24))
     bones[:, 1:] = np.linalg.norm(at[:, 1:] - at[:, list(SMPL24.parents[1:])], axis=-1)
@@ -254,7 +254,7 @@ def bone_lengths(at: Floats) -> Floats:
 
 def height_of(at: Floats) -> float:
     """Return the height of the body from toes, or ankles, to the head joint, as SMPL stands at rest."""
-    lengths = bone_lengths(at)
+    lengths = _bone_lengths(at)
     legs = lengths[[4, 5, 7, 8]].sum() / 2
     scale = legs / (np.linalg.norm(SMPL24.offsets[[4, 5, 7, 8]], axis=1).sum() / 2)
     return float(scale * np.ptp(SMPL_REST[:, 1]))
@@ -265,7 +265,7 @@ def fit_body(path: Path, at: Floats, unseen: Sequence[int], grid: FrameGrid) -> 
 
     Raises DataError: ``bad_skeleton`` for limbs or a trunk without length.
     """
-    lengths = bone_lengths(at)
+    lengths = _bone_lengths(at)
     size = height_of(at)
     trunk = float(np.linalg.norm(at[:, 12] - at[:, 0], axis=-1).mean())
     short = [SMPL24.joints[j] for j in (1, 2, 4, 5, 7, 8, 18, 19, 20, 21) if not lengths[j] > _LEAST_BONE * size]

@@ -22,9 +22,9 @@ from dancedata.datasets.motorica.labels import FOLDERS, Labels, read_labels
 from dancedata.datasets.published import Layout, Listing, PublishedDataset, Splits
 
 #: Seconds from the first frame of LDA's first take to that of its second.
-SECOND_TAKE = Fraction(1, 60)
+_SECOND_TAKE = Fraction(1, 60)
 #: Appended to the id of the copy in train of a recording that LDA lists in train and test.
-COPY = "_lda-train"
+_COPY = "_lda-train"
 #: Genre of each code in the names (README of the dataset).
 GENRES = {
     "LH": "hiphop", "KR": "krump", "PO": "popping", "LO": "locking", "JZ": "jazz", "CH": "charleston", "TP": "tap",
@@ -214,7 +214,7 @@ class Motorica(PublishedDataset):
         ]
         both = [name for name in IN_BOTH if name in of]
         if both:
-            kept = "train's copy is left out" if clean else f"both are kept, train's as {both[0]}{COPY}"
+            kept = "train's copy is left out" if clean else f"both are kept, train's as {both[0]}{_COPY}"
             notes.append(f"Leak: {listed(both)} is in LDA's lists of train and test; {kept}.")
         if songs:
             named = ", ".join(f"{song} ({counted(len(clips), 'recording')})" for song, clips in sorted(songs.items()))
@@ -231,7 +231,7 @@ class Motorica(PublishedDataset):
         )  # fmt: skip
         yield clip
         if ref.id in IN_BOTH and self.split == "official":
-            yield replace(clip, id=f"{ref.id}{COPY}", split="train")
+            yield replace(clip, id=f"{ref.id}{_COPY}", split="train")
 
     @override
     def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
@@ -239,7 +239,7 @@ class Motorica(PublishedDataset):
         clips = super().all_clips(refs, listing, left_out)
         labels = self._labels(listing)
         if labels is not None:
-            names = {clip.id: clip.id.removesuffix(COPY) for clip in clips}
+            names = {clip.id: clip.id.removesuffix(_COPY) for clip in clips}
             clips = [
                 replace(clip, segments=tuple(
                     replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
@@ -316,12 +316,12 @@ class Motorica(PublishedDataset):
 
 def _takes(clip: ClipRef) -> tuple[ClipRef, ClipRef]:
     """Return LDA's two takes of a recording: every other frame of 60 per second, from the first or the second."""
-    segments = tuple(replace(s, start=s.start - SECOND_TAKE, end=s.end - SECOND_TAKE) for s in clip.segments)
+    segments = tuple(replace(s, start=s.start - _SECOND_TAKE, end=s.end - _SECOND_TAKE) for s in clip.segments)
     second = replace(
         clip,
         id=f"{clip.id}_01",
-        audio_start=clip.audio_start + SECOND_TAKE,
-        source_start=(clip.source_start or 0) + SECOND_TAKE,
+        audio_start=clip.audio_start + _SECOND_TAKE,
+        source_start=(clip.source_start or 0) + _SECOND_TAKE,
         segments=segments,
     )
     return replace(clip, id=f"{clip.id}_00"), second

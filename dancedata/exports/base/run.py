@@ -20,7 +20,7 @@ from dancedata.kernel import Progress, Store, is_source, make_named, open_store
 _TEXT = 5000
 
 
-def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
+def _readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
     """Return the README: files, use, notes and origin."""
     name = shown(job.store.info.get("name", job.store.path.name))
     reads = f" Files as `{target.reference}` reads them." if target.reference else ""
@@ -40,7 +40,7 @@ def readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
     return "\n".join(parts)
 
 
-def licence_text(store: Store) -> str:
+def _licence_text(store: Store) -> str:
     """Return the licence and the citations of the source; "" if they are unknown."""
     licence, citation = (shown(store.info.get(key) or "", _TEXT) for key in ("licence", "citation"))
     if not licence:
@@ -184,7 +184,7 @@ def export_dataset(
         job = ExportJob(store, Path(os.path.abspath(out)), source, link, progress or Progress(quiet=True))
         _check_place(job)
         job = replace(job, fields=tuple(name for name in target.reads(job) if name in store.optional_fields))
-        require_complete(target, job, needs_file_names(job) + target.missing(job))
+        _require_complete(target, job, _needs_file_names(job) + target.missing(job))
         store.require_intact()
         with atomic_folder(job.out, overwrite=overwrite, link=link) as folder:
             target.write(job, folder)
@@ -195,7 +195,7 @@ def export_dataset(
     return ExportResult(job.out, record)
 
 
-def require_complete(target: Export, job: ExportJob, missing: list[Missing]) -> None:
+def _require_complete(target: Export, job: ExportJob, missing: list[Missing]) -> None:
     """Raise StoreError with everything that is missing, one line each."""
     if not missing:
         return
@@ -205,7 +205,7 @@ def require_complete(target: Export, job: ExportJob, missing: list[Missing]) -> 
     )
 
 
-def needs_file_names(job: ExportJob) -> list[Missing]:
+def _needs_file_names(job: ExportJob) -> list[Missing]:
     """Return the clips whose id cannot be the name of a file."""
     bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
     if not bad:
@@ -241,10 +241,10 @@ def _finish(target: Export, job: ExportJob, folder: AtomicFolder) -> None:
             f"{counted(folder.linked, 'file')} are hard links of files with equal bytes, of this export or of the "
             "source: a change of one changes the other"
         )
-    licence = licence_text(job.store)
+    licence = _licence_text(job.store)
     if licence:
         folder.write_text(LICENCE, licence)
-    folder.write_text(README, readme_text(target, job, folder.notes))
+    folder.write_text(README, _readme_text(target, job, folder.notes))
     record = {
         "dancedata": __version__,
         "target": target.name,

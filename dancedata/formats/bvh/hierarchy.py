@@ -9,7 +9,7 @@ from pathlib import Path
 from dancedata.core.errors import DataError, did_you_mean
 from dancedata.core.text import quoted, shown
 
-MAX_JOINTS = 1000
+_MAX_JOINTS = 1000
 #: Characters of a joint's name.
 MAX_NAME = 200
 #: Bound of lengths and angles.
@@ -171,8 +171,8 @@ class _Hierarchy:
             raise self._bad(f"a {kind} has no name")
         if len(name) > MAX_NAME:
             raise self._bad(f"the name of a {kind} is too long", shown(name, 60), f"at most {MAX_NAME} characters")
-        if len(self.joints) >= MAX_JOINTS:
-            raise self._bad("too many joints", f"more than {MAX_JOINTS}", f"at most {MAX_JOINTS:,}")
+        if len(self.joints) >= _MAX_JOINTS:
+            raise self._bad("too many joints", f"more than {_MAX_JOINTS}", f"at most {_MAX_JOINTS:,}")
         self._next = _Draft(name, above, self._line, index=len(self.joints))
         self.joints.append(self._next)
 

@@ -108,8 +108,8 @@ def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]
         _spec(GENRES, config.n_genres, width, rows=1),
         _spec(ARTISTS, config.n_artists, width, rows=1),
         _spec(SONG_LENGTH, bins, width),
-        _spec(SONG_POSITION, bins, width, rows=int(song_position_bins(config, n_codes).max()) + 1),
-        _spec(RELATIVE_POSITION, bins, width, rows=int(relative_bins(config, n_codes).max()) + 1),
+        _spec(SONG_POSITION, bins, width, rows=int(_song_position_bins(config, n_codes).max()) + 1),
+        _spec(RELATIVE_POSITION, bins, width, rows=int(_relative_bins(config, n_codes).max()) + 1),
         _spec(CODES, config.codebook_size, width),
         _spec(POSITIONS, config.n_ctx, width, rows=n_codes),
     )
@@ -134,13 +134,13 @@ def all_prior_names(config: JukeboxConfig) -> frozenset[str]:
 # [low, high) falls into bin floor(bins * (v - low) / (high - low)).
 
 
-def song_length_bin(config: JukeboxConfig) -> int:
+def _song_length_bin(config: JukeboxConfig) -> int:
     """Return the bin of the song's labelled length, on [min, max) duration."""
     low, high = config.min_duration_s * config.sample_rate, config.max_duration_s * config.sample_rate
     return int(config.time_bins * (config.total_length - low) / (high - low))
 
 
-def song_position_bins(config: JukeboxConfig, n_codes: int) -> NDArray[np.int64]:
+def _song_position_bins(config: JukeboxConfig, n_codes: int) -> NDArray[np.int64]:
     """(n_codes,) bins of each code's time since the start of the song, on [0, max duration)."""
     samples = np.arange(n_codes, dtype=np.int64) * config.hop
     bins: NDArray[np.int64] = (config.time_bins * samples / (config.max_duration_s * config.sample_rate)).astype(
@@ -149,7 +149,7 @@ def song_position_bins(config: JukeboxConfig, n_codes: int) -> NDArray[np.int64]
     return bins
 
 
-def relative_bins(config: JukeboxConfig, n_codes: int) -> NDArray[np.int64]:
+def _relative_bins(config: JukeboxConfig, n_codes: int) -> NDArray[np.int64]:
     """(n_codes,) bins of each code's time as a part of the song, on [0, 1)."""
     samples = np.arange(n_codes, dtype=np.int64) * config.hop
     bins: NDArray[np.int64] = (config.time_bins * samples / config.total_length).astype(np.int64)
@@ -175,8 +175,8 @@ def time_conditioning(
     """
     import torch
 
-    at_position = torch.from_numpy(song_position_bins(config, n_codes))
-    at_relative = torch.from_numpy(relative_bins(config, n_codes))
+    at_position = torch.from_numpy(_song_position_bins(config, n_codes))
+    at_relative = torch.from_numpy(_relative_bins(config, n_codes))
     # In place: one table of n_codes rows at a time.
-    x_cond = song_length[song_length_bin(config)] + song_position[at_position]
+    x_cond = song_length[_song_length_bin(config)] + song_position[at_position]
     return x_cond.add_(relative_position[at_relative])

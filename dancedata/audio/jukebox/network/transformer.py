@@ -17,7 +17,7 @@ from dancedata.audio.jukebox.network.tensors import BLOCKS, block_tensors
 
 # Jukebox's GELU is u * sigmoid(1.702 u) = silu(1.702 u) / 1.702. The factors go into the two products around it.
 GELU_SLOPE = 1.702
-NORM_EPSILON = 1e-5
+_NORM_EPSILON = 1e-5
 #: Patterns of attention, by the number of the block modulo 3.
 ROW, COLUMN, PREVIOUS_ROW = range(3)
 
@@ -195,15 +195,15 @@ class Block(nn.Module):
         attended = factored_attention(qkv, self.kind, n_clips=n_clips, heads=self.heads, row_length=self.row_length)
         largest = _largest_key(qkv) if self.precision == torch.float16 else None
         del qkv
-        add_product(h, attended, self.attn_c_proj_w, self.attn_c_proj_b)
+        _add_product(h, attended, self.attn_c_proj_w, self.attn_c_proj_b)
         del attended
         hidden = product(self._norm(h, "ln_1"), self.mlp_c_fc_w, self.mlp_c_fc_b, alpha=GELU_SLOPE)
-        add_product(h, silu(hidden, inplace=True), self.mlp_c_proj_w, self.mlp_c_proj_b, alpha=1 / GELU_SLOPE)
+        _add_product(h, silu(hidden, inplace=True), self.mlp_c_proj_w, self.mlp_c_proj_b, alpha=1 / GELU_SLOPE)
         return largest
 
     def _norm(self, h: torch.Tensor, name: str) -> torch.Tensor:
         weight, bias = getattr(self, f"{name}_weight"), getattr(self, f"{name}_bias")
-        return layer_norm(h, weight.shape, weight, bias, NORM_EPSILON).to(self.precision)
+        return layer_norm(h, weight.shape, weight, bias, _NORM_EPSILON).to(self.precision)
 
 
 def _largest_key(qkv: torch.Tensor) -> torch.Tensor:
@@ -280,7 +280,7 @@ def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha:
     return torch.addmm(bias, x, weight.to(x.dtype), alpha=alpha)
 
 
-def add_product(
+def _add_product(
     total: torch.Tensor, x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0
 ) -> None:
     """Add a linear layer to the fp32 residual stream `total` (N, out), in place; otherwise as `product`."""

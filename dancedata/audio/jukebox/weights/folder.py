@@ -27,7 +27,7 @@ LICENCE = (
     "them on must include that license. They are not part of dancedata, whose own licence does not cover them."
 )
 #: Sizes of a network other than the 5b model, in the folder of its weights.
-HPARAMS_FILE = "hparams.json"
+_HPARAMS_FILE = "hparams.json"
 #: Marks a converted folder, see `conversion`.
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
@@ -82,7 +82,7 @@ def config_of(folder: Path) -> JukeboxConfig:
     """Return the sizes of a folder's network: from jukebox.json or hparams.json, else those of the real model."""
     if is_converted(folder):
         return read_description(folder).config
-    path = folder / HPARAMS_FILE
+    path = folder / _HPARAMS_FILE
     if not path.exists():
         return JukeboxConfig()
     try:
@@ -115,13 +115,13 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
                           fix="get both with `dancedata pull jukebox`")  # fmt: skip
     found = {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
     others = [name for name in found if found[name] != SHA256[name]]
-    if others and not (folder / HPARAMS_FILE).exists():
+    if others and not (folder / _HPARAMS_FILE).exists():
         raise SourceError(
             "files of Jukebox's weights are not OpenAI's",
             where=folder,
             found=", ".join(f"{name} with SHA-256 {found[name]}" for name in others),
             allowed=", ".join(SHA256[name] for name in others),
-            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {HPARAMS_FILE}",
+            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {_HPARAMS_FILE}",
         )
     return found
 

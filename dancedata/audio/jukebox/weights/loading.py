@@ -144,7 +144,7 @@ def load_prior(
     for index, is_resident in enumerate(placement.resident):
         block = empty_block(config, index, precision)
         pinned = device.type == "cuda" and not is_resident
-        fill_block(block, source, device if is_resident else torch.device("cpu"), pinned=pinned)
+        _fill_block(block, source, device if is_resident else torch.device("cpu"), pinned=pinned)
         blocks.append(block)
     stream = BlockStream(blocks, placement.resident, device)
     return Prior(config, start.to(device), code_table.to(device), positions.to(device), stream)
@@ -169,7 +169,7 @@ def empty_block(config: JukeboxConfig, index: int, precision: torch.dtype) -> Bl
         return Block(config, index, precision)
 
 
-def fill_block(block: Block, source: TensorSource, device: torch.device, *, pinned: bool) -> None:
+def _fill_block(block: Block, source: TensorSource, device: torch.device, *, pinned: bool) -> None:
     """Load the weights of a block, one tensor at a time."""
     for spec in block.specs:
         stored = source.read(spec.name, spec.rows)
