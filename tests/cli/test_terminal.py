@@ -1,7 +1,6 @@
 """Text on a terminal: with colours; in pipes and logs as it is. Commands run in a pseudo-terminal."""
 
 import fcntl
-import io
 import os
 import pty
 import re
@@ -16,6 +15,7 @@ from dancedata.cli.cache import age_text
 from dancedata.cli.terminal import say
 from dancedata.comparison import Difference, Differences
 from tests.commands import run
+from tests.execution.test_progress import Terminal
 
 
 def on_a_terminal(columns: int, *args: object, **environment: str) -> str:
@@ -49,11 +49,6 @@ def test_colours_on_a_terminal_alone(tmp_path: Path):
     assert written.startswith("\x1b[1;31merror\x1b[0m: ")
     assert "\x1b" not in in_a_pipe
     assert not re.search(r"\x1b\[[\d;]*3\d", on_a_terminal(80, "info", there, NO_COLOR="1"))
-
-
-class Terminal(io.StringIO):
-    def isatty(self) -> bool:
-        return True
 
 
 @pytest.mark.parametrize(

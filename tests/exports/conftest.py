@@ -3,7 +3,7 @@
 import io
 import shutil
 import wave
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,9 +11,11 @@ from typing import Any
 import pytest
 
 import dancedata
+from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.registry import DATASETS
 from dancedata.exports.base.run import ExportResult
 from dancedata.synthetic import write_synthetic
+from tests.features import bailando438_rows
 
 AIST = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 5, "stride_s": 0.5}}
 RECIPES: dict[str, dict[str, Any]] = {
@@ -116,3 +118,11 @@ def export(tmp_path: Path, built: Callable[[str], Built]) -> Callable[..., Expor
         return dancedata.export(dataset.path, to, tmp_path / out, progress=False, **options)
 
     return run
+
+
+@pytest.fixture(scope="module")
+def quick_bailando438() -> Iterator[None]:
+    """Rows that take no time; tests/audio has the columns."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Bailando438, "extract", bailando438_rows)
+        yield

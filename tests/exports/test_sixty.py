@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.errors import DataError, StoreError
 from dancedata.exports.bailando import json_of
 from dancedata.exports.base.run import ExportResult
 from dancedata.exports.fact import crc32c, example, record
 from tests.exports.conftest import cut
-from tests.features import bailando438_rows
 from tests.messages import raises_message
 
 #: The clips of both songs.
@@ -24,11 +22,7 @@ BREAK = ["gBR_sBM_cAll_d04_mBR0_ch01", "gBR_sBM_cAll_d05_mBR0_ch02"]
 HOUSE = ["gHO_sBM_cAll_d19_mHO3_ch03", "gHO_sFM_cAll_d20_mHO3_ch01"]
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Bailando438, "extract", bailando438_rows)
-        yield
+pytestmark = pytest.mark.usefixtures("quick_bailando438")
 
 
 def arrays(path: Path) -> dict[str, Any]:

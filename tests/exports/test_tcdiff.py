@@ -2,7 +2,6 @@
 
 import pickle
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,10 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.music.signal import load_audio
-from tests.features import bailando438_rows
 from tests.messages import raises_message
 
 RECIPE: dict[str, Any] = {
@@ -26,11 +23,7 @@ RECIPE: dict[str, Any] = {
 DUET, FIVE = "-Ab_cdEf123_01_0_180", "Zz9_8-7_6Q1_02_300_481"
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Bailando438, "extract", bailando438_rows)
-        yield
+pytestmark = pytest.mark.usefixtures("quick_bailando438")
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ from dancedata.execution.units import run_units
 from dancedata.files import cache_files
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import verify_store
+from tests.execution.test_cache import damage
 
 DOCUMENT: dict[str, Any] = {
     "recipe": 1,
@@ -216,16 +217,6 @@ def test_an_entry_that_is_lost_during_a_build_is_computed_again(run, out, tmp_pa
     monkeypatch.setattr(build_module, "compute_clips", losing)
     run()
     assert hashes(out) == whole
-
-
-def damage(cache: Path) -> int:
-    """Change a bit of the last value of every array of a cache; returns how many there are."""
-    paths = sorted(cache.rglob("*.npy"))
-    for path in paths:
-        data = bytearray(path.read_bytes())
-        data[-20] ^= 1
-        path.write_bytes(data)
-    return len(paths)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
