@@ -30,7 +30,7 @@ from dancedata.execution.cache import Cache, CachedArray
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import unit_runner
 from dancedata.store import Store
-from dancedata.store.normalize import Reader
+from dancedata.store.normalize import TrainingData
 
 __all__ = ["FeatureCache"]
 
@@ -60,7 +60,7 @@ class FeatureCache:
         song: str | Path,
         field: str = "librosa35",
         *,
-        like: str | Path | Store | Reader | None = None,
+        like: str | Path | Store | TrainingData | None = None,
         fps: Number = 30,
         bpm: float | None = None,
         windows: tuple[int, int] | None = None,

@@ -23,7 +23,6 @@ __all__ = [
     "Music",
     "MusicField",
     "Progress",
-    "Reader",
     "Recipe",
     "RecipeLike",
     "Requirements",
@@ -38,6 +37,7 @@ __all__ = [
     "StartFinder",
     "Store",
     "Take",
+    "TrainingData",
     "Transform",
     "WindowRule",
     "alike_songs",
@@ -102,7 +102,7 @@ if TYPE_CHECKING:
     from dancedata.store.clip_view import Clip, Clips
     from dancedata.store.dataset import Store, open_store
     from dancedata.store.listing import DatasetFiles
-    from dancedata.store.normalize import Reader, Scaler
+    from dancedata.store.normalize import Scaler, TrainingData
     from dancedata.store.schema import DATASET_FILE, Field
     from dancedata.store.songs import songs_of
 else:  # type checkers take the imports above, and so find misspelt names
@@ -125,7 +125,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "Music": "dancedata.building.inputs",
             "MusicField": "dancedata.building.fields.music",
             "Progress": "dancedata.execution.progress",
-            "Reader": "dancedata.store.normalize",
+            "TrainingData": "dancedata.store.normalize",
             "Recipe": "dancedata.recipes.recipe",
             "RecipeLike": "dancedata.building.arguments",
             "Requirements": "dancedata.execution.requirements",

@@ -20,11 +20,11 @@ from dancedata.execution.units import Jobs
 from dancedata.recipes.parse import stored_recipe
 from dancedata.recipes.plugins import frame_grid, make_named
 from dancedata.store import Store, open_store
-from dancedata.store.normalize import Reader
+from dancedata.store.normalize import TrainingData
 from dancedata.store.songs import music_hashes
 
 
-def dataset_like(like: str | Path | Store | Reader | None) -> Store | None:
+def dataset_like(like: str | Path | Store | TrainingData | None) -> Store | None:
     """Return the dataset that a path, or a reader, names."""
     if isinstance(like, str | Path):
         return open_store(Path(like).expanduser())

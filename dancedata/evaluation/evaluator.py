@@ -24,7 +24,7 @@ from dancedata.evaluation.protocol import Protocol, protocol_named
 from dancedata.evaluation.report import Report, report_of
 from dancedata.evaluation.samples import Trace, gather_by_torch, sample_lengths
 from dancedata.evaluation.scores import DRAWS
-from dancedata.kernel import Cache, Reader, Sample, Samples, Scaler, Store
+from dancedata.kernel import Cache, Sample, Samples, Scaler, Store, TrainingData
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import of_sample
 from dancedata.scene.like import opened, scaling_of, store_of
@@ -107,7 +107,7 @@ class Evaluator:
 
     def __init__(
         self,
-        like: str | Path | Store | Reader,
+        like: str | Path | Store | TrainingData,
         field: str | None = None,
         *,
         protocol: str | Protocol = "dancedata",

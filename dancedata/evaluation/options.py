@@ -22,7 +22,7 @@ from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
 from dancedata.evaluation.scores import DRAWS
 from dancedata.files.addresses import local_folder
-from dancedata.kernel import DATASET_FILE, Reader, Sample, Scaler, Store, make_named, open_store
+from dancedata.kernel import DATASET_FILE, Sample, Scaler, Store, TrainingData, make_named, open_store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
 from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
@@ -71,7 +71,7 @@ class EvaluationOptions:
     pool_split: str | None = None
     role: Role | None = None
     like: Store | None = None
-    reader: Reader | None = None
+    reader: TrainingData | None = None
     field: str | None = None
     normalized: bool | None = None
     scaler: Scaler | str | Path | None = None

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TypeAlias
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.kernel import Reader, Scaler, Store, open_store
+from dancedata.kernel import Scaler, Store, TrainingData, open_store
 from dancedata.scene.scaling import Scaling
 from dancedata.store.normalize import scaler_from
 
 #: An open dataset, or a reader of it.
-Like = Store | Reader
+Like = Store | TrainingData
 #: What samples are like: a dataset, open or not, or a reader of it.
 DatasetLike: TypeAlias = Like | str | Path | None
 #: A scaler, or its file.
@@ -39,7 +39,7 @@ def scaling_of(
     columns: tuple[str, ...],
     *,
     normalized: bool | None = None,
-    scaler: Scaler | str | Path | Reader | None = None,
+    scaler: Scaler | str | Path | TrainingData | None = None,
     clamp: bool = False,
 ) -> Scaling:
     """Return the scaling of a field that a caller states.

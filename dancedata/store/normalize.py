@@ -29,8 +29,8 @@ _ABOUT = ("scaler", "field", "columns", "dataset", "dtype")
 _MAX_BYTES = 1 << 24
 
 
-class Reader(Protocol):
-    """A `WindowDataset` or `ClipDataset`, which has the scalers of its fields."""
+class TrainingData(Protocol):
+    """A `WindowDataset` or `ClipDataset` with the scalers of its fields; a reader is what reads a source."""
 
     @property
     def store(self) -> Any:
@@ -284,7 +284,7 @@ class Scaler:
         return x.astype(dtype, copy=False), [operand.astype(dtype) for _, operand in self.steps]
 
 
-def scaler_from(source: Scaler | str | Path | Reader, field: str) -> Scaler:
+def scaler_from(source: Scaler | str | Path | TrainingData, field: str) -> Scaler:
     """Return a scaler, that of its file, or that of a reader of a field; UsageError for anything else."""
     if isinstance(source, Scaler | str | Path):
         return source if isinstance(source, Scaler) else Scaler.load(source)

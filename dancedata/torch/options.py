@@ -13,7 +13,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.store.columns import MAX_ROWS
-from dancedata.store.normalize import Reader, Scaler
+from dancedata.store.normalize import Scaler, TrainingData
 from dancedata.torch.music_beats import StartAt
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ Share = float
 #: A filter as callers name it: a plug-in, or its name and parameters as in a recipe.
 FilterLike: TypeAlias = "WindowFilter | Mapping[str, Any] | None"
 #: A scaler as callers name it: itself, its file, those of several fields, or a reader that has them.
-ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | Reader
+ScalerLike = Scaler | str | Path | Mapping[str, Scaler | str | Path] | TrainingData
 
 
 @dataclass(frozen=True)
