@@ -163,9 +163,10 @@ def study(
     Raters open the page offline, and send back a CSV file of answers. The first system has the music.
     """
     if all(path.suffix.lower() == ".csv" for path in paths):
+        from dancedata.files.listing import named_files
         from dancedata.study.results import read_results, results_of
 
-        results = results_of(*read_results(paths))
+        results = results_of(*read_results(named_files(paths, (".csv",))))
         return Output(results.to_json, lambda: str(results), warnings=results.notes)
     from dancedata.scene.selection import ViewRequest
     from dancedata.store.schema import DATASET_FILE

@@ -70,6 +70,7 @@ def places(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
         ("export DEMO --to card --link -o out.md", 2, "usage"), ("features nowhere.wav", 2, "usage"),
         ("pull jukebox", 2, "usage"), ("pull s3://b/x -o out", 2, "usage"), ("pull nothing", 2, "usage"),
         ("push DEMO nowhere", 2, "usage"), ("study DEMO DEMO", 2, "usage"), ("study a.csv", 1, "broken_file"),
+        ("study answers*.csv", 2, "usage"), ("evaluate nothing*.npy", 2, "usage"),
         ("cache", 0, "stages"), ("cache verify", 0, "damaged"), ("cache prune", 2, "usage"),
         ("cache shrink", 2, "usage"), ("cache verify --dry-run", 2, "usage"), ("cache --remove", 2, "usage"),
         ("init empty", 1, "source"), ("init SOURCE --in-tree", 2, "usage"),
