@@ -214,7 +214,7 @@ class ViewSelection:
         Raises UsageError, StoreError, SourceError, DataError: if the dataset, the files, the clip or the source
             cannot be used.
         """
-        request = request.beside_truth()
+        asked, request = request, request.beside_truth()
         scenes = request.scenes()
         sounds: Sounds | None = None
         if isinstance(scenes, Scenes):
@@ -227,7 +227,7 @@ class ViewSelection:
         added = comparisons[len(comparisons) - len(request.compare) :]
         item, loop = request.first(scenes, added)
         if request.wall:
-            wall = Wall(scenes, added, apart=not request.overlay)
+            wall = Wall(scenes, added, "truth" if request is not asked else "", apart=not request.overlay)
             item = wall.wall_of(item) if request.clip or (added and not item.members) else wall.items[0]
             return cls(request, wall, None if sounds is None else WallSounds(wall, sounds), (), item, loop, "")
         return cls(request, scenes, sounds, comparisons, item, loop, added[0].name if added else "")
