@@ -27,7 +27,7 @@ class TemplateName(Metric):
 
     version: ClassVar[int] = 1  # raise it whenever the same dance gives other numbers
     source: ClassVar[str] = "paper and equation, or repository and file"
-    better: ClassVar[dict[str, Better]] = {"reach": "closer"}
+    better: ClassVar[dict[str, Better]] = {"template_name": "closer"}
 
     least_s: float = 1.0
 
@@ -39,7 +39,7 @@ class TemplateName(Metric):
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of the numbers of a clip."""
-        return ("reach",)
+        return ("template_name",)
 
     def measure(self, dance: Dance) -> Float64Array:
         """Return the numbers of one clip, (1,); +Y is up, joint 0 is the root."""
