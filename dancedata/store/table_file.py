@@ -152,7 +152,7 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
             paths = [f"clips/{f.path}/{name}" for name in f.span_columns]
             values = [np.asarray(source.column(path, n_clips, "int"), dtype=np.int64) for path in paths]
             n_rows = np.repeat([shard.fields[f.name][1] for shard in shards], np.diff(shard_begin))
-            spans[f.name] = check_spans(f, *values, n_rows=n_rows.astype(np.int64), where=where)
+            spans[f.name] = check_spans(f, *values, n_rows=n_rows.astype(np.int64, copy=False), where=where)
         tables = Tables(
             splits=description.splits,
             columns=columns | free,

@@ -229,8 +229,8 @@ def check_spans(
     `n_rows` (N,) are the rows of the field in each clip's shard.
     """
     begin = first if offset is None else first - offset
-    bad = (begin < 0) | (begin > _FARTHEST) | (available < 0) | (first > n_rows)
-    bad |= available > n_rows - np.where(bad, 0, first)
+    # As unsigned numbers, those below 0 are the largest.
+    bad = (begin.view(np.uint64) > _FARTHEST) | (available < 0) | (available > n_rows - first)
     if bad.any():
         k = int(np.argmax(bad))
         actual = f"clip {k} from row {first[k]} on, {available[k]} rows"

@@ -300,11 +300,11 @@ class GroupReader(BatchReader):
             for field in self.fields:
                 target = out[field.name][nth]
                 if field.name not in self._per_dancer:
-                    self._copy(field, self._shared(field, plan, nth), target)
+                    target[...] = field.scale(self._shared(field, plan, nth))
                     continue
                 rows = self._rows_of_group(field, plan, nth, members)
                 for person in range(len(members)):
-                    self._copy(field, rows[person], target[person])
+                    target[person] = field.scale(rows[person])
                 target[len(members) :] = blank_of(self._store, field.name)
             for name in self._augmenter.dropped(plan.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
@@ -371,7 +371,3 @@ class GroupReader(BatchReader):
         rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
         field.read(plan.places[nth], shift, plan.mirrored[nth], rows)
         return rows
-
-    @staticmethod
-    def _copy(field: FieldReader, rows: Array, target: Array) -> None:
-        target[...] = field.scale(rows)

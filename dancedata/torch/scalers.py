@@ -91,7 +91,11 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
                     fix="read it without mirror; the codes of mirrored dances are those of a dataset of their own",
                 )
             if field.columns.mirror is None:
-                raise _no_mirror(store, field.name)
+                raise UsageError(
+                    f"field {field.name!r} cannot be mirrored: its columns do not define a mirror image",
+                    where=str(store.path),
+                    fix="read it without mirror, or leave the field out",
+                )
             mirrors[field.name] = field.columns.mirror
     return mirrors
 
@@ -165,11 +169,3 @@ def _fit(store: Store, name: str, pieces: Iterable[npt.NDArray[Any]]) -> Scaler:
         raise UsageError("there are no rows to fit a scaler on", fix="give scale=None")
     stored = store.scaler(name).sha256 if name in store.stats["fields"] else ""
     return Scaler("minmax", low, high, dtype=field.dtype, field=name, columns=field.columns.labels, dataset=stored)
-
-
-def _no_mirror(store: Store, field: str) -> UsageError:
-    return UsageError(
-        f"field {field!r} cannot be mirrored: its columns do not define a mirror image",
-        where=str(store.path),
-        fix="read it without mirror, or leave the field out",
-    )
