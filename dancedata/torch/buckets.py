@@ -1,7 +1,7 @@
 """BucketSampler: batches of samples of similar length."""
 
 from collections.abc import Iterator, Mapping
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -129,14 +129,14 @@ class BucketSampler(Sampler[list[int]]):
         """Go to the start of an epoch; the current epoch keeps its position."""
         self.order_of_batches.set_epoch(epoch)
 
-    def state_dict(self) -> dict[str, int]:
-        """Return the position of the sampler, {"epoch", "position"}, in batches; with prefetching see `at`."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return the state of `EpochSampler`, its position in batches; with prefetching see `at`."""
         return self.order_of_batches.state_dict()
 
-    def at(self, epoch: int, consumed: int) -> dict[str, int]:
+    def at(self, epoch: int, consumed: int) -> dict[str, Any]:
         """Return the state of a trainer that has consumed this many of this rank's batches of an epoch."""
         return self.order_of_batches.at(epoch, consumed)
 
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``."""
         self.order_of_batches.load_state_dict(state)

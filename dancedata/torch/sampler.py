@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sized
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -190,11 +191,14 @@ class EpochSampler(Sampler[int]):
         if number != self._epoch:
             self._move(number, 0)
 
-    def state_dict(self) -> dict[str, int]:
-        """Return the position of the sampler, {"epoch", "position"}; with prefetching see `at`."""
+    def state_dict(self) -> dict[str, Any]:
+        """Return the position of the sampler, {"epoch", "position", "order"}; with prefetching see `at`.
+
+        `order` says what the order of an epoch follows from: a position is of that order alone.
+        """
         return self.at(self._epoch, self._position)
 
-    def at(self, epoch: int, consumed: int) -> dict[str, int]:
+    def at(self, epoch: int, consumed: int) -> dict[str, Any]:
         """Return the state of a trainer that has consumed this many samples of an epoch; changes nothing.
 
         Parameters
@@ -213,10 +217,10 @@ class EpochSampler(Sampler[int]):
                              allowed=f"0 to {self._length}",
                              fix="count this rank's samples, from the start of the epoch")  # fmt: skip
         if consumed and consumed == self._length:
-            return {"epoch": epoch + 1, "position": 0}
-        return {"epoch": epoch, "position": consumed}
+            epoch, consumed = epoch + 1, 0
+        return {"epoch": epoch, "position": consumed, "order": self._order_text}
 
-    def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, int]:
+    def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, Any]:
         """Return the state after a number of steps since the start of epoch 0; changes nothing.
 
         A step takes `batch_size` samples of every rank, the last step of an epoch the rest: the same samples, on
@@ -247,7 +251,7 @@ class EpochSampler(Sampler[int]):
             return 0
         return self._length // batch_size if drop_last else -(-self._length // batch_size)
 
-    def at_total(self, epoch: int, consumed: int) -> dict[str, int]:
+    def at_total(self, epoch: int, consumed: int) -> dict[str, Any]:
         """Return the state from which all ranks together have consumed this many samples of an epoch.
 
         For a run that continues with another number of ranks. Every remaining sample follows once; if `consumed` is
@@ -255,19 +259,32 @@ class EpochSampler(Sampler[int]):
         """
         return self.at(epoch, whole("consumed", consumed) // self.world_size)
 
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``.
 
         Raises
         ------
         UsageError
-            If the state has other keys, or a position beyond an epoch of this sampler.
+            If the state has other keys, a position beyond an epoch of this sampler, or one within an epoch of another
+            order: of another number of samples or ranks, or another seed.
         """
-        if not isinstance(state, Mapping) or set(state) != {"epoch", "position"}:
+        if not isinstance(state, Mapping) or set(state) - {"order"} != {"epoch", "position"}:
             raise UsageError("this is not the state of an EpochSampler", found=shown(state),
-                             allowed="a mapping of epoch and position", fix="give sampler.state_dict()")  # fmt: skip
+                             allowed="a mapping of epoch, position and order",
+                             fix="give sampler.state_dict()")  # fmt: skip
         start = self.at(state["epoch"], state["position"])
+        if start["position"] and state.get("order") != self._order_text:
+            raise UsageError("this is a position in an epoch of another order", found=shown(state.get("order")),
+                             allowed=self._order_text,
+                             fix="make the sampler as it was, or state what all ranks have consumed: "
+                                 "sampler.at_total(epoch, consumed)")  # fmt: skip
         self._move(start["epoch"], start["position"])
+
+    @property
+    def _order_text(self) -> str:
+        """All that `order` depends on, beside the epoch and the rank."""
+        text = f"{self.n_samples} samples, seed {self.seed if self.shuffle else None}, {self.world_size} ranks"
+        return text if self.block is None else f"{text}, blocks of {self.block}"
 
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1

@@ -313,9 +313,9 @@ def test_any_number_of_ranks_resumes_after_the_consumed_samples() -> None:
 def test_steps_of_a_sampler(store: Store) -> None:
     sampler = EpochSampler(100, seed=0)
     assert (sampler.steps(8), sampler.steps(8, drop_last=True)) == (13, 12)
-    assert sampler.at_step(0, 8) == {"epoch": 0, "position": 0}
-    assert sampler.at_step(15, 8) == {"epoch": 1, "position": 16}
-    assert sampler.at_step(15, 8, drop_last=True) == {"epoch": 1, "position": 24}
+    assert sampler.at_step(0, 8) == sampler.at(0, 0)
+    assert sampler.at_step(15, 8) == sampler.at(1, 16)
+    assert sampler.at_step(15, 8, drop_last=True) == sampler.at(1, 24)
     with raises_message(UsageError, "step"):
         sampler.at_step(1, 101, drop_last=True)
 

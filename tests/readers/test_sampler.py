@@ -51,30 +51,35 @@ def test_ranks_get_equally_many_and_share_nothing(n_samples: int, world_size: in
         assert set(everything) == set(range(n_samples))
 
 
-def test_state_is_two_numbers_and_resumes() -> None:
+def _where(state: dict[str, Any]) -> tuple[int, int]:
+    return state["epoch"], state["position"]
+
+
+def test_state_resumes() -> None:
     sampler = EpochSampler(50, seed=2)
     list(sampler)
     passed = iter(sampler)
     list(islice(passed, 17))
     state = sampler.state_dict()
-    assert state == {"epoch": 1, "position": 17}
+    assert _where(state) == (1, 17)
     resumed = EpochSampler(50, seed=2)
     resumed.load_state_dict(state)
     assert list(resumed) == list(passed)
-    assert resumed.state_dict() == sampler.state_dict() == {"epoch": 2, "position": 0}
+    assert resumed.state_dict() == sampler.state_dict()
+    assert _where(sampler.state_dict()) == (2, 0)
 
 
 def test_last_sample_handed_out_is_the_start_of_the_next_epoch() -> None:
     sampler = EpochSampler(3)
     assert len(list(islice(sampler, 3))) == 3
-    assert sampler.state_dict() == {"epoch": 1, "position": 0}
+    assert _where(sampler.state_dict()) == (1, 0)
 
 
 def test_at_counts_consumed_samples() -> None:
     sampler = EpochSampler(10, rank=0, world_size=2)
-    assert sampler.at(4, 0) == {"epoch": 4, "position": 0}
-    assert sampler.at(4, 3) == {"epoch": 4, "position": 3}
-    assert sampler.at(4, 5) == {"epoch": 5, "position": 0}
+    assert _where(sampler.at(4, 0)) == (4, 0)
+    assert _where(sampler.at(4, 3)) == (4, 3)
+    assert _where(sampler.at(4, 5)) == (5, 0)
     with raises_message(UsageError, "count"):
         sampler.at(4, 6)
     with raises_message(UsageError, "consumed"):
@@ -83,7 +88,7 @@ def test_at_counts_consumed_samples() -> None:
 
 def test_set_epoch_keeps_the_position_of_the_same_epoch() -> None:
     sampler = EpochSampler(50, seed=2)
-    sampler.load_state_dict({"epoch": 3, "position": 10})
+    sampler.load_state_dict(sampler.at(3, 10))
     sampler.set_epoch(3)
     assert (sampler.epoch, sampler.position) == (3, 10)
     sampler.set_epoch(5)
@@ -95,7 +100,7 @@ def test_an_abandoned_iteration_moves_nothing() -> None:
     sampler = EpochSampler(50, seed=2)
     abandoned = iter(sampler)
     next(abandoned)
-    sampler.load_state_dict({"epoch": 7, "position": 9})
+    sampler.load_state_dict(sampler.at(7, 9))
     assert len(list(abandoned)) == 49
     assert (sampler.epoch, sampler.position) == (7, 9)
 
@@ -180,3 +185,15 @@ def test_blocks_are_announced_before_they_are_read() -> None:
         assert index in soon[-1][0]
         assert len(soon) == number // 20 + 1
     assert [len(block) for block in soon[0]] == [20, 20, 20]  # and the next two
+
+
+@pytest.mark.parametrize(
+    "differs", [{"seed": 3}, {"n": 51}, {"rank": 0, "world_size": 2}, {"block": 10}, {"shuffle": False}]
+)
+def test_a_position_of_another_order_is_refused(differs: dict[str, Any]) -> None:
+    options: dict[str, Any] = {"n": 50, "seed": 2} | differs
+    sampler = EpochSampler(options.pop("n"), **options)
+    with raises_message(UsageError, "order"):
+        sampler.load_state_dict(EpochSampler(50, seed=2).at(1, 7))
+    sampler.load_state_dict(EpochSampler(50, seed=2).at(1, 0))
+    assert _where(sampler.state_dict()) == (1, 0)
