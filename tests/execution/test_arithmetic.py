@@ -298,7 +298,7 @@ def test_modules_of_the_working_folder_do_not_replace_others(tmp_path: Path) -> 
         "from dancedata.execution.progress import Progress\n"
         "from dancedata.execution.units import in_reference, run_units\n"
         "sys.path.append(3)\n"  # Python ignores what is no text
-        "assert exactly(abs, -2) == 2\n"
+        "assert in_reference(abs, -2) == 2\n"
         "calls = [(n,) for n in (-2, -3)]\n"
         "assert run_units(abs, calls, jobs=2, label='units', progress=Progress(quiet=True)) == [2, 3]\n"
     )
