@@ -8,7 +8,7 @@ from dancedata.building.inputs import Music
 from dancedata.building.plugins import Maker
 from dancedata.building.signals import SignalId
 from dancedata.building.spine import expand
-from dancedata.building.take import Dancer, Reader, Recording, Take, Time
+from dancedata.building.take import Dancer, Recording, SourceReader, Take, Time
 from dancedata.core.clip import ClipRef
 from dancedata.execution.cache import Cache
 from dancedata.recipes.recipe import Recipe
@@ -21,7 +21,7 @@ def take_of(
     signal: SignalId | None = None,
 ) -> Take:
     """Return the take of clips, of which each has the hash of its file, after the transforms of a recipe."""
-    recording = Recording(Reader(recipe.dataset, content or {}), tuple(clips))
+    recording = Recording(SourceReader(recipe.dataset, content or {}), tuple(clips))
     dancers = tuple(Dancer(ref.id, ref, sha, Music(signal, bpm=ref.tempo_bpm)) for ref, sha in clips)
     take = Take(recording, dancers, Time(600, recipe.grid.rate), group=clips[0][0].group)
     return expand([take], recipe.parts.transforms)[0]

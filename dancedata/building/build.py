@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dancedata.building.card import dataset_card
-from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.clips import compute_clips, sources_of
 from dancedata.building.left_out import empty_build_error, reasons, require_no_rejects
 from dancedata.building.out_folder import check_out, locked, new_dataset
 from dancedata.building.signals import libsndfile_version
 from dancedata.building.source_record import SourceRecord
-from dancedata.building.sources import Sources
-from dancedata.building.stored import Clips
+from dancedata.building.sources import Sources, scan_source
+from dancedata.building.stored import BuiltClips
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import package_version
@@ -50,7 +50,7 @@ class BuildResult:
     `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
     `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
     `notes`: Notes of the dataset's reader on the source.
-    `strict`: Whether songs that splits share count for a dataset that was there already, too.
+    `strict`: Whether songs that splits share count for a dataset that existed already, too.
     `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
     `compared`: A line on that.
     """
@@ -129,7 +129,7 @@ def build(
     recipe = resolve(recipe, store_cache.file_sha256)
     with locked(out):
         check_out(out, overwrite=overwrite)
-        scan = scan_of(recipe, source)
+        scan = scan_source(recipe.dataset, recipe.parts.fields, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
             build_run = _Build(
                 recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
@@ -233,7 +233,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
 
 
 def _write(
-    out: Path, recipe: Recipe, scan: Scan, computed: Clips, meta: Mapping[str, Any], progress: Progress
+    out: Path, recipe: Recipe, scan: Scan, computed: BuiltClips, meta: Mapping[str, Any], progress: Progress
 ) -> None:
     with progress.stage("writing", len(computed.clips)) as advance:
         write_store(
@@ -248,7 +248,7 @@ def _write(
         )
 
 
-def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict[str, Any]:
+def _meta(recipe: Recipe, sources: Sources, unstored: Mapping[str, str]) -> dict[str, Any]:
     packages = {"numpy", "scipy", "h5py", "soundfile"}
     decoders = {clip.signal.ffmpeg for clip in sources.clips if clip.signal and clip.signal.ffmpeg}
     versions = {"libsndfile": libsndfile_version(), **({"ffmpeg": max(decoders)} if decoders else {})}
@@ -265,7 +265,7 @@ def _meta(recipe: Recipe, sources: Sources, left_out: Mapping[str, str]) -> dict
                 *sources.scan.notes,
                 *recipe.notes({ref.split for ref in sources.scan.clips}),
             ],
-            "clips": dict(left_out),
+            "clips": dict(unstored),
             "content": sources.named_files,
         },
         "licence": recipe.dataset.licence,

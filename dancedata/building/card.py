@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dancedata.building.stored import Clips
+from dancedata.building.stored import BuiltClips
 from dancedata.core.clip import Scan
 from dancedata.core.licence import Licence
 from dancedata.core.quality import REPAIRED
@@ -28,7 +28,7 @@ It is plain HDF5: any tool that reads HDF5 reads it.
 
 
 def dataset_card(
-    recipe: Recipe, scan: Scan, computed: Clips, songs: Mapping[str, str], networks: Mapping[str, Any]
+    recipe: Recipe, scan: Scan, computed: BuiltClips, songs: Mapping[str, str], networks: Mapping[str, Any]
 ) -> str:
     """Return the card's Markdown: content, source, terms, and what was left out.
 
@@ -54,7 +54,7 @@ def dataset_card(
     return "\n".join(parts)
 
 
-def _terms_list(computed: Clips) -> str:
+def _terms_list(computed: BuiltClips) -> str:
     counts = Counter(c.terms for c in computed.clips if not c.source)
     if set(counts) <= {None}:
         return ""
@@ -64,7 +64,7 @@ def _terms_list(computed: Clips) -> str:
     return "\nClips have terms of their own:\n\n" + "".join(f"- {line}\n" for line in terms_text(terms))
 
 
-def _splits_table(recipe: Recipe, computed: Clips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
+def _splits_table(recipe: Recipe, computed: BuiltClips, splits: Sequence[str], songs: Mapping[str, str]) -> str:
     rows = ["| split | clips | windows | songs | minutes |", "|---|---|---|---|---|"]
     for split in splits:
         clips = [c for c in computed.clips if c.split == split]

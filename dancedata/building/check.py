@@ -13,12 +13,13 @@ import numpy.typing as npt
 
 from dancedata.building.arguments import RecipeLike, chosen_recipe, jobs_of
 from dancedata.building.build import workers_for
-from dancedata.building.clips import compute_clips, scan_of, sources_of
+from dancedata.building.clips import compute_clips, sources_of
 from dancedata.building.fields.motion import RepresentationField
 from dancedata.building.leaks import alike_between, leaks, sound_field
 from dancedata.building.left_out import NOTED
 from dancedata.building.signals import SignalId
-from dancedata.building.stored import Clips
+from dancedata.building.sources import scan_source
+from dancedata.building.stored import BuiltClips
 from dancedata.building.word_check import word_notes
 from dancedata.core.arguments import Overrides
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -151,9 +152,9 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     _require_files(recipe.dataset, source)
     store_cache = Cache.at()
     recipe = resolve(recipe, store_cache.file_sha256)
-    scan = scan_of(recipe, source)
+    scan = scan_source(recipe.dataset, recipe.parts.fields, source)
 
-    def examined(cache: Cache) -> Clips:
+    def examined(cache: Cache) -> BuiltClips:
         sources = sources_of(cache, recipe, scan, jobs=workers, progress=progress)
         return compute_clips(cache, recipe, sources, jobs=workers, progress=progress, networks=False)
 
@@ -259,7 +260,7 @@ def _both(one: str, other: str) -> str:
 def _implausible(path: Path) -> list[Problem]:
     """Return notes on implausible clips of a sound dataset, songs that were not compared, and words without facts.
 
-    Clips are judged by the dataset's flags, and by its motion under today's rules.
+    BuiltClips are judged by the dataset's flags, and by its motion under today's rules.
     """
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}

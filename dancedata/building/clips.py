@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from dancedata.building.compute import compute
@@ -12,9 +11,9 @@ from dancedata.building.groups import Groups, groups_of
 from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Annotator
 from dancedata.building.result import Result
-from dancedata.building.sources import Sources, identify, scan_source
+from dancedata.building.sources import Sources, identify
 from dancedata.building.spine import Parts, build_clips
-from dancedata.building.stored import Clips
+from dancedata.building.stored import BuiltClips
 from dancedata.building.take import Transform
 from dancedata.core.clip import FOUND, Reject, Scan
 from dancedata.core.errors import UsageError
@@ -25,11 +24,6 @@ from dancedata.execution.progress import Progress
 from dancedata.execution.units import Jobs
 from dancedata.files.documents import content_hashes
 from dancedata.recipes.recipe import Recipe
-
-
-def scan_of(recipe: Recipe, source: Path) -> Scan:
-    """List the clips of a source, see `scan_source`."""
-    return scan_source(recipe.dataset, recipe.parts.fields, source)
 
 
 def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress: Progress, **inputs: Any) -> Sources:
@@ -44,14 +38,14 @@ def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress
 
 def compute_clips(
     cache: Cache, recipe: Recipe, sources: Sources, *, jobs: Jobs, progress: Progress, networks: bool = True
-) -> Clips:
+) -> BuiltClips:
     """Compute all fields and segments, or all but those of networks; the rejects include those of the sources."""
     parts = recipe.parts
     groups = source_groups(recipe, parts, sources.scan)
     takes, unusable = takes_of(cache, recipe.dataset, sources, jobs=jobs, progress=progress)
     computed = [field for field in parts.fields if networks or not field.lane]
     clips, rejects, quality = build_clips(cache, takes, parts, groups, computed, jobs=jobs, progress=progress)
-    return Clips(clips, [*sources.rejects, *unusable, *rejects], quality)
+    return BuiltClips(clips, [*sources.rejects, *unusable, *rejects], quality)
 
 
 def source_groups(recipe: Recipe, parts: Parts, scan: Scan) -> Groups:

@@ -46,7 +46,7 @@ class Unit(NamedTuple):
 def compute(
     cache: Cache, results: Sequence[Result], makers: Sequence[Maker], *, jobs: Jobs, progress: Progress
 ) -> list[Result]:
-    """Return results with what all makers make of takes that have windows; dancers that one cannot make go."""
+    """Return results with what all makers make of takes that have windows, without dancers for whom one fails."""
     asks = {(maker.id, r.take.id): maker.asks(r.take) for maker in makers for r in results if r.starts}
     by_key: dict[str, Any] = {}
     for lane in dict.fromkeys(maker.lane for maker in makers):
@@ -82,16 +82,16 @@ def make(cache: Cache, unit: Unit) -> dict[str, Any]:
 def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequence[Ask]]]) -> Iterator[Unit]:
     """Yield each source with what is made of it; many parts of one are shared out.
 
-    `asks`: By the place of the maker and anything else; those of other makers are left out.
+    `asks`: By the maker's id and anything else; those of other makers are left out.
     """
-    by_name = {maker.id: maker for maker in makers}
+    by_id = {maker.id: maker for maker in makers}
     by_source: dict[str, tuple[Loadable, dict[str, dict[str, Ask]]]] = {}
-    for (place, _), of_maker in asks:
-        for ask in of_maker if place in by_name else ():
+    for (maker_id, _), of_maker in asks:
+        for ask in of_maker if maker_id in by_id else ():
             _, of_source = by_source.setdefault(ask.source.key, (ask.source, {}))
-            of_source.setdefault(place, {})[ask.key] = ask
+            of_source.setdefault(maker_id, {})[ask.key] = ask
     for source, of_source in by_source.values():
-        of_makers = [(by_name[place], list(of.values())) for place, of in of_source.items()]
+        of_makers = [(by_id[maker_id], list(of.values())) for maker_id, of in of_source.items()]
         for number, begin in enumerate(range(0, max(len(of) for _, of in of_makers), _PARTS)):
             cut = [(maker, of[begin : begin + _PARTS]) for maker, of in of_makers]
             yield Unit(source, [(maker, of) for maker, of in cut if of], number)

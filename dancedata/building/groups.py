@@ -14,7 +14,7 @@ class Groups(NamedTuple):
     """The groups of a source.
 
     `members`: Ids of each group's dancers, and a text for those that the source does not list.
-    `sizes`: Their numbers.
+    `sizes`: Number of dancers of each group.
     `keep`: Whether a group is stored without the dancers that were left out.
     """
 
@@ -39,7 +39,7 @@ def _unlisted(n: int) -> list[str]:
 
 
 def whole(results: Sequence[Result], groups: Groups) -> list[Result]:
-    """Set groups aside that lack a dancer of the source, with their copies; or keep the others."""
+    """Return results in which groups that lack a dancer of the source are left out, with their copies."""
     members, keep = groups.members, groups.keep
     origins = {result.take.id: result for result in results}
     return [result if keep else _whole(result, origins[result.take.origin.id], members) for result in results]

@@ -16,7 +16,7 @@ from dancedata.execution.cache import Cache
 
 @dataclass(frozen=True)
 class Song:
-    """A decoded song, or a part of it that begins between two rows, at a speed."""
+    """A song that a worker decodes: whole, or from a point between two rows on, and at a speed."""
 
     signal: SignalId
 

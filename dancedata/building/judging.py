@@ -79,6 +79,6 @@ def _of_dancer(of_windows: dict[int, dict[int, Reject]], dancer: int, start: int
 
 
 def _of_all(reject: Reject, file: str, gone: set[int]) -> Reject:
-    """Return the reject of a dancer who loses all windows, of that of one of them."""
+    """Return the reject of a dancer who loses all windows, made from the reject of one of them."""
     none = f"none of the {len(gone)} windows of clip {reject.clip} is left: " if len(gone) > 1 else ""
     return replace(reject, window=None, file=file, detail=f"{none}{reject.detail}")

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from dancedata.building.inputs import Music
 from dancedata.building.sources import SourceClip, Sources
-from dancedata.building.take import Dancer, Reader, Recording, Take, Time
+from dancedata.building.take import Dancer, Recording, SourceReader, Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.plugins import Dataset
 from dancedata.core.rejects import reject_on_error
@@ -36,7 +36,7 @@ def takes_of(
 
     Motion whose music is unusable is measured nevertheless, so that a build names all problems.
     """
-    reader = Reader(dataset, sources.content)
+    reader = SourceReader(dataset, sources.content)
     calls = [(cache, reader, clip.ref, clip.motion_sha256) for clip in sources.clips]
     cached = [_known_time(*call) for call in calls]
     times = run_units(measure, calls, cached=cached, jobs=jobs, label="measuring motion", progress=progress)
@@ -58,7 +58,7 @@ def takes_of(
     return takes, rejects
 
 
-def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | Reject:
+def measure(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time | Reject:
     """Return the time of a clip's motion, measured once until its file changes; a Reject where it cannot be read."""
     time = reject_on_error(lambda: _measured(cache, reader, ref, sha256), ref.motion_path, ref.id)
     if isinstance(time, Reject):
@@ -67,7 +67,7 @@ def measure(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | R
     return time
 
 
-def _measured(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time:
+def _measured(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time:
     """Measure a clip's motion; DataError if the file is not the one that was hashed.
 
     A dancer of a group is loaded: the take is formed without those that cannot be.
@@ -80,13 +80,13 @@ def _measured(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time:
     return Time(*stated)
 
 
-def _known_time(cache: Cache, reader: Reader, ref: ClipRef, sha256: str) -> Time | None:
+def _known_time(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time | None:
     """Return the cached result of `measure`, None if there is none."""
     row = cache.json("times", _time_key(reader, ref, sha256))
     return None if row is None else Time(row[0], Fraction(row[1]), row[2])
 
 
-def _time_key(reader: Reader, ref: ClipRef, sha256: str) -> str:
+def _time_key(reader: SourceReader, ref: ClipRef, sha256: str) -> str:
     return Cache.key("time", version=1, reader=reader.key, clip=clip_identity(ref), file=sha256)
 
 
@@ -96,7 +96,7 @@ def _dancer(clip: SourceClip) -> Dancer:
     return Dancer(ref.id, ref, clip.motion_sha256, music, clip.files, clip.made_of)
 
 
-def _take(reader: Reader, members: Sequence[_Measured]) -> Take | Reject:
+def _take(reader: SourceReader, members: Sequence[_Measured]) -> Take | Reject:
     """Form the take of a single dancer, or of a group in one time; a Reject where there is none."""
     dancers, times = tuple(m.dancer for m in members), [m.time for m in members]
     shortest, longest = min(t.n_frames for t in times), max(t.n_frames for t in times)

@@ -12,10 +12,10 @@ from typing import Any
 
 from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import workers_for
-from dancedata.building.clips import compute_clips, scan_of, sources_of, with_found_starts
+from dancedata.building.clips import compute_clips, sources_of, with_found_starts
 from dancedata.building.left_out import require_no_rejects
-from dancedata.building.sources import Sources
-from dancedata.building.stored import Clips
+from dancedata.building.sources import Sources, scan_source
+from dancedata.building.stored import BuiltClips
 from dancedata.core.arguments import Overrides
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
@@ -113,11 +113,11 @@ def build_part(
     store_cache = Cache.at(cache)
     # As in the build that collects: what depends on the machine is in the keys.
     recipe = resolve(arguments.recipe, store_cache.file_sha256)
-    scanned = scan_of(recipe, source)
+    scanned = scan_source(recipe.dataset, recipe.parts.fields, source)
     clips = part.of(scanned.clips)
     with workers_for(recipe, source, store_cache, jobs) as workers:
 
-        def run(cache: Cache) -> tuple[Sources, Clips]:
+        def run(cache: Cache) -> tuple[Sources, BuiltClips]:
             # Of all clips: offsets are compared with those of other songs.
             scan = with_found_starts(cache, recipe.dataset, scanned, jobs=workers, progress=reporter)
             ids = {clip.id for clip in clips}

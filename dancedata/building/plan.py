@@ -12,7 +12,7 @@ from typing import Any
 from dancedata.building.annotators.vitals import VITALS, Vitals
 from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import header_of
-from dancedata.building.clips import scan_of, source_groups, sources_of
+from dancedata.building.clips import source_groups, sources_of
 from dancedata.building.compute import compute
 from dancedata.building.describe import rate_text, windows_text
 from dancedata.building.groups import whole
@@ -21,6 +21,7 @@ from dancedata.building.measuring import takes_of
 from dancedata.building.plugins import Field
 from dancedata.building.result import Result
 from dancedata.building.signals import SignalId
+from dancedata.building.sources import scan_source
 from dancedata.building.spine import expand
 from dancedata.building.windows import cut_windows
 from dancedata.core.arguments import Overrides
@@ -190,7 +191,7 @@ def make_plan(
         reporter.write(f"the dataset {recipe.dataset.name} writes its own source: {source}")
     source = source.absolute()  # as in a build, so that messages are the same
     store_cache = Cache.at(cache)
-    scan = scan_of(recipe, source)
+    scan = scan_source(recipe.dataset, recipe.parts.fields, source)
 
     def run(cache: Cache) -> Plan:
         ready = replace(recipe, fields=tuple(_resolved(cache, field) for field in recipe.fields))

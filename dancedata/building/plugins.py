@@ -76,7 +76,7 @@ class Reach:
     `window`, `clip`: Reasons of rejects: of a window beyond, of a clip without any window.
     `beyond`: Of a window: "reaches beyond the end of song.wav".
     `short`: Of the clip: "the music is shorter than a window: 1.5 s".
-    `file`: That ends too early; "" for the motion.
+    `file`: The file that ends too early; "" for the motion.
     """
 
     first: int
@@ -333,7 +333,7 @@ class Annotator(Plugin, Maker):
 
     @abstractmethod
     def segments(self, rows: Sequence[Any], take: Take, dancer: int) -> list[Segment]:
-        """Return segments of a dancer's JSON rows; of none, where nothing is asked for."""
+        """Return the segments in a dancer's JSON rows, which are () where nothing was asked for."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class Result:
 
     `starts`: First frames of the windows that are left; () for a take that is left out.
     `stay`: Places of the dancers that are left.
-    `made`: By place of the maker, for each dancer: Rows, Nothing, a Reject, or JSON data of an annotator.
+    `made`: By the maker's id, for each dancer: Rows, Nothing, a Reject, or JSON data of an annotator.
     `segments`: Of each dancer, by annotator.
     """
 
@@ -48,7 +48,7 @@ class Result:
     segments: Mapping[str, Sequence[Sequence[Segment]]] = field(default_factory=dict)
 
     def without(self, lost: Mapping[int, Sequence[Reject]]) -> Result:
-        """Return the result without the dancers that have a reject, which is said instead of those of their windows.
+        """Return the result without the dancers that have a reject, which replaces the rejects of their windows.
 
         A take without dancers has no windows.
         """

@@ -1,4 +1,4 @@
-"""Segments of takes: found by annotators, of copies those of their parents, changed; words completed over all."""
+"""Segments of takes: those that annotators find, or for copies their parents' changed; then words, over all clips."""
 
 from __future__ import annotations
 

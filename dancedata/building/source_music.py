@@ -62,7 +62,7 @@ class SourceMusic:
         return sorted({clip.music or clip.id for clip in clips if clip.id not in self.files})
 
     def length(self, clip: Clip) -> tuple[int, int]:
-        """Return samples and sample rate of a clip's music, without decoding it."""
+        """Return the number of samples and the sample rate of a clip's music, without decoding it."""
         return audio_length(self.files[clip.id])
 
     def load(self, clip: Clip) -> AudioSignal:

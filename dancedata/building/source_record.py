@@ -12,9 +12,9 @@ from dancedata.building.sources import Sources
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.store import Store
 
-#: Digits of a hash that are kept: another file has the same ones once in 2.8e14 times.
+#: Digits of a hash that are kept: another file has the same digits once in 2.8e14 cases.
 DIGITS = 12
-#: Of more clips that are left out no record is kept: dataset.json has to stay small enough to be read.
+#: No record is kept of more clips left out than this: dataset.json has to stay small enough to be read.
 MAX_CLIPS = 200_000
 #: Attributes of a clip that are compared, in addition to the hashes of its files.
 ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")

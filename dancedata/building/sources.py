@@ -28,7 +28,7 @@ class SourceClip:
     `motion_sha256`: SHA-256 of the motion file.
     `signal`: Signal of its music; None without music.
     `music_problem`: Reject of unusable music. Its motion is examined nevertheless, so that a build names all
-        problems; then the clip is left out. The same of files of features.
+        problems; then the clip is left out. Files of features are treated alike.
     `files`: Files of the audio fields whose rows come from files, by field.
     """
 

@@ -10,7 +10,7 @@ from dancedata.building.groups import Groups, whole
 from dancedata.building.judging import judged
 from dancedata.building.plugins import Annotator, Field, WindowRule
 from dancedata.building.segments import annotated
-from dancedata.building.stored import Clips, stored
+from dancedata.building.stored import BuiltClips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut_windows
 from dancedata.core.errors import SourceError, UsageError, noted
@@ -39,7 +39,7 @@ def build_clips(
     *,
     jobs: Jobs,
     progress: Progress,
-) -> Clips:
+) -> BuiltClips:
     """Return the clips of a source's takes, with rows of the fields `computed`, which in a build are all fields."""
     transforms, fields, annotators, rules, windows = parts
     results = cut_windows(expand(takes, transforms), fields, windows)
@@ -63,7 +63,7 @@ def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]
         if take.parent is not None and (take.parent.parent, len(take.steps)) != (None, len(take.parent.steps) + 1):
             raise UsageError("a transform that makes copies has to be the last one", where=f"clip {take.name}",
                              found=", ".join(step.name for step in take.steps),
-                             fix="name it behind the others in transforms, without copies of copies")  # fmt: skip
+                             fix="put it last in transforms; copies are not copied again")  # fmt: skip
         for name in [*([f"group {take.group}"] if take.group else []), *(f"clip {d.id}" for d in take.dancers)]:
             if named.setdefault(name, take) is not take:
                 raise SourceError("two clips or groups would get the same name", where=name,

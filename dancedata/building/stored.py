@@ -14,7 +14,7 @@ from dancedata.core.licence import Licence
 from dancedata.store import Signal, StoredClip
 
 
-class Clips(NamedTuple):
+class BuiltClips(NamedTuple):
     """The content of a dataset.
 
     `clips`: Sorted by id; copies, such as mirrored ones, after all others.
@@ -52,7 +52,7 @@ def stored(
     annotators: Sequence[Annotator],
     sizes: Mapping[str, int],
     grid: FrameGrid,
-) -> Clips:
+) -> BuiltClips:
     """Return the clips to store, all rejects, and the quality flags of every clip but copies.
 
     `sizes`: Dancers of each group in the source.
@@ -60,7 +60,7 @@ def stored(
     origins = {r.take.id: r for r in results}
     staying = [_Stays(r, origins[r.take.origin.id], k) for r in results for k in r.stay]
     staying.sort(key=lambda stays: (stays.result is not stays.origin, stays.id))
-    return Clips(
+    return BuiltClips(
         [_clip(stays, fields, annotators, sizes, grid) for stays in staying],
         [
             *(reject for r in results for reject in r.rejects),
@@ -123,7 +123,7 @@ def _clip(
 
 
 def _without(stays: _Stays, fields: Sequence[Field]) -> list[Reject]:
-    """Return a reject for each field that a dancer is kept without; of a copy none that its source lacks, too."""
+    """Return a reject for each field that a dancer is kept without; none for a copy whose source lacks it too."""
     rejects = []
     for field in fields:
         rows, of_origin = (result.made[field.id][stays.k] for result in (stays.result, stays.origin))

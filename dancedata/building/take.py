@@ -103,7 +103,7 @@ class Dancer:
 
 
 @dataclass(frozen=True)
-class Reader:
+class SourceReader:
     """A dataset's reader, and the hashes of the files that its parameters name, such as a body model."""
 
     dataset: Dataset
@@ -120,7 +120,7 @@ class Reader:
 class Recording:
     """What a worker loads for a take: the motion files of its dancers. Copies and slices of it share one."""
 
-    reader: Reader
+    reader: SourceReader
     dancers: tuple[tuple[ClipRef, str], ...]
 
     @cached_property

@@ -54,7 +54,7 @@ def _beyond(reaches: Sequence[tuple[int, Reach]], start: int, stop: int) -> tupl
 def _of_window(
     take: Take, dancer: int, reaches: Sequence[tuple[int, Reach]], start: int, windows: WindowSpec
 ) -> Reject:
-    """Return the reject of a dancer's window that he, or else a partner, has not whole."""
+    """Return the reject of a dancer's window that his rows, or else a partner's, do not cover."""
     his_first = sorted(reaches, key=lambda reach: reach[0] != dancer)
     of, reach = _beyond(his_first, start, start + windows.length) or his_first[0]
     partner = "" if of == dancer else f" (of partner {take.dancers[of].id})"

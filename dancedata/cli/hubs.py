@@ -24,7 +24,7 @@ def export(
       dancedata export data/aistpp --to edge -o edge
       dancedata export data/aistpp --to card -o README.md
 
-    All that is missing is named at once; nothing is written then.
+    If anything is missing, all of it is named at once, and nothing is written.
     """
     if to in ("card", "segments") and (overrides or music is not None or link):
         raise UsageError(f"--to {to} goes with --out and --overwrite alone", fix="leave the others out")

@@ -67,7 +67,7 @@ class PhantomDance(PublishedDataset):
     Attributes
     ----------
     split
-        ``by-song``: a tenth of the dances each is val and test, by a hash of their names; no split was published.
+        ``by-song``: a tenth of the dances is val, another is test, by a hash of their names; no split was published.
         ``all``: no split.
     motions
         Folder of the JSON files, below the source, if several folders have some.

@@ -22,8 +22,8 @@ class ClipSet:
     `store`: Dataset that they are from; None for others.
     `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
     `left_out`: Clips of the dataset that are not measured, and why.
-    `samples`: What motion is of the dataset that it is like, by the ids of the clips.
-    `matched`, `warnings`: What was found of the names, in words.
+    `samples`: The samples of the dataset that the motion stands for, by the ids of clips.
+    `matched`, `warnings`: How many names matched the dataset, and what is doubtful, in words.
     `nothing_matched`: The error for files of which nothing is known, where metrics take music.
     """
 
@@ -63,7 +63,7 @@ def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
 def store_clips(
     store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None, role: Role = "truth"
 ) -> tuple[ClipInput, ...]:
-    """List the clips of a store; copies that augmentations made are left out, and slices that begin in a piece.
+    """List the clips of a store; copies that augmentations made are left out, and slices that begin within a piece.
 
     UsageError if no field has the protocol's joints, or the store has slices of another length than its pieces.
     """

@@ -229,15 +229,15 @@ def stored_beats(
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
-    They are those of the clip that a clip is, or is a sample of; or, where it is none of the store, or `songs` names
-    another song for it, those of the longest clip with that song. StoreError if their shards have other bytes than
-    the build wrote, by `sha256` of files.
+    A clip of the store, or a sample of one, has its own beats. One that is not in the store, or for which `songs`
+    names another song, has those of the longest clip with its song. StoreError if shards have other bytes than the
+    build wrote, by `sha256` of files.
     """
     name = beat_field(store, rule, pieces)
     if name is None:
         return {}
     records = _records(store)
-    # A clip that only names a song begins with it: the rows of a clip that begins elsewhere are not its.
+    # A clip that only names a song begins with it, so rows of a clip that begins later in the song do not fit.
     whole = [c for c in store if c.music and not (c.source or c.slice_of or c.audio_start)]
     longest = {c.music: c.id for c in sorted(whole, key=lambda c: (c.n_frames, c.id))}
     sources: dict[str, tuple[str, Fraction]] = {}

@@ -306,7 +306,7 @@ def report_of(
         of_metric, messages = scores_of(metric, rows, of_pool, draws=draws)
         of_truth: list[Score] = []
         if truth:
-            alone = 0 if metric.needs_pool else draws  # of distances their value alone stands beside
+            alone = 0 if metric.needs_pool else draws  # of real dances, a distance is shown without an interval
             of_truth, _ = scores_of(metric, rows_of(truth, number, metric), of_pool, draws=alone)
         same_n = {}
         if pool is not None and metric.needs_pool and number in pool.rows:

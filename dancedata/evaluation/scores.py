@@ -28,7 +28,7 @@ Verdict = Literal["ok", "weak", "void"]
 
 
 class MeaninglessScore(DanceDataError):  # noqa: N818
-    """A score that means nothing was taken for a number."""
+    """Raised where a score that means nothing is taken for a number."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def scores_of(
 
 
 def summary_of(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
-    """Return the scores of rows; numbers that overflow on the way are not warned of, but are not finite."""
+    """Return the scores of rows; an overflow on the way gives no warning, but a score that is not finite."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         try:
             return metric.summarise(rows, pool)

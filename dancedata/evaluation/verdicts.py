@@ -18,15 +18,15 @@ from dancedata.evaluation.scores import MAX_VECTORS, SameN, Score, Why, describe
 from dancedata.kernel import Cache
 from dancedata.metrics.intervals import MIN_CLIPS
 
-#: Least recordings of a distance or diversity: AIST++'s test split, the smallest that tables are made of.
+#: Fewest recordings that a distance or diversity needs: AIST++'s test split, the smallest that tables are made of.
 LEAST_OF_SETS = 20
-#: Scores that fewer than 1 / HEAVY of the clips carry are no means of all.
+#: A score that depends on fewer than 1 / HEAVY of the clips is no mean of all.
 HEAVY = 3
 #: An interval whose ends differ by more than this factor says nothing.
 WIDE = 10
 #: Shares of pieces without a value that make a score weak and void.
 SOME, MOST = 0.1, 0.5
-#: Draws of real dances, and least recordings of a pool that is divided.
+#: Draws of real dances, and fewest recordings of a pool that is divided.
 DRAWS, LEAST_OF_POOL = 20, 4
 
 
@@ -146,7 +146,7 @@ def same_n_of(
 ) -> dict[str, SameN]:
     """Return the distances of as many real dances from the others of a pool, by the names of the scores.
 
-    Of 20 draws of so many recordings, at most half of them, with so many of their vectors. A cache keeps them.
+    From 20 draws of `recordings` recordings, at most half of the pool's, with `vectors` vectors. A cache keeps them.
     """
     if not recordings or not any(better == "lower" for better in metric.better.values()):
         return {}

@@ -67,7 +67,7 @@ class Executor:
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
     def is_here(self, n_calls: int, exact: bool) -> bool:
-        """Return whether so many calls run in this process, without workers.
+        """Return whether `n_calls` calls run in this process, without workers.
 
         For one job, and for a single unit, if it computes what is `exact`; and in a daemonic process, such as one of
         multiprocessing.Pool, which may not start others.
@@ -149,7 +149,7 @@ class Executor:
 
 @contextmanager
 def _processes(least: int, most: int) -> Iterator[Start]:
-    """Yield what starts calls in worker processes, of which there are so many."""
+    """Yield what starts calls in `least` to `most` worker processes."""
     arithmetic.start_trackers()
     pool = _pool(least, most)
     try:
@@ -166,14 +166,14 @@ _pools: WeakSet[Any] = WeakSet()
 
 
 def _pool(least: int, most: int) -> Any:
-    """Return a pool of at least and at most so many workers, started in this folder by this process.
+    """Return a pool of `least` to `most` workers, started by this process in its working folder.
 
-    In this folder, so that relative paths name the same files. A fork does not have its parent's workers.
+    There relative paths name the same files. A fork does not have its parent's workers.
     """
     from joblib.externals.loky import ProcessPoolExecutor
 
     # A worker that has grown by 300 MB is replaced, between units, and loky warns each time. As an error the warning
-    # would end loky's thread, and results would be waited for without end; so also where filters were reset since.
+    # would end loky's thread, and the build would wait for ever; it is ignored anew, as filters may have been reset.
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     folder, environment = os.getcwd(), _environment()
     started_for = (os.getpid(), folder, tuple(environment.items()))
@@ -203,7 +203,7 @@ def end_workers() -> None:
 
 
 def _kill(pool: Any) -> None:
-    """Kill the workers of a pool and drop its calls, numbers first: at one without a call loky's thread fails."""
+    """Kill the workers of a pool and drop its calls, numbers first: loky's thread fails at one without a call."""
     with suppress(Empty):
         while True:
             pool._work_ids.get_nowait()

@@ -77,7 +77,7 @@ def histogram_figure(
 ) -> Figure:
     """Return a histogram of this dataset, with the other one as outline; else with a line for each split.
 
-    Values of clips that are nearly equal are one sentence.
+    Values of clips that are nearly equal become a sentence.
 
     `of`: What the heights are shares of.
     """
@@ -340,7 +340,7 @@ def _tempos(d: FigureSpec) -> Figure | None:
 
 
 def split_figures(d: FigureSpec) -> list[Figure]:
-    """Return tables of names that splits share; red only where train is involved, and a leak."""
+    """Return tables of names that splits share; songs and clips that train shares are red."""
     shared, splits = d.numbers.splits, d.numbers.contents.splits
     if len(splits) < 2:
         return []

@@ -114,8 +114,8 @@ class SmplX6D(Representation):
 
         Fingers that the motion lacks are at rest. The pelvis stays where it is, except in Lodge's columns of SMPL's
         24 joints: there the translation keeps its numbers, as in Lodge's treatment of AIST++. So do rotations: those
-        of SMPL are taken for SMPL-X's, whose limbs point up to 12.9 degrees elsewhere. Limbs of a recording keep
-        their directions (`bodies.transfer_to`). The input of the contact rule are the joints as they are encoded,
+        of SMPL are taken for SMPL-X's, whose limbs differ by up to 12.9 degrees. Limbs of a recording keep
+        their directions (`bodies.transfer_to`). The contact rule gets the joints as they are encoded,
         grounded or not.
         """
         placed = self._placed(motion)

@@ -29,10 +29,10 @@ class RootPlace(Representation):
     """Pelvis 3 and facing 3 in the world, +Y up.
 
     Beside a representation without a place (`humanml263`, `humanml264`), so that the dancers of a group stay where
-    they are: two of them anywhere have equal columns there. The facing is a unit vector on the floor, perpendicular
-    to the line from right to left, of hips and shoulders together, as in HumanML3D; where that line is upright, the
-    last one. It cannot be decoded by itself: `placed` puts a decoded motion where it was. Mirroring reflects across
-    the plane x = 0.
+    they are: without it, dancers in different places have equal columns. The facing is a unit vector on the floor,
+    perpendicular to the line from right to left, of hips and shoulders together, as in HumanML3D; where that line is
+    upright, the last one. It cannot be decoded by itself: `placed` puts a decoded motion where it was. Mirroring
+    reflects across the plane x = 0.
     """
 
     version: ClassVar[int] = 1

@@ -103,7 +103,7 @@ class ClipRecord:
 
     @property
     def recording(self) -> str:
-        """Unit of intervals that the clip, no copy, is of: itself, or what slices or parts of a file share."""
+        """What counts once in intervals: the clip, which is no copy, or what slices or parts of a file share."""
         if self.slice_of:
             return self.slice_of
         is_part = self.source_start is not None or self.source_end is not None

@@ -58,8 +58,7 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     ------
     StoreError
         If the folder has no finished dataset or one of another format version, dataset.json was changed after the
-        build, or a shard is missing or has another size; with `stream`, if the dataset has no hashes of parts of its
-        shards.
+        build, or a shard is missing or has another size.
     SourceError
         For a mistake in a file of segments.
 
@@ -255,7 +254,7 @@ class Store(SegmentQueries):
     def scaler(
         self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax", covers: Augment = ()
     ) -> Scaler:
-        """Return a scaler of a field, fitted on train, for ``scaler=`` of readers, decoding and evaluation.
+        """Return a scaler of a field, fitted on train, for readers (``scale=``), decoding and evaluation.
 
         Parameters
         ----------

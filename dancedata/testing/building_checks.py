@@ -15,7 +15,7 @@ from dancedata.building.fields.motion import MotionField, RepresentationField
 from dancedata.building.inputs import Music
 from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
 from dancedata.building.result import Result, Rows
-from dancedata.building.take import Dancer, Reader, Recording, Scene, Scenes, Take, Time, Transform
+from dancedata.building.take import Dancer, Recording, Scene, Scenes, SourceReader, Take, Time, Transform
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
@@ -146,7 +146,7 @@ def _example(n_dancers: int) -> tuple[Take, Scene]:
     refs = [
         ClipRef(name, Path(f"{name}.npz"), None, "train", "", group=group, member=k) for k, name in enumerate(names)
     ]
-    recording = Recording(Reader(DATASETS.get("synthetic")(), {}), tuple((ref, "0" * 64) for ref in refs))
+    recording = Recording(SourceReader(DATASETS.get("synthetic")(), {}), tuple((ref, "0" * 64) for ref in refs))
     dancers = tuple(Dancer(ref.id, ref, "0" * 64, Music(None)) for ref in refs)
     take = Take(recording, dancers, Time(motions[0].n_frames, motions[0].grid.rate), group=group)
     return take, Scene(tuple(motions), tuple(refs), ((),) * n_dancers)

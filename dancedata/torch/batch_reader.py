@@ -148,7 +148,7 @@ class FieldReader:
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
-        """Read one window, moved by `shift` rows, into `out`, (rows, D) of the stored type; mirrored on plan."""
+        """Read one window, or its mirror image, moved by `shift` rows, into `out`, (rows, D) of the stored type."""
         image = self._image if mirrored else None
         if image is None:
             self.rows.read_into(place, out, shift)

@@ -144,7 +144,7 @@ class SampleLog:
         main
             Whether this process writes the page.
         accelerator
-            Is asked in place of `main`, and its trackers get the numbers.
+            Decides in place of `main`; its trackers get the numbers.
         """
         if accelerator is not None:
             main = accelerator.is_main_process

@@ -221,7 +221,7 @@ class RepresentationField(MotionField):
 
     @override
     def not_for_groups(self, fields: Sequence[Field]) -> str:
-        # Dancers anywhere would have equal columns.
+        # Dancers in different places would have equal columns.
         spatial = self.representation.spatial
         if spatial is None or not spatial.placeless or self.grid in {f.grid for f in fields if f.holds_places}:
             return ""
