@@ -157,7 +157,7 @@ class Plan:
         return notes + [f"a build here ends with: {why}" for why in map(_not_ready, self.recipe.fields) if why]
 
     def _bytes(self) -> int:
-        """Estimate the size of the shards, tables aside; equal songs of several files are counted each."""
+        """Estimate the size of the shards, tables aside; equal songs in several files count each time."""
         total = 0
         for field, in_store in zip(self.recipe.parts.fields, header_of(self.recipe, {}).fields, strict=True):
             rows: dict[tuple[str, str], int] = {}

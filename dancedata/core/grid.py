@@ -176,7 +176,7 @@ class FrameGrid:
         """Return `rows_down` and `is_whole` of many numbers of frames, (N,) int64 each."""
         period, other_period = self.common_period(of)
         rows = frames * other_period
-        if period == 1:  # a million windows are divided by nothing
+        if period == 1:  # spares a million windows a division by 1
             return rows, frames == frames
         rows, rest = divmod(rows, period)
         return rows, rest == 0

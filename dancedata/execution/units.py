@@ -109,7 +109,7 @@ def run_units(
 def _run(
     executor: Executor, function: Callable[..., Any], left: dict[int, Call], label: str, on_result: OnResult
 ) -> None:
-    """Run calls until none is left; suspects alone."""
+    """Run calls until none is left; those that may have killed a worker run alone."""
 
     def finish(index: int, result: Any) -> None:
         del left[index]

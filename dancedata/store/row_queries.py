@@ -169,8 +169,8 @@ class RowQueries(StoreTables):
     def _window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
 
-        Raises UsageError, StoreError: As `locate`, for the first window that the store does not have; if there are no
-            windows.
+        Raises UsageError, StoreError: As `_locate`, for the first window that the store does not have; if there are
+            no windows.
         """
         f = self.field(field)
         if not len(windows):
@@ -224,7 +224,7 @@ class RowQueries(StoreTables):
     def _music_offset(self, clip_id: str) -> Fraction:
         """Return the time in a clip's music at its frame 0, seconds, exactly; negative where the music begins later.
 
-        Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
+        Rows of audio fields begin at the next whole row, see `_rows_within`. 0 where no time is stored.
         """
         tables, row = self._tables, self._row(clip_id)
         start = tables.record(row).audio_start

@@ -180,7 +180,7 @@ _SHARED = ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "a
 
 
 def _check_group(unit: Sequence[StoredClip]) -> None:
-    """Raise StoreError for dancers of a group that do not move in one time, or have one number."""
+    """Raise StoreError for dancers of a group that do not move in one time, or share a number."""
     first = unit[0]
     where = f"group {first.group}"
     members = [clip.member for clip in unit]

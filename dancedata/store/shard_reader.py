@@ -30,7 +30,7 @@ _CHECK = "run dancedata check on the dataset"
 
 
 class WindowRows:
-    """Rows of a field for the windows of a list; any number of threads may read. Made by `Store.window_rows`.
+    """Rows of a field for the windows of a list; any number of threads may read. Made by `Store._window_rows`.
 
     `shape`, `dtype`: (rows, D) of each window, and its type.
     `unmapped`: Why shards are read by position instead of from mapped files; "" if all are mapped.
@@ -91,7 +91,7 @@ class WindowRows:
             np.copyto(out, rows, casting="same_kind")
 
     def read_ahead(self, places: Sequence[int]) -> None:
-        """Ask the system for the next windows, each once if the field fits into memory twice."""
+        """Ask the system for the next windows, each only once if the field fits into half of the memory."""
         for place in places:
             number = self._shard[place]
             if self._maps[number] is not None and self._fits and self._seen[place]:

@@ -169,7 +169,7 @@ class StoredClip(ClipRecord):
     segments
         Spans and instants of the clip.
     group_size
-        Dancers of the group's source, stored or not; 0: those that are stored.
+        Dancers that the group has in the source, stored or not; 0: as many as are stored.
     terms
         Licence and citation of this clip; None for those of the dataset.
     """

@@ -51,7 +51,7 @@ def windows_at(
 ) -> tuple[WindowList, tuple[Reject, ...]]:
     """Return windows of the clips of `windows` that begin at beats, and the clips that have no such window.
 
-    `spacing` is length and stride as `Store.window_grid` takes them; starts are at least a stride apart.
+    `spacing` is length and stride as `Store._window_grid` takes them; starts are at least a stride apart.
     """
     grid = store._window_grid(**spacing)
     rejects: list[Reject] = []

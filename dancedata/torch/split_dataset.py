@@ -95,7 +95,7 @@ class SplitDataset(EpochDataset):
     def _choose(
         self, place: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
     ) -> SelectedWindows:
-        """Return the windows of the split that have all fields, and another one that is read beside them."""
+        """Return the windows of the split whose clips have all fields, and the field `also`."""
         if place.fps is not None and self.store.fps != place.fps:
             raise UsageError(
                 f"these windows are for {place.fps} frames per second", where=str(self.store.path),

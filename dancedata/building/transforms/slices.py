@@ -21,7 +21,7 @@ class Slices(Transform):
     """Cuts clips into slices before anything is computed of them; each is a clip, ``ID_slice3``.
 
     Motion is cut at the rate of the source, where that is a whole multiple: 1,919 frames at 60 per second have 54
-    slices of 5 s every 0.5 s, the 960 frames at 30 per second of them would have 55. Music is cut in samples, and
+    slices of 5 s every 0.5 s; as 960 frames at 30 per second they would have 55. Music is cut in samples, and
     rounded to 16 bit.
 
     Attributes

@@ -90,7 +90,7 @@ class Dataset(Plugin):
     def segments(self, ref: ClipRef) -> Sequence[Segment]:
         """Return the spans and instants that the source states for a clip; by default `ClipRef.segments`.
 
-        Reads no motion. Only those of the scan make a difference between two sources.
+        Reads no motion. Sources are compared by the segments of the scan alone.
         """
         return ref.segments
 
