@@ -2,10 +2,12 @@
 
 import inspect
 import logging
+import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -92,7 +94,11 @@ def _run(function: Callable[..., Any], as_json: bool, arguments: dict[str, Any])
 
 
 def fail(error: DanceDataError, as_json: bool, name: str, warnings: Sequence[str] = ()) -> Any:
-    """Print an error and end the command with its exit code."""
+    """Print an error, by options and paths as they are typed, and end the command with its exit code."""
+    error.fix = error.options or error.fix
+    if isinstance(error.where, str | Path):
+        with suppress(OSError):  # of a working directory that was removed
+            error.where = str(error.where).removeprefix(f"{Path.cwd()}{os.sep}")
     if as_json:
         _print(name, False, warnings, error)
     else:

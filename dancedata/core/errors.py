@@ -37,6 +37,8 @@ class DanceDataError(Exception):
         The actual and the allowed value.
     fix
         What to do about it.
+    options
+        The same by the options of commands, which they print, where `fix` names arguments of Python.
     """
 
     #: Most characters of the found value in the text, and whether it may have several lines.
@@ -51,6 +53,7 @@ class DanceDataError(Exception):
         found: object = None,
         allowed: object = None,
         fix: str | None = None,
+        options: str | None = None,
     ) -> None:
         super().__init__(problem)
         self.problem = problem
@@ -58,6 +61,7 @@ class DanceDataError(Exception):
         self.found = found
         self.allowed = allowed
         self.fix = fix
+        self.options = options
 
     def __str__(self) -> str:
         text = self._part(self.problem, _MAX_PART, lines=True)

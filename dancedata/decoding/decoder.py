@@ -114,7 +114,8 @@ class Decoder:
         if self.scaler is not None:
             raise UsageError(
                 "a scaler of one field does not normalise root_place",
-                fix="name the reader or dataset of both fields: like=, in a command --like DATASET",
+                fix="name the reader or dataset of both fields: like=",
+                options="name the dataset of both fields: --like DATASET",
             )
         file = StatedScaling(self.file.normalized)  # whose scaler is that of the other columns
         return replace(self, field=_PLACES, representation=_places(), file=file)._undone(rows[present])[0]

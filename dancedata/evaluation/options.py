@@ -90,10 +90,12 @@ class EvaluationOptions:
             raise UsageError("unknown role", found=self.role, allowed=", ".join(ROLES))
         if self.normalized and self.like is None and self.scaler is None:
             raise UsageError(
-                "normalised columns need the scaler of a dataset", fix="name it: --like DATASET, or --scaler FILE"
-            )
+                "normalised columns need the scaler of a dataset",
+                fix="name it: like= or scaler=", options="name it: --like DATASET or --scaler FILE",
+            )  # fmt: skip
         if self.scaler is not None and self.like is None and self.field is None:
-            raise UsageError("a scaler is of columns", fix="name them: --like DATASET, or --field NAME")
+            raise UsageError("a scaler is of columns", fix="name them: like= or field=",
+                             options="name them: --like DATASET or --field NAME")  # fmt: skip
         if self.field is None and self.like is not None:
             path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
             object.__setattr__(self, "field", None if path is None else field_of_width(self.like, path))
@@ -119,7 +121,8 @@ class EvaluationOptions:
         # A pool that is saved has the metrics that this report leaves out, too.
         pool, pool_numbers = self.pool_input(numbers if self.save_pool is None else None)
         if self.save_pool is not None and pool is None:
-            raise UsageError("no pool was given, so none can be saved", fix="name a dataset: --pool STORE")
+            raise UsageError("no pool was given, so none can be saved", fix="name a dataset: pool=",
+                             options="name a dataset: --pool STORE")  # fmt: skip
         store = _as_store(self.what)
         split = self.split or ("test" if store is not None and "test" in store.splits else None)
         clip_set = self._clip_set(self.what, split, self.role)
@@ -225,8 +228,9 @@ class EvaluationOptions:
             return None
         if self.fps is None:
             raise UsageError(
-                "the frame rate of the columns is unknown", fix="declare it: --fps RATE, or --like DATASET"
-            )
+                "the frame rate of the columns is unknown", fix="declare it: fps= or like=",
+                options="declare it: --fps RATE or --like DATASET",
+            )  # fmt: skip
         plugin: Representation = make_named(REPRESENTATIONS, "motion", self.field, {})
         return ColumnsReader(plugin, FrameGrid.of(self.fps), self._scaling(self.field, plugin))
 

@@ -12,6 +12,7 @@ import numpy as np
 from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load, package_version
+from dancedata.core.sample_id import SampleId
 from dancedata.core.text import counted, listed, shown, table
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
@@ -352,7 +353,8 @@ def scores_of_clip(rules: Protocol, pose: Pose, beats: MusicBeats | None) -> dic
 def _same_as(measured: Sequence[MeasuredClip], truth: Sequence[MeasuredClip]) -> list[str]:
     """Return a warning if samples have the numbers of the very dances that they are of."""
     real = {m.id: m for m in truth}
-    same = [m.id for m in measured if m.id in real and m.same_numbers(real[m.id])]
+    dances = [(m, real.get(m.id) or real.get(str(replace(SampleId.parse(m.id), take=0)))) for m in measured]
+    same = [m.id for m, dance in dances if dance is not None and m.same_numbers(dance)]
     of = f"{len(same)} of {counted(len(measured), 'sample')}"
     be = "is a dance of the dataset itself" if len(same) == 1 else "are the dances of the dataset themselves"
     return [f"{of} {be}"] if same else []

@@ -22,7 +22,7 @@ def markdown(reports: Sequence[Report]) -> str:
     """
     scores, rows = _scores(reports), []
     for report, name in zip(reports, _sources(reports), strict=True):
-        values = " | ".join(_in_table(_of(report, score), " [{}, {}]", "†") for score in scores)
+        values = " | ".join(_in_table(_score(report, score), " [{}, {}]", "†") for score in scores)
         rows.append(f"| {_escaped(name)} | {values} |")
     head = " | ".join(LABELS.get(name, name) for name in scores)
     lines = [f"| {reports[0].protocol.name} | {head} |", f"|---|{'|'.join('---:' for _ in scores)}|", *rows]
@@ -34,7 +34,7 @@ def latex(reports: Sequence[Report]) -> str:
     arrows = {"higher": r"$\uparrow$", "lower": r"$\downarrow$", "closer": r"$\rightarrow$"}
     scores, rows = _scores(reports), []
     for report, name in zip(reports, _sources(reports), strict=True):
-        values = " & ".join(_in_table(_of(report, s), r" {{\scriptsize [{}, {}]}}", r"\dag") for s in scores)
+        values = " & ".join(_in_table(_score(report, s), r" {{\scriptsize [{}, {}]}}", r"\dag") for s in scores)
         rows.append(rf"{_escaped(name, latex=True)} & {values} \\")
     head = " & ".join(f"{_latex_name(name)} {arrows[score.better]}" for name, score in scores.items())
     caption = _escaped(" ".join(_notes(reports, "+")), latex=True).replace("+ ", r"\dag{} ")
@@ -49,7 +49,7 @@ def _scores(reports: Sequence[Report]) -> dict[str, Score]:
     return {score.name: score for report in reports for score in report.scores}
 
 
-def _of(report: Report, name: str) -> Score | None:
+def _score(report: Report, name: str) -> Score | None:
     return next((score for score in report.scores if score.name == name), None)
 
 

@@ -65,7 +65,8 @@ def scaling_of(
         if normalized:
             raise UsageError(
                 "normalised columns need the scaler of a dataset",
-                fix="name it: like=, in a command --like DATASET; or scaler=, in a command --scaler FILE",
+                fix="name it: like= or scaler=",
+                options="name it: --like DATASET or --scaler FILE",
             )
         return Scaling(None, False)
     if field not in store.fields:

@@ -16,7 +16,6 @@ from dancedata.formats.arrays import UNSTATED, StatedScaling
 from dancedata.kernel import Scaler
 
 _log = logging.getLogger(__name__)
-_STATE = "state it: normalized=True or normalized=False, in a command --normalized or --not-normalized"
 #: Mean distance from unit length, and relative one from a bone's length, of motion that a good model generates.
 _UNIT, _BONE = 0.03, 0.15
 #: The stated choice is wrong if its distance is above this plus 3 times that of the other choice.
@@ -50,7 +49,9 @@ class Scaling:
     @staticmethod
     def unstated(where: object = None) -> UsageError:
         """Return the error for columns of which nothing states whether they are normalised."""
-        return UsageError("nothing states whether these columns are normalised", where=where, fix=_STATE)
+        return UsageError("nothing states whether these columns are normalised", where=where,
+                          fix="state it: normalized=True or normalized=False",
+                          options="state it: --normalized or --not-normalized")  # fmt: skip
 
     def undo(
         self,
@@ -78,7 +79,7 @@ class Scaling:
             as stated.
         """
         normalized = self.normalized if file.normalized is None else file.normalized
-        if normalized != self.normalized is not None and self.scaler is not None:
+        if self.scaler is not None and self.normalized not in (None, normalized):
             raise UsageError("the file and the call differ in whether the columns are normalised", where=where,
                              found=f"normalized={file.normalized} in the file",
                              allowed=f"normalized={self.normalized}")  # fmt: skip
@@ -90,7 +91,7 @@ class Scaling:
             if file.normalized:
                 raise UsageError(
                     "the file states that its columns are normalised, and no scaler is named", where=where,
-                    fix="name it: like= or scaler=, in a command --like DATASET or --scaler FILE",
+                    fix="name it: like= or scaler=", options="name it: --like DATASET or --scaler FILE",
                 )  # fmt: skip
             off, limit = _distance(_rows(columns), representation)
             if limit != _UNIT or not off > _DOUBT:  # bones may be those of another body
@@ -115,9 +116,7 @@ def _rows(columns: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 @cache
 def _warn_once(text: str) -> None:
-    _log.warning(
-        "%s; name what scaled them: %s", text, "like= or scaler=, in a command --like DATASET or --scaler FILE"
-    )
+    _log.warning("%s; name the dataset or the scaler of the training, if they are normalised", text)
 
 
 def _check(
@@ -156,10 +155,11 @@ def _check(
     elif not problem and stated > max(_DOUBT, 1.5 * least):  # bones may be those of another body
         _warn_once(f"{name}, are far off their length with either choice: an untrained model, or another scaler")
     if problem:
-        spelt = ("normalized=True, --normalized", "normalized=False, --not-normalized")
+        fix = f"if they are {words[normalized]}: "
         raise UsageError(f"the columns are stated to be {words[not normalized]}, but look {words[normalized]}",
                          where=where, found=problem,
-                         fix=f"if they are {words[normalized]}: {spelt[normalized]}")  # fmt: skip
+                         fix=f"{fix}normalized={not normalized}",
+                         options=fix + ("--normalized", "--not-normalized")[normalized])  # fmt: skip
     return doubt
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dancedata.core.bodies import has_body
-from dancedata.core.clip import Scan
+from dancedata.core.clip import Scan, check_name
 from dancedata.core.errors import SourceError
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
@@ -71,7 +71,6 @@ def recipe_with(*, dataset: str, skeleton: Skeleton = SMPL24, keys: Mapping[str,
 
 
 def _check_scan(scan: Scan, *, has_audio: bool) -> None:
-    from dancedata.core.clip import check_name
     from dancedata.music.signal import load_audio
 
     ids = [c.id for c in scan.clips]

@@ -35,6 +35,7 @@ CASES: Mapping[str, tuple[Mapping[str, Any], type[DanceDataError] | None, str, M
     "two_samples": ({FIRST: (0, 150), "x": {"samples": (1, 151), "id": FIRST}}, DataError, "150~s1", {}),
     "draw_lost": ({"{clip}@0+150~yaw~draw0.1.2": (0, 150)}, None, "yaw of 1 sample cannot be made again", {}),
     "self": ({FIRST: (0, 150)}, None, "1 of 1 sample is a dance of the dataset itself", {}),
+    "takes": ({FIRST: (0, 150), FIRST + "~s1": (0, 150)}, None, "2 of 2 samples are the dances of the dataset", {}),
 }
 
 

@@ -273,7 +273,10 @@ def test_lightning_needs_something_that_generates(path: Path, tmp_path: Path) ->
 def of_rank(store: Path, folder: Path) -> None:
     """Sample the windows of val in a process of Accelerate, and write what it logged."""
     from accelerate import Accelerator
+    from accelerate.state import AcceleratorState
     from accelerate.tracking import GeneralTracker
+
+    AcceleratorState._reset_state(reset_partial_state=True)  # that of another test, in the process that was forked
 
     class Kept(GeneralTracker):  # type: ignore[misc, name-defined]
         name, requires_logging_directory, tracker = "kept", False, property(lambda self: self.rows)
