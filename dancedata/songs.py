@@ -130,7 +130,7 @@ def find_jobs(feature: str | None, like: str | None) -> list[MusicField]:
     recipe = _recipe_like(like)
     names = [job.name for job in recipe.audio]
     if not names:
-        raise UsageError(f"{like} has no audio features", fix="use another --like, or omit it")
+        raise UsageError(f"{like} has no audio features", fix="name another dataset, or none")
     if feature is not None and feature not in names:
         raise UsageError(f"{like} has no audio feature {feature!r}", fix=did_you_mean(str(feature), names))
     fields = [field for field in recipe.audio if feature in (None, field.name)]

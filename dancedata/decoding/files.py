@@ -98,7 +98,9 @@ def _decode_file(
         decoder = replace(decoder, file=stated_scaling(arrays), grid=stated_grid(arrays))
     if like is None and fps is None and decoder.representation.rate is None and decoder.grid is None:
         raise UsageError("the frame rate of these columns is unknown", where=path,
-                         fix="give it with --fps, or name the dataset that the trainer read with --like")  # fmt: skip
+                         fix="give it, or name the dataset that the trainer read: fps= or like=",
+                         options="give it, or name the dataset that the trainer read: --fps RATE or --like DATASET",
+                         )  # fmt: skip
     try:
         motions = _motions(decoder, array, mask, place)
     except DanceDataError as error:

@@ -84,7 +84,8 @@ def saved_samples(path: object) -> SavedSamples | None:
             raise TypeError("field or normalized")
     except (OSError, ValueError, LookupError, TypeError, UsageError, DataError) as error:
         raise UsageError("this file does not say what the samples are", where=folder / ABOUT, found=shown(error),
-                         fix="delete it, and state --like and --field") from error  # fmt: skip
+                         fix="delete it, and state like= and field=",
+                         options="delete it, and state --like and --field") from error  # fmt: skip
     scaler = folder / SCALER if is_normalized else None
     if scaler is not None and Scaler.load(scaler).sha256 != about.get("scaler_sha256"):
         raise UsageError("the scaler is not that of the samples", where=scaler,

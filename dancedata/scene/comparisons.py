@@ -180,7 +180,7 @@ def file_format(
         rate = of_field or (None if plugin.rate is None else FrameGrid(plugin.rate)) or grid
     if rate is None:
         raise UsageError(f"the frame rate of columns of {field} is unknown",
-                         fix="give it with --fps, or with --like DATASET")  # fmt: skip
+                         fix="give it: fps= or like=", options="give it: --fps RATE or --like DATASET")  # fmt: skip
     like = store if stored or normalized else None
     scaling = scaling_of(like, field, plugin.columns.labels, normalized=normalized, scaler=scaler, clamp=clamp)
     return FileFormat(fps=str(rate), up=up, unit=unit, columns=ColumnsReader(plugin, rate, scaling))
