@@ -73,7 +73,7 @@ class FeatureCache:
         song
             An audio file. Only its signal counts, not its name; without `bpm`, `like` may state its tempo by it.
         field, like, fps, bpm, windows, parameters
-            As of `dancedata.features`. Window k begins at frame ``k * windows[1]``.
+            As in `dancedata.features`. Window k begins at frame ``k * windows[1]``.
 
         Returns
         -------

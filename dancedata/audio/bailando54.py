@@ -21,7 +21,7 @@ class Bailando54(BailandoFeature):
     Parameters
     ----------
     onset_fmax
-        As of `bailando438`. "nyquist", the default, is Duolando's script with librosa 0.11.
+        As in `bailando438`. "nyquist", the default, is Duolando's script run with librosa 0.11.
     """
 
     onset_fmax: Literal["era", "nyquist"] = "nyquist"

@@ -23,7 +23,7 @@ class Bailando55(BailandoFeature):
     Parameters
     ----------
     onset_fmax
-        As of `bailando438`. "nyquist", the default, is InfiniteDance's script with librosa 0.11.
+        As in `bailando438`. "nyquist", the default, is InfiniteDance's script run with librosa 0.11.
     """
 
     onset_fmax: Literal["era", "nyquist"] = "nyquist"

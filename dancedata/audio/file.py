@@ -314,7 +314,7 @@ class FileRows(FileFeature):
         if bad.any():
             row, column = (int(k) for k in np.argwhere(bad)[0])
             raise DataError(
-                "a code is not one of its codebook",
+                "a code is not in its codebook",
                 reason="bad_code",
                 where=f"{path}, row {row}, column {column}",
                 found=f"{values[row, column]}; {int(bad.any(axis=1).sum())} of {len(values)} rows",

@@ -44,7 +44,8 @@ def cache(
         raise UsageError("unknown action", found=action, allowed="prune, verify, or none")
     if stray := [name for name, value in options.items() if value and name not in _TAKES[action]]:
         fix = "dancedata cache verify --remove, dancedata cache prune --older-than AGE"
-        raise UsageError(f"{', '.join(stray)} does not go with {action or 'no action'}", fix=fix)
+        problem = f"not an option of dancedata cache{f' {action}' if action else ''}: {', '.join(stray)}"
+        raise UsageError(problem, fix=fix)
     if action == "prune":
         age = None if older_than is None else cache_admin.parse_age(older_than)
         size = None if max_size is None else cache_admin.parse_size(max_size)

@@ -84,7 +84,7 @@ class Decoder:
             if len(absent):
                 raise DataError(
                     "a dancer's rows are all 0", reason="bad_shape", where=f"dancer {absent[0]}",
-                    fix="pass mask, the person_mask that GroupDataset gives: who is not there has rows of 0",
+                    fix="pass the batch's person_mask as mask: it says which rows of 0 are absent dancers",
                 )  # fmt: skip
             return np.ones(len(array), np.bool_)
         mask = np.asarray(person_mask)

@@ -144,7 +144,7 @@ def _check_codes(rows: npt.NDArray[Any], f: Field, codebook: Codebook, where: st
     bad = (rows != codebook.pad) & ((rows < 0) | (rows >= np.array(codebook.sizes)) | (rows != np.trunc(rows)))
     if bad.any():
         row, column = (int(i) for i in np.argwhere(bad)[0])
-        raise StoreError("a code is not one of its codebook",
+        raise StoreError("a code is not in its codebook",
                          where=f"{where}, row {row}, column {f.columns.labels[column]}", found=rows[row, column],
                          allowed=f"0 to {codebook.sizes[column] - 1}, or {codebook.pad} for none")  # fmt: skip
 

@@ -72,7 +72,7 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
     raise DataError(
         "the systems have no clip in common", reason="nothing_matched",
         found="; ".join(f"{name}: {text}" for name, text in examples.items()),
-        allowed="clips of the same names, or of the same songs", fix="name the files of a model as the clips",
+        allowed="clips of the same names, or of the same songs", fix="give each file of a model the name of its clip",
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ class LightningSamples(Callback):
         Validations from one with samples to the next; the first has some.
     seed
         Seed of torch's generators while samples are drawn, with the number of the process and of the batch: each
-        validation draws the same noise, and the training draws as without samples. None: no seed is set.
+        validation draws the same noise, and sampling does not change the random numbers of training. None: no seed.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class NetworkFeature(AudioFeature):
                 where=self.weights_path(),
                 found=sha256,
                 allowed=allowed,
-                fix=f"set {self.weights_key} to where they are, or omit {self.weights_key}_sha256",
+                fix=f"set {self.weights_key} to the weights that the recipe means, or omit {self.weights_key}_sha256",
             )
         return sha256
 

@@ -122,7 +122,7 @@ class Representation(Plugin):
         this, as `encode` would move the dancer to the ground once more.
         """
         if self.grounded:
-            raise UsageError(f"the representation {self.name} cannot be encoded again at the same height")
+            raise UsageError(f"motion decoded from {self.name} cannot be encoded again at its height above the floor")
         return self.encode(motion, contacts)
 
     def __init_subclass__(cls, **options: Any) -> None:
