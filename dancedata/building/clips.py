@@ -31,9 +31,12 @@ def sources_of(cache: Cache, recipe: Recipe, scan: Scan, *, jobs: Jobs, progress
     scan = with_found_starts(cache, recipe.dataset, scan, jobs=jobs, progress=progress)
     fields = recipe.parts.fields
     sources = identify(cache, recipe.dataset, fields, scan, jobs=jobs, progress=progress, **inputs)
-    of_plugins = {name: content_hashes(plugin, cache.file_sha256) for name, plugin in recipe.plugins.items()}
-    named = {f"{name} {key}": sha256 for name, files in of_plugins.items() for key, sha256 in files.items()}
-    return replace(sources, of_plugins=named)
+    content = {
+        f"{name} {file}": sha256
+        for name, plugin in recipe.plugins.items()
+        for file, sha256 in content_hashes(plugin, cache.file_sha256).items()
+    }
+    return replace(sources, plugin_content=content)
 
 
 def compute_clips(
@@ -78,7 +81,7 @@ def annotate_clips(
     progress: Progress,
 ) -> tuple[dict[str, Sequence[Any]], list[Reject]]:
     """Return an annotator's JSON rows of the clips of a scan, each dancer alone, after steps; and the rejects."""
-    alone = replace(scan, clips=tuple(replace(ref, group="") for ref in scan.clips))  # each as his file has him
+    alone = replace(scan, clips=tuple(replace(ref, group="") for ref in scan.clips))  # each where his file has him
     sources = identify(cache, dataset, (), alone, jobs=jobs, progress=progress)
     takes, unusable = takes_of(cache, dataset, sources, jobs=jobs, progress=progress)
     results = [Result(replace(take, steps=tuple(steps)), (0,), (0,)) for take in takes]

@@ -13,7 +13,7 @@ import numpy as np
 from dancedata.building.plugins import Ask, Loadable, Maker
 from dancedata.building.result import Nothing, Result, Rows
 from dancedata.core.clip import Reject
-from dancedata.core.errors import DataError, UsageError, noted
+from dancedata.core.errors import DataError, UsageError, error_note
 from dancedata.core.rejects import reject_of
 from dancedata.execution.cache import DURABLE_FROM_S, Cache, CachedArray
 from dancedata.execution.executors import Executor
@@ -151,7 +151,7 @@ def _made(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Seque
     """Make results of one maker and scene and publish them; a Reject of each that cannot be made."""
     started = time.monotonic()
     try:
-        with noted(f"dancedata: while {maker.id} was made of {source.path}"):
+        with error_note(f"dancedata: while {maker.id} was made of {source.path}"):
             results = maker.make(loaded, [ask.part for ask in asks])
         source.check(cache)
     except DataError as error:

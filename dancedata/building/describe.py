@@ -266,8 +266,9 @@ def describe_problems(path: Path | str, problems: Sequence[Problem]) -> str:
             reason = problem.message.split(":")[0]
             kinds.setdefault(reason if reason in NOTED else problem.message, []).append(problem)
     for kind, notes in kinds.items():
-        names, why = listed([p.where for p in notes], _NAMED), notes[0].message.partition(": ")[2]
-        folded = [f"note: {len(notes):,} {kind}: {names} (all with --json); the first: {why}"]
-        lines += folded if len(notes) > _NAMED else [str(p) for p in notes]
+        detail = notes[0].message.removeprefix(kind).removeprefix(": ")
+        example = f"; the first: {detail}" if detail else ""
+        folded = f"note: {len(notes):,} {kind}: {listed([p.where for p in notes], _NAMED)} (all with --json){example}"
+        lines += [folded] if len(notes) > _NAMED else [str(p) for p in notes]
     numbers = f"{counted(len(errors), 'error')}, {counted(len(problems) - len(errors), 'note')}"
     return "\n".join([*lines, f"{shown(path_text(path))}: {numbers}"])

@@ -19,27 +19,28 @@ _SHOWN, _MESSAGE = 5, 600
 
 def require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRecord) -> None:
     """Raise StoreError with the differences if `out` was built from another recipe or source."""
-    store = open_store(out)
-    meta = store.info
-    old, new = hashed_keys(meta.get("recipe", {})), hashed_keys(recipe.document)
-    differences = [
-        f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
-        for key, a, b in document_differences(old, new)
-    ]
-    if recipe_hash(meta.get("recipe", {})) != recipe.sha256:
-        listed = "\n".join(f"  - {d}" for d in differences) or "  - (another version of dancedata)"
-        raise StoreError("this folder holds a dataset built from a different recipe", where=out,
-                         found=f"these differences:\n{listed}\n",
-                         fix="choose another --out, or --overwrite to replace it")  # fmt: skip
-    if meta.get("source", {}).get("sha256") != source_sha256:
-        changed = source_differences(SourceRecord.of_store(store), record, "there", "now")
-        listed = "\n".join(f"  - {difference}" for difference in changed) or "  - (another version of dancedata)"
-        raise StoreError(
-            "the dataset there was made from another source",
-            where=out,
-            found=f"these differences:\n{listed}\n",
-            fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
-        )
+    with open_store(out) as store:
+        stored = store.info.get("recipe", {})
+        if recipe_hash(stored) != recipe.sha256:
+            differences = [
+                f"{shown(key)}: {shown(json.dumps(a))} there, {shown(json.dumps(b))} now"
+                for key, a, b in document_differences(hashed_keys(stored), hashed_keys(recipe.document))
+            ]
+            raise StoreError("this folder holds a dataset built from a different recipe", where=out,
+                             found=_differences_text(differences),
+                             fix="choose another --out, or --overwrite to replace it")  # fmt: skip
+        if store.info.get("source", {}).get("sha256") != source_sha256:
+            raise StoreError(
+                "the dataset there was made from another source",
+                where=out,
+                found=_differences_text(source_differences(SourceRecord.of_store(store), record, "there", "now")),
+                fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
+            )
+
+
+def _differences_text(differences: Sequence[object]) -> str:
+    lines = "\n".join(f"  - {difference}" for difference in differences) or "  - (another version of dancedata)"
+    return f"these differences:\n{lines}\n"
 
 
 class SourceDifference(NamedTuple):

@@ -9,7 +9,7 @@ from dancedata.building.plugins import Annotator, Field, Seen, WindowRule
 from dancedata.building.result import Result
 from dancedata.building.segments import all_segments
 from dancedata.core.clip import Reject
-from dancedata.core.errors import UsageError, noted
+from dancedata.core.errors import UsageError, error_note
 from dancedata.core.grid import WindowSpec
 from dancedata.core.text import listed
 
@@ -43,7 +43,7 @@ def judged(
 
 
 def _judged(result: Result, rule: WindowRule, seen: Seen) -> Result:
-    with noted(f"dancedata: while the rule {rule.name} judged clip {result.take.name}"):
+    with error_note(f"dancedata: while the rule {rule.name} judged clip {result.take.name}"):
         rejects = {k: [*rule.judge(seen, k, result.starts)] for k in result.stay}
     unknown = {r.window for of in rejects.values() for r in of if r.window is not None} - {*result.starts}
     if unknown:

@@ -20,7 +20,7 @@ from dancedata.store.table_writer import write_segments
 
 
 def rewrite_segments(folder: Path, segments: Callable[[Store], Mapping[str, Sequence[Segment]]]) -> None:
-    """Replace the segments of a dataset: `segments` takes it, opened, and returns them by clip."""
+    """Replace the segments of a dataset by those that `segments` returns for it, by clip."""
     with locked(folder):
         check_out(folder, overwrite=True)
         with open_store(folder) as store:

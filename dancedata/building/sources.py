@@ -76,19 +76,19 @@ class Sources:
     `clips`: Clips with a motion file that can be read, in the order of the scan.
     `rejects`: Everything that is left out so far, clips without usable music included.
     `content`: SHA-256 of the files that the dataset's parameters name, such as a body model.
-    `of_plugins`: The same of the recipe's other plug-ins.
+    `plugin_content`: The same for the recipe's other plug-ins.
     """
 
     scan: Scan
     clips: tuple[SourceClip, ...]
     rejects: tuple[Reject, ...]
     content: Mapping[str, str]
-    of_plugins: Mapping[str, str] = field(default_factory=dict)
+    plugin_content: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def named_files(self) -> dict[str, str]:
         """SHA-256 of all files that the recipe names."""
-        return {**self.content, **self.of_plugins}
+        return {**self.content, **self.plugin_content}
 
     @property
     def sha256(self) -> str:

@@ -13,7 +13,7 @@ from dancedata.building.segments import annotated
 from dancedata.building.stored import BuiltClips, stored
 from dancedata.building.take import Take, Transform
 from dancedata.building.windows import cut_windows
-from dancedata.core.errors import SourceError, UsageError, noted
+from dancedata.core.errors import SourceError, UsageError, error_note
 from dancedata.core.grid import WindowSpec
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -56,7 +56,7 @@ def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]
     SourceError if two dancers have one id, or two groups one name; UsageError if a step follows the one that copies.
     """
     for transform in transforms:
-        with noted(f"dancedata: while the transform {transform.name} expanded takes"):
+        with error_note(f"dancedata: while the transform {transform.name} expanded takes"):
             takes = [expanded for take in takes for expanded in transform.expand(take)]
     named: dict[str, Take] = {}
     for take in takes:

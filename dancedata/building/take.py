@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from dancedata.building.inputs import Music, RowsFile
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import noted
+from dancedata.core.errors import error_note
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.hashing import json_sha256
 from dancedata.core.motion import Motion
@@ -354,7 +354,7 @@ class Scenes:
         self._made = {done: scene for done, scene in self._made.items() if done == wanted[: len(done)]}
         scene = self._made[()]
         self._last = None, scene
-        with noted(f"dancedata: after the transforms {', '.join(step.name for step in steps)}"):
+        with error_note(f"dancedata: after the transforms {', '.join(step.name for step in steps)}"):
             for n, step in enumerate(steps, 1):
                 if wanted[:n] not in self._made:
                     self._made[wanted[:n]] = step.scene(scene)

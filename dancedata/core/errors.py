@@ -156,7 +156,7 @@ class DataError(DanceDataError):
 
 
 @contextmanager
-def noted(what: str) -> Iterator[None]:
+def error_note(what: str) -> Iterator[None]:
     """Add to an error of another kind, such as a mistake in a plug-in, what was being done."""
     try:
         yield

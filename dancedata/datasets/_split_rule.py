@@ -21,7 +21,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import ClipRef
+from dancedata.core.clip import ClipRef, union_find
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
 from dancedata.core.hashing import sha256_bytes
@@ -224,8 +224,6 @@ def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
     Returns: Name of a song -> the first name, by the alphabet, of those that have its samples; without the first
         ones.
     """
-    from dancedata.core.clip import union_find
-
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:

@@ -159,7 +159,7 @@ class AiozGdance(PublishedDataset):
     genre_column
         Title of the label files' column with the genre of the music; default: the only one with "genre".
     style_column
-        The same of the style of the dance; default: the only one with "style".
+        Title of their column with the style of the dance; default: the only one with "style".
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})

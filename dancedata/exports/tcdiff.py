@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from dancedata.core.audio_signal import AudioSignal, pcm16
-from dancedata.core.clip import Window
+from dancedata.core.clip import Window, slice_name
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import counted
@@ -128,8 +128,6 @@ class Tcdiff(MotionExport):
 
 def _slices(job: ExportJob, split: str) -> list[Slice]:
     """Return the windows of the groups of a split, each with the group's first dancer, in the loader's order."""
-    from dancedata.core.clip import slice_name
-
     grid = WindowGrid(LENGTH, STRIDE)
     return [
         Slice(slice_name(group, k), clip, Window(clip.id, grid.start(k), LENGTH))

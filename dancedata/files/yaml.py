@@ -58,8 +58,8 @@ def read_yaml(path: Path) -> Any:
 def load_yaml(text: str) -> Any:
     """Read YAML; raises yaml.YAMLError, also for what only hostile files have.
 
-    That is text of more than _MAX_CHARACTERS, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases that
-    make the document larger than _MAX_NODES or endless.
+    That is text of more than 32,768 characters, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases
+    that make the document endless, or larger than 2,000 values.
     """
     if len(text) > _MAX_CHARACTERS:
         raise yaml.YAMLError(f"{len(text):,} characters; at most {_MAX_CHARACTERS:,} are read")

@@ -74,7 +74,7 @@ class Problems(list[str]):
 def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
     """Return the grid of a rate in a recipe.
 
-    Raises UsageError: if it is not a number above 0, or above _MAX_FPS.
+    Raises UsageError: if it is not a number above 0, or above 1,000.
     """
     try:
         # A boolean is a number to Python.

@@ -12,8 +12,10 @@ import pytest
 import soundfile
 
 import dancedata
+from dancedata.building.describe import describe_problems
 from dancedata.core.registry import CONTACTS, DATASETS, FEATURES, REPRESENTATIONS
 from dancedata.recipes.parse import recipe_names
+from dancedata.store import Problem
 from tests.commands import as_json, run
 
 RECIPES = {"track": "aist++", "window": "aist++-edge-exact"}
@@ -164,7 +166,9 @@ def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: P
     assert all(note in text for note in notes)
     (line,) = (line for line in text.splitlines() if "spare" in line)
     assert line.startswith("note: 5 unused_music: ")
-    assert "2 more (all with --json)" in line
+    assert "2 more (all with --json); the first: " in line
+    equal = [Problem("note", f"clip{k}", "words: none") for k in range(5)]
+    assert describe_problems("a", equal).splitlines()[0].endswith("2 more (all with --json)")  # the text comes once
 
 
 # info, list

@@ -408,7 +408,7 @@ def test_refs_survive_the_way_to_a_worker(source: Path) -> None:
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "recipes.md"
 
 
-def test_the_page_lists_every_column_and_every_name() -> None:
+def test_the_page_lists_every_column_and_producer() -> None:
     text = PAGE.read_text(encoding="utf-8")
     for column in COLUMNS:
         assert f"`{column}`" in text

@@ -58,7 +58,7 @@ class Captions(Stated):
 
     @property
     def lexicons(self) -> tuple[Lexicon, ...]:  # type: ignore[override]
-        """Its own."""
+        """The one that the recipe states; words that it lacks are looked up in English."""
         return () if self.lexicon is None else (self.lexicon,)
 
     @override

@@ -8,6 +8,7 @@ from fractions import Fraction
 from typing import Any, ClassVar
 
 from dancedata.building.take import Scene, Take, Time, Transform
+from dancedata.core.clip import slice_name
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.core.registry import TRANSFORMS
@@ -88,8 +89,6 @@ class SlicesOnGrid(Transform):
 
     def _slice(self, take: Take, k: int, at: FrameGrid) -> Take:
         """Return a slice, cut at a rate."""
-        from dancedata.core.clip import slice_name  # with h5py, which lists of plug-ins do without
-
         (dancer,), first = take.dancers, self.windows.start(k)
         start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))
         whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate, recorded=take.time.rate)

@@ -17,7 +17,7 @@ from pathlib import Path, PureWindowsPath
 from typing import Any
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
-from dancedata.core.clip import FOUND, ClipRef, ColumnValue
+from dancedata.core.clip import FOUND, SPLIT_ORDER, ClipRef, ColumnValue, check_name
 from dancedata.core.errors import DataError, SourceError, StoreError, closest, did_you_mean
 from dancedata.core.motion import Motion
 from dancedata.core.text import counted, csv_text, quoted, shown
@@ -265,8 +265,6 @@ def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, Co
 
 def check_row(manifest: Path, row: Row, split: str) -> None:
     """Check the constraints of a built dataset and of the audio reader."""
-    from dancedata.core.clip import SPLIT_ORDER, check_name
-
     where = f"{manifest}, line {row.line}"
     usual = split.casefold()
     if usual in SPLIT_ORDER and split not in SPLIT_ORDER:

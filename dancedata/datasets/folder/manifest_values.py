@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.core.clip import FOUND, ColumnValue
+from dancedata.core.clip import FOUND, ColumnValue, check_name
 from dancedata.core.errors import SourceError, StoreError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction
 from dancedata.core.skeleton import SMPL24
@@ -127,8 +127,6 @@ def genre_numbers(rows: Sequence[tuple[str, str, Bad]]) -> dict[str, int]:
 
 def check_free_names(columns: Sequence[str], bad: Bad) -> None:
     """Raise SourceError for free columns whose names no dataset can store, or for too many of them."""
-    from dancedata.core.clip import check_name
-
     names = [column.removeprefix(FREE) for column in columns if column.startswith(FREE)]
     for name in names:
         try:

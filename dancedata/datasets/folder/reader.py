@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.bodies import SMPLH52, SMPLX55
-from dancedata.core.clip import FOUND, ClipRef, Reject, Scan
+from dancedata.core.clip import FOUND, ClipRef, Reject, Scan, check_name
 from dancedata.core.errors import DataError, SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_rate
 from dancedata.core.motion import Motion
@@ -162,8 +162,6 @@ class Folder(Dataset):
                 problem_text = f"folder: joint_map has a key that is not a joint of SMPL: {joint!r}"
                 raise UsageError(problem_text, allowed=did_you_mean(joint, SMPL24.joints))
         if isinstance(self.split, str):
-            from dancedata.core.clip import check_name
-
             check_name(self.split, "split")
         else:
             object.__setattr__(self, "split", SplitRule.of(self.split).document())
