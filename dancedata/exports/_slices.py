@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.audio_signal import AudioSignal, pcm16, wav_bytes
+from dancedata.core.clip import slice_name
 from dancedata.core.grid import FrameGrid, WindowGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.text import counted, listed
@@ -186,8 +187,6 @@ def _needs_sound(job: ExportJob, feature: str, splits: Sequence[str]) -> list[Mi
 
 def slices_of(job: ExportJob, split: str, feature: str) -> list[Slice]:
     """Return the slices of a split."""
-    from dancedata.core.clip import slice_name
-
     clips = {clip.id: clip for clip in job.clips(split)}
     windows = job.store.windows(split, length=LENGTH, stride=STRIDE, fields=(MOTION, feature))
     pairs = [(clips[window.clip], window) for window in windows]

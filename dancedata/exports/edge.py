@@ -56,7 +56,6 @@ class Edge(SliceExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-
         if "val" in job.store.splits and not self.val_as_test:
             n = counted(len(job.clips("val")), "clip")
             folder.note(f"the split val ({n}) is not exported: --set val_as_test=true adds it to test")

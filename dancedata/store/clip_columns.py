@@ -17,6 +17,8 @@ from dancedata.store.columns import problem as problem_of
 from dancedata.store.columns import text_problem, whole_problem
 
 _FRACTION = re.compile(r"-?[0-9]{1,40}(/[1-9][0-9]{0,39})?")
+#: Largest tempo and height: wrong units of a source are stored, and a damaged number is not.
+_MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,11 +157,22 @@ def _count(name: str, heading: str = "", least: int = 0) -> ClipColumn:
     return ClipColumn(name, "int32", least, lambda v: whole_problem(v, least, most), int, int, heading)
 
 
+def _number_problem(value: Any) -> str:
+    problem = "" if value is None else problem_of("float", value)
+    return problem if problem or value is None or 0 <= value <= _MOST else f"not a number from 0 to {_MOST:,}"
+
+
+def _rate_problem(value: Any) -> str:
+    problem = _line_problem(value)
+    if problem or not value or (_FRACTION.fullmatch(value) and Fraction(value) > 0):
+        return problem
+    return 'not a rate such as "60" or "30000/1001"'
+
+
 def _number(name: str, heading: str, form: str) -> ClipColumn:
     # None is stored as NaN; an infinite value in a file is read as None too.
     return ClipColumn(
-        name, "float", math.nan,
-        lambda v: "" if v is None else problem_of("float", v),
+        name, "float", math.nan, _number_problem,
         lambda v: math.nan if v is None else v,
         lambda v: float(v) if math.isfinite(v) else None,
         heading, lambda v: "-" if v is None else format(v, form),
@@ -194,7 +207,7 @@ CLIP_COLUMNS = (
     _text("music", "music"),
     _text("dancer"),
     _text("source"),
-    _text("source_rate", "source fps", lambda v: v or "-"),
+    ClipColumn("source_rate", "text", "", _rate_problem, heading="source fps", show=lambda v: v or "-"),
     ClipColumn("lists", "texts", (), _lists_problem),
     _number("tempo_bpm", "bpm", "g"),
     _number("height_m", "height m", ".2f"),

@@ -29,6 +29,9 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
         _check_motion(header, clip, f, clip.motion[f.name])
     for f in audio:
         _check_audio(header, clip, f, clip.audio[f.name])
+    if off := [start for start in clip.starts if start % header.stride]:
+        raise StoreError("a window begins at no multiple of the stride", where=f"clip {clip.id}",
+                         found=f"frame {off[0]}", allowed=f"every {header.stride} frames from 0 on")  # fmt: skip
 
 
 def _check_attributes(clip: StoredClip) -> None:
@@ -159,7 +162,7 @@ class StoredClip(ClipRecord):
     Attributes
     ----------
     starts
-        First frame of every window, at the store's fps, ascending.
+        First frame of every window, at the store's fps, ascending multiples of the stride.
     motion
         Per motion and key motion field: (T, D); (0, D) of an optional field that the clip does not have.
     audio

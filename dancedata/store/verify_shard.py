@@ -292,6 +292,10 @@ def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
     bad = (start < 0) | (start > np.asarray(tables.n_frames, dtype=np.int64)[clip] - description.length)
     if bad.any():
         yield f"/windows: outside their clip: windows {_places(bad, tables, clip)}"
+    bad = start % description.stride != 0
+    if bad.any():
+        multiple = f"at a multiple of the stride, {description.stride} frames"
+        yield f"/windows: not {multiple}: windows {_places(bad, tables, clip)}"
     later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))
     if not later.all():
         yield f"/windows: not by clip and start: windows {_places(np.append(False, ~later), tables, clip)}"

@@ -1,6 +1,7 @@
 """The epoch of a dataset, which decides every random change of its samples; shared with workers."""
 
 from collections.abc import Mapping, Sequence
+from operator import index as as_int
 from typing import Any
 
 import torch
@@ -69,6 +70,13 @@ class EpochDataset(Dataset[dict[str, Any]]):
             For a negative epoch, or one of 2**63 and more.
         """
         self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch, most=2**63 - 1))
+
+    def _place(self, index: int) -> int:
+        """Return the place of a sample; negative indices count from the end."""
+        place = as_int(index)
+        if not -len(self) <= place < len(self):
+            raise IndexError(f"sample {index} of a {type(self).__name__} of {len(self)} samples")
+        return place % len(self)
 
     def _drawn_epoch(self, epoch: int | None) -> int:
         """Return the number that decides what happens to samples: an epoch, or one from torch's generator.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from operator import index as as_int
 from typing import Any, Literal
 
 import numpy as np
@@ -244,12 +243,6 @@ class Mix(EpochDataset):
         drawn = uniform(self.seed, _SOURCE_STREAM + number, draw, nth.tolist())
         return np.floor(drawn * size).astype(np.int64)
 
-    def _place(self, index: int) -> int:
-        place = as_int(index)
-        if not -len(self) <= place < len(self):
-            raise IndexError(f"sample {index} of a mix of {len(self)} samples")
-        return place % len(self)
-
     # What a BatchLoader asks of a WindowDataset.
 
     @property
@@ -292,11 +285,8 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
     by_recipe = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
     if len(set(by_recipe)) < len(by_recipe):
-        raise UsageError(
-            "datasets of a mix have one name",
-            found=listed(by_recipe),
-            fix='name them: Mix({"a": dataset, "b": other})',
-        )
+        raise UsageError("datasets of a mix have one name", found=listed(by_recipe),
+                         fix='name them: Mix({"a": dataset, "b": other})')  # fmt: skip
     return dict(zip(by_recipe, datasets, strict=True))
 
 

@@ -12,7 +12,7 @@ from torch.utils.data import Sampler
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
-from dancedata.core.text import shown
+from dancedata.core.text import counted, shown
 from dancedata.store.columns import MAX_ROWS
 
 #: Indices turned into Python ints at a time: a list of a million ints would take 36 MB.
@@ -282,8 +282,9 @@ class EpochSampler(Sampler[int]):
 
     @property
     def _order_text(self) -> str:
-        """All that `order` depends on, beside the epoch and the rank."""
-        text = f"{self.n_samples} samples, seed {self.seed if self.shuffle else None}, {self.world_size} ranks"
+        """What `order` depends on, beside the epoch, the rank and the samples themselves."""
+        seed, ranks = self.seed if self.shuffle else None, counted(self.world_size, "rank")
+        text = f"{type(self).__name__} of {self.n_samples} samples, seed {seed}, {ranks}"
         return text if self.block is None else f"{text}, blocks of {self.block}"
 
     def _move(self, epoch: int, position: int) -> None:

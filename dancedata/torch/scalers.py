@@ -91,11 +91,9 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
                     fix="read it without mirror; the codes of mirrored dances are those of a dataset of their own",
                 )
             if field.columns.mirror is None:
-                raise UsageError(
-                    f"field {field.name!r} cannot be mirrored: its columns do not define a mirror image",
-                    where=str(store.path),
-                    fix="read it without mirror, or leave the field out",
-                )
+                raise UsageError(f"field {field.name!r} cannot be mirrored: its columns do not define a mirror image",
+                                 where=str(store.path),
+                                 fix="read it without mirror, or leave the field out")  # fmt: skip
             mirrors[field.name] = field.columns.mirror
     return mirrors
 

@@ -3,10 +3,10 @@
 import copy
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
-from operator import index as as_int
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -421,32 +421,19 @@ class SplitDataset(EpochDataset):
             **{f"{name}_dropped": [name in of_sample for of_sample in dropped] for name in droppable},
             "index": [int(place) for place in plan.places],
             **{name: [value_of(self.store, free, name) for free in of_clips["columns"]] for name in self.columns},
-            **self._segment_values(plan, clips, starts, lengths, mirrored),
+            **self._segment_values(plan, zip(clips, starts, lengths, strict=True), mirrored),
         }
 
     def _segment_values(
-        self,
-        plan: BatchPlan,
-        clips: Sequence[str],
-        starts: Sequence[int],
-        lengths: Sequence[int],
-        mirrored: Sequence[bool],
+        self, plan: BatchPlan, windows: Iterable[tuple[str, int, int]], mirrored: Sequence[bool]
     ) -> dict[str, list[Any]]:
         """Return the segments, or the text, of the windows that were read."""
         if self._words is None:
             return {}
-        windows = [Window(*window) for window in zip(clips, starts, lengths, strict=True)]
-        return self._words.values(self.store, windows, mirrored, plan.epoch, plan.places)
+        return self._words.values(self.store, list(starmap(Window, windows)), mirrored, plan.epoch, plan.places)
 
     def _estimated_tempo(self, clip: str) -> float:
         """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""
         if clip not in self._tempos:
             self._tempos[clip] = estimated_tempo(self.store, clip, self.fields)
         return self._tempos[clip]
-
-    def _place(self, index: int) -> int:
-        """Return the place of a sample in `windows`; negative indices count from the end."""
-        place = as_int(index)
-        if not -len(self) <= place < len(self):
-            raise IndexError(f"sample {index} of split {self.split!r}, which has {len(self)} samples")
-        return place % len(self)

@@ -133,6 +133,10 @@ def test_takes_rank_and_size_from_distributed(monkeypatch: pytest.MonkeyPatch) -
     assert EpochSampler(10).order(0).tolist() == EpochSampler(10, rank=2, world_size=4).order(0).tolist()
 
 
+class _Drawn(EpochSampler):
+    """A sampler with an order of its own, as a `BalancedSampler` has."""
+
+
 class _OfShards:
     shard_starts = (0, 10, 14, 19, 60)
 
@@ -188,11 +192,13 @@ def test_blocks_are_announced_before_they_are_read() -> None:
 
 
 @pytest.mark.parametrize(
-    "differs", [{"seed": 3}, {"n": 51}, {"rank": 0, "world_size": 2}, {"block": 10}, {"shuffle": False}]
+    "differs",
+    [{"seed": 3}, {"n": 51}, {"rank": 0, "world_size": 2}, {"block": 10}, {"shuffle": False}, {"kind": _Drawn}],
 )
 def test_a_position_of_another_order_is_refused(differs: dict[str, Any]) -> None:
     options: dict[str, Any] = {"n": 50, "seed": 2} | differs
-    sampler = EpochSampler(options.pop("n"), **options)
+    kind = options.pop("kind", EpochSampler)
+    sampler = kind(options.pop("n"), **options)
     with raises_message(UsageError, "order"):
         sampler.load_state_dict(EpochSampler(50, seed=2).at(1, 7))
     sampler.load_state_dict(EpochSampler(50, seed=2).at(1, 0))

@@ -274,6 +274,8 @@ def test_codebooks_that_do_not_fit(make_store: Any, out: Path, case: str) -> Non
 def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
     fields = random_fields({"pose": 3}, {"slow": 2}, slow=15)
     made = make_store(fields=fields, clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
+    assert "the stride" in errors_after(made.path, "windows/start", 1, 22)
+    change_json(made.path, lambda info: info["windows"].update(stride=2))
     assert errors_after(made.path, "windows/start", 1, 22) == ""
     assert "/windows: rows of slow are outside the field, in windows 1" in errors_after(
         made.path, "windows/start", 1, 23
@@ -351,6 +353,9 @@ def test_clip_in_two_splits(make_store: Any) -> None:
     [
         ("clips/source", 1, b"nobody", "source: clips that do not exist, or are copies, in rows 1 (clip copy)"),
         ("clips/source", 1, b"copy", "source: clips that do not exist, or are copies, in rows 1 (clip copy)"),
+        ("clips/source_rate", 0, b"ab", "/clips/source_rate of clip 'alone': not a rate"),
+        ("clips/source_rate", 0, b"0", "/clips/source_rate of clip 'alone': not a rate"),
+        ("clips/height_m", 0, 1e30, "/clips/height_m of clip 'alone': not a number from 0"),
         ("clips/song", 0, b"no", "/clips/song: songs that do not exist, in rows 0 (clip alone)"),
         ("groups/n_source", 0, -3, "/groups/n_source: a number is out of bounds"),
         ("groups/n_source", 0, 1, "group train0: dancers 0, 1 of 1"),
@@ -361,7 +366,8 @@ def test_clip_in_two_splits(make_store: Any) -> None:
 )  # fmt: skip
 def test_lies_in_tables(out: Path, column: str, row: int, value: Any, message: str) -> None:
     signal = Signal("ab" * 32, 48_000, 100)
-    clips = [dataclasses.replace(clip, song="tune", signal=signal) for clip in stored({"train": (2,)})]
+    more: dict[str, Any] = {"song": "tune", "signal": signal, "source_rate": "60", "height_m": 1.7}
+    clips = [dataclasses.replace(clip, **more) for clip in stored({"train": (2,)})]
     copy = dataclasses.replace(clips[-1], id="copy", source="alone")
     write_store(out, HEADER, [*clips, copy], quality=[{"clip": "alone", "kind": "steady_music", "value": 0.1}])
     assert verify_store(out) == []
