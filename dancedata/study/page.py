@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -64,6 +64,28 @@ class StudyRequest:
     reasons: tuple[str, ...] = REASONS
 
 
+class _Samples(SceneList):
+    """Samples that say what they are, as a view of them beside their truth has them: in the place of the truth."""
+
+    def __init__(self, view: ViewSelection) -> None:
+        self._truth, self._samples = view.scenes, view.comparisons[-1]
+        self.place, self.grid, self.body = view.scenes.place, view.scenes.grid, view.scenes.body
+
+    @property
+    def items(self) -> Sequence[Item]:
+        """The dances that the samples are of."""
+        return self._truth.items
+
+    def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
+        """Return the scene of a sample."""
+        scene = self._truth.scene(item, field, first_s=first_s)
+        return replace(scene, figure=self._samples.figure(scene))
+
+    def about(self) -> dict[str, Any]:
+        """Return the head of a page of the dances."""
+        return self._truth.about()
+
+
 class _Trials(SceneList):
     """The trials as items of a page, which shows nothing but two dancers."""
 
@@ -108,7 +130,7 @@ def write_study(
     if not 2 <= request.seconds <= 120:
         raise UsageError("invalid length of trials", found=request.seconds, allowed="2 to 120 s")
     views = {name: ViewSelection.of(view) for name, view in request.systems.items()}
-    systems = {name: view.scenes for name, view in views.items()}
+    systems = {name: _Samples(view) if view.request.compare else view.scenes for name, view in views.items()}
     clips = common_clips(systems)
     for name, system in systems.items():
         say(f"{name}: {len(clips)} of {counted(len(system.items), 'clip')} matched")

@@ -16,6 +16,7 @@ from dancedata.scene.selection import ViewRequest
 from dancedata.study.page import COLUMNS, StudyRequest, write_study
 from dancedata.study.results import Answer, bradley_terry, read_results, results_of
 from dancedata.study.trials import STILL, Trial, make_trials
+from dancedata.torch import WindowDataset
 from tests.browser import Browser
 from tests.commands import as_json, run
 from tests.messages import raises_message
@@ -92,6 +93,24 @@ def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Pat
     assert (tmp_path / "again.html").read_text() == text
     with raises_message(UsageError, "already", where="study.html"):
         write_study(request(demo, systems), tmp_path / "study.html")
+
+
+def test_saved_samples_are_shown_and_not_their_truth(demo: Path, tmp_path: Path) -> None:
+    test = WindowDataset(demo, "test", fields=("edge151",))
+    batch = [test[k] for k in (0, 2, 4)]
+    rows = np.stack([item["edge151"].numpy() for item in batch])
+    for name, samples in (("same", rows), ("still", np.repeat(rows[:, :1], rows.shape[1], axis=1))):
+        test.save_samples(tmp_path / name, [item["id"] for item in batch], samples)
+    views = {name: ViewRequest(tmp_path / name) for name in ("same", "still")}
+    trials = write_study(StudyRequest(views, songs=3, checks=0), tmp_path / "study.html")
+    data = json.loads((tmp_path / "study.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
+    for trial in trials:
+        moved = {}
+        for member in data["clips"][str(trial.number)]["members"]:
+            figure = member["figure"]
+            moved[getattr(trial, member["part"])] = (figure["frames"], figure["data"])
+        assert moved["same"][0] == moved["still"][0] == 150
+        assert moved["same"][1] != moved["still"][1]
 
 
 def test_studies_without_music_or_clips_in_common(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
