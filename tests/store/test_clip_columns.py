@@ -67,13 +67,9 @@ def test_another_attribute_is_two_entries(tmp_path: Path) -> None:
         text = text.replace(old, new)
     table.write_text(text, encoding="utf-8")
     done = subprocess.run(
-        [sys.executable, "-c", SCRIPT, str(tmp_path)],
-        env={**os.environ, "PYTHONPATH": str(tmp_path)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, "-c", SCRIPT, str(tmp_path)], env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     shown = dict(line.split(":", 1) for line in done.stdout.splitlines() if ":" in line)
     assert shown["read"] == " ['Tokyo', '']"

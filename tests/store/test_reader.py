@@ -103,16 +103,6 @@ def test_windows_are_by_clip_and_start(make_store: Any) -> None:
     assert list(windows) == [Window(c.id, s, 30) for c in made.clips for s in c.starts]
 
 
-def test_windows_of_a_clip(make_store: Any) -> None:
-    store = open_store(make_store(n_frames=(200, 200)).path)
-    for split in store.splits:
-        for clip in {window.clip for window in store.windows(split)}:
-            of_clip = [window for window in store.windows(split) if window.clip == clip]
-            assert store[clip].windows() == tuple(sorted(of_clip, key=lambda window: window.start))
-    with pytest.raises(UsageError, match="no clip named"):
-        store["nobody"].windows()
-
-
 def test_fields_with_groups_of_columns(make_store: Any) -> None:
     rate = Fraction(30)
     fields = [Field("pose", "motion", random_columns(7), rate)]
@@ -235,16 +225,6 @@ def test_wrong_windows_are_refused(make_store: Any, options: dict[str, Any]) -> 
         store.windows("train", **options)
 
 
-def test_pickle_opens_the_store_again(make_store: Any) -> None:
-    made = make_store()
-    store = open_store(made.path)
-    wanted = checksum(store, 3)
-    data = pickle.dumps(store)
-    assert len(data) < 1000
-    assert checksum(pickle.loads(data), 3) == wanted
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_fork_after_reading(make_store: Any) -> None:
     store = open_store(make_store().path)
     wanted = [checksum(store, i) for i in range(8)]
@@ -265,6 +245,7 @@ def test_fork_after_reading(make_store: Any) -> None:
 def test_spawn_after_reading(make_store: Any) -> None:
     store = open_store(make_store().path)
     wanted = [checksum(store, i) for i in (0, 5)]
+    assert len(pickle.dumps(store)) < 1000
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         assert pool.starmap(checksum, [(store, 0), (store, 5)]) == wanted
 

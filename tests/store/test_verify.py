@@ -120,34 +120,101 @@ def test_changed_card_is_a_note(make_store: Any) -> None:
     assert problem.to_json() == {"severity": "note", "where": problem.where, "message": problem.message}
 
 
-JSON_CASES: list[tuple[str, Callable[[dict[str, Any]], Any], str]] = [
-    ("format", lambda d: d.update(format=7), "another format version"),
-    ("no fields", lambda d: d.pop("fields"), "KeyError: 'fields'"),
-    ("fps", lambda d: d.update(fps="0"), "dataset.json is incomplete"),
-    ("length", lambda d: d["windows"].update(length="30"), "not a whole number"),
-    ("shard path", lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5"), "not the name of a shard"),
-    ("clips of split", lambda d: d["splits"]["train"].update(clips=5), "splits: train has 6 clips, not 5"),
-    ("songs of split", lambda d: d["splits"]["val"].update(songs=9), "splits: val has 1 songs, not 9"),
-    ("hours", lambda d: d["splits"]["test"].update(hours=0.5), "hours, not 0.5"),
-    ("missing count", lambda d: d["splits"].pop("val"), "splits are not those of the shards"),
-    ("field", lambda d: d["fields"][0].update(name="other"), "does not state the rows of every field"),
-    ("no tables", lambda d: d["files"].pop("tables.h5"), "does not list tables.h5"),
-    ("order of shards", lambda d: d["shards"].append(d["shards"][0]), "neighbours"),
-    ("windows of shard", lambda d: d["shards"][0].update(windows=3), "another number of rows"),
-    ("clips of shard", lambda d: d["shards"][0].update(clips=3), "another number of rows"),
-    ("split of shard", lambda d: d["shards"][1].update(split="dev"), "/clips/split: not that of the clip"),
-    ("first byte", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64), "in dataset.json 64"),
-    ("rows", lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9), "not 9 rows"),
-    ("rate", lambda d: d["fields"][0].update(rate="60"), "/windows: rows of pose"),
-    ("dtype", lambda d: d["fields"][0].update(dtype="float16"), "is of type float32, not"),
+#: A change of a dataset, whose hashes are made right again.
+Change = Callable[[Path], None]
+
+
+def described(change: Callable[[dict[str, Any]], Any]) -> Change:
+    return lambda folder: change_json(folder, change, hide=False)
+
+
+def values(dataset: str, index: int, value: Any) -> Change:
+    return lambda folder: edit(folder, dataset, index, value, TABLES)
+
+
+def layout(dataset: str, change: Callable[[Any], Any], **options: str) -> Change:
+    """Put something else in the place of a dataset."""
+
+    def changed(folder: Path) -> None:
+        name = TRAIN if dataset.startswith("motion") else TABLES
+        with h5py.File(folder / name, "r+", locking=False) as file:
+            new = change(file[dataset][...])
+            del file[dataset]
+            if new is not None:
+                file.create_dataset(dataset, data=new, **options)
+
+    return changed
+
+
+def attribute(name: str, path: str, key: str, value: Any) -> Change:
+    """Change what readers that have HDF5 alone take rows by."""
+
+    def changed(folder: Path) -> None:
+        with h5py.File(folder / name, "r+", locking=False) as file:
+            file[path].attrs[key] = value
+
+    return changed
+
+
+DAMAGE: list[tuple[Change, str]] = [
+    (described(lambda d: d.update(format=7)), "another format version"),
+    (described(lambda d: d.pop("fields")), "KeyError: 'fields'"),
+    (described(lambda d: d.update(fps="0")), "dataset.json is incomplete"),
+    (described(lambda d: d["windows"].update(length="30")), "not a whole number"),
+    (described(lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5")), "not the name of a shard"),
+    (described(lambda d: d["splits"]["train"].update(clips=5)), "splits: train has 6 clips, not 5"),
+    (described(lambda d: d["splits"]["val"].update(songs=9)), "splits: val has 1 songs, not 9"),
+    (described(lambda d: d["splits"]["test"].update(hours=0.5)), "hours, not 0.5"),
+    (described(lambda d: d["splits"].pop("val")), "splits are not those of the shards"),
+    (described(lambda d: d["fields"][0].update(name="other")), "does not state the rows of every field"),
+    (described(lambda d: d["files"].pop("tables.h5")), "does not list tables.h5"),
+    (described(lambda d: d["shards"].append(d["shards"][0])), "neighbours"),
+    (described(lambda d: d["shards"][0].update(windows=3)), "another number of rows"),
+    (described(lambda d: d["shards"][0].update(clips=3)), "another number of rows"),
+    (described(lambda d: d["shards"][1].update(split="dev")), "/clips/split: not that of the clip"),
+    (described(lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64)), "in dataset.json 64"),
+    (described(lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9)), "not 9 rows"),
+    (described(lambda d: d["fields"][0].update(rate="60")), "/windows: rows of pose"),
+    (described(lambda d: d["fields"][0].update(dtype="float16")), "is of type float32, not"),
+    (values("windows/clip", 0, 99), "/windows/clip: a number is out of bounds"),
+    (values("windows/start", 0, -1), "outside their clip"),
+    (values("windows/start", 0, 10**6), "outside their clip"),
+    (values("clips/n_frames", 0, 0), "not a whole number from 1"),
+    (values("clips/n_frames", 0, 31), "rows and frames do not match, in rows 0 (clip train_c00)"),
+    (values("clips/n_flags", 0, -1), "/clips/n_flags of clip"),
+    (values("clips/id", 0, b"\xff"), "/clips/id: a text that is not valid UTF-8"),
+    (values("clips/id", -1, b"train_c00"), "clip train_c00 occurs 2 times, in test, train"),
+    (values("clips/music", 0, b"a\0b"), "/clips/music of clip 'train_c00': a text with a NUL"),
+    (values("clips/file", 0, b"val-00000-of-00001.h5"), "file: not that of the clip in dataset.json, in rows 0"),
+    (values("clips/lists/offset", 1, 99), "/clips/lists/offset: offsets that do not ascend within the values"),
+    (values("clips/motion/pose/start", 1, 0), "do not follow one another"),
+    (values("clips/motion/fast/length", 0, 10**7), "spans outside"),
+    (values("clips/audio/music/length", 0, 10**7), "spans outside"),
+    (values("clips/audio/layer/offset", 0, -2), "/windows: rows of layer"),
+    (layout("motion/pose", lambda old: np.tile(old, (2, 1))), "not a multiple of 64"),
+    (layout("motion/pose", lambda old: old[:, :-1]), "/motion/pose has shape"),
+    (layout("motion/pose", lambda old: old, compression="gzip"), "/motion/pose is not contiguous"),
+    (layout("motion/pose", lambda old: old.astype(">f4")), "/motion/pose is of type >f4"),
+    (layout("windows/start", lambda old: None), "a dataset is missing"),
+    (layout("clips/lists/values", lambda old: old[1:]), "offsets do not begin at 0 and end at the last entry"),
+    (layout("clips/genre", lambda old: np.arange(len(old))), "/clips/genre: a column of a table"),
+    (attribute(TRAIN, "/", "format", 1), "attribute format is"),
+    (attribute(TRAIN, "/", "split", np.bytes_("test")), "attribute split is"),
+    (attribute(TRAIN, "motion/pose", "rate", np.bytes_("999")), "attribute rate is"),
+    (attribute(TABLES, "/", "fps", np.bytes_("60")), "attribute fps is"),
+    (attribute(TABLES, "/", "fps", "30"), "attribute fps is"),
+    (attribute(TABLES, "windows", "length", 7), "attribute length is"),
+    (lambda folder: (folder / TRAIN).write_text("not HDF5") and None, "cannot be read"),
 ]
 
 
-@pytest.mark.parametrize(("change", "message"), [c[1:] for c in JSON_CASES], ids=[c[0] for c in JSON_CASES])
-def test_wrong_dataset_json(make_store: Any, change: Any, message: str) -> None:
-    made = make_store()
-    change_json(made.path, change, hide=not message.startswith("KeyError"))
-    assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
+@pytest.mark.parametrize(("change", "message"), DAMAGE)
+def test_damage_is_named(make_store: Any, change: Change, message: str) -> None:
+    folder = make_store().path
+    change(folder)
+    seal(folder)
+    problems = verify_store(folder)
+    assert any(message in str(p) for p in problems), problems
 
 
 def test_changed_dataset_json(make_store: Any) -> None:
@@ -165,31 +232,6 @@ def test_values_that_are_not_finite(make_store: Any, field: str, value: float) -
     assert field in message
     assert "1 values are not finite" in message
     assert "row 41" in message
-
-
-TABLE_CASES: list[tuple[str, int, Any, str]] = [
-    ("windows/clip", 0, 99, "/windows/clip: a number is out of bounds"),
-    ("windows/start", 0, -1, "outside their clip"),
-    ("windows/start", 0, 10**6, "outside their clip"),
-    ("clips/n_frames", 0, 0, "not a whole number from 1"),
-    ("clips/n_frames", 0, 31, "rows and frames do not match, in rows 0 (clip train_c00)"),
-    ("clips/n_flags", 0, -1, "/clips/n_flags of clip"),
-    ("clips/id", 0, b"\xff", "/clips/id: a text that is not valid UTF-8"),
-    ("clips/music", 0, b"a\0b", "/clips/music of clip 'train_c00': a text with a NUL"),
-    ("clips/file", 0, b"val-00000-of-00001.h5", "/clips/file: not that of the clip in dataset.json, in rows 0"),
-    ("clips/lists/offset", 1, 99, "/clips/lists/offset: offsets that do not ascend within the values"),
-    ("clips/motion/pose/start", 1, 0, "do not follow one another"),
-    ("clips/motion/fast/length", 0, 10**7, "spans outside"),
-    ("clips/audio/music/length", 0, 10**7, "spans outside"),
-    ("clips/audio/layer/offset", 0, -2, "/windows: rows of layer"),
-]
-
-
-@pytest.mark.parametrize(("dataset", "index", "value", "message"), TABLE_CASES)
-def test_rows_and_windows_out_of_bounds(make_store: Any, dataset: str, index: int, value: Any, message: str) -> None:
-    made = make_store()
-    edit(made.path, dataset, index, value, TABLES)
-    assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
 def errors_after(folder: Path, dataset: str, index: Any, value: Any) -> str:
@@ -282,45 +324,6 @@ def test_windows_begin_at_a_row_of_every_field(make_store: Any) -> None:
     )
 
 
-#: Of a dataset in a shard or in the tables: what takes its place, and the error.
-LAYOUTS: dict[str, tuple[str, Callable[[Any], Any], dict[str, str], str]] = {
-    "aligned": ("motion/pose", lambda old: np.tile(old, (2, 1)), {}, "not a multiple of 64"),
-    "of another width": ("motion/pose", lambda old: old[:, :-1], {}, "/motion/pose has shape"),
-    "packed": ("motion/pose", lambda old: old, {"compression": "gzip"}, "/motion/pose is not contiguous"),
-    "big-endian": ("motion/pose", lambda old: old.astype(">f4"), {}, "/motion/pose is of type >f4"),
-    "missing": ("windows/start", lambda old: None, {}, "a dataset is missing"),
-    "shorter": ("clips/lists/values", lambda old: old[1:], {}, "offsets do not begin at 0 and end at the last entry"),
-    "of another type": ("clips/genre", lambda old: np.arange(len(old)), {}, "/clips/genre: a column of a table"),
-}
-
-
-@pytest.mark.parametrize(("dataset", "change", "options", "message"), LAYOUTS.values(), ids=LAYOUTS)
-def test_other_layout(make_store: Any, dataset: str, change: Any, options: dict[str, str], message: str) -> None:
-    made = make_store()
-    with h5py.File(made.path / (TRAIN if dataset.startswith("motion") else TABLES), "r+", locking=False) as file:
-        new = change(file[dataset][...])
-        del file[dataset]
-        if new is not None:
-            file.create_dataset(dataset, data=new, **options)
-    seal(made.path)
-    assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
-
-
-@pytest.mark.parametrize(
-    ("item", "name", "value"),
-    [(TRAIN, "format", 1), (TRAIN, "split", np.bytes_("test")), (f"{TRAIN}/motion/pose", "rate", np.bytes_("999")),
-     (TABLES, "fps", np.bytes_("60")), (TABLES, "fps", "30"), (f"{TABLES}/windows", "length", 7)],
-)  # fmt: skip
-def test_attributes_are_those_of_the_description(make_store: Any, item: str, name: str, value: Any) -> None:
-    """Readers that have HDF5 alone take rows by them."""
-    made = make_store()
-    file_name, _, path = item.partition("/")
-    with h5py.File(made.path / file_name, "r+", locking=False) as file:
-        file[f"/{path}"].attrs[name] = value
-    seal(made.path)
-    assert any(f"attribute {name} is" in str(p) for p in verify_store(made.path)), verify_store(made.path)
-
-
 @pytest.mark.parametrize("text", ["1e999999999", "1/0", "nan", "0x1"])
 def test_seconds_are_fractions(make_store: Any, text: str) -> None:
     made = make_store()
@@ -332,20 +335,6 @@ def test_seconds_are_fractions(make_store: Any, text: str) -> None:
     assert "audio_start" in only_error(made.path)
     with raises_message(StoreError, "fraction"):
         _ = next(iter(open_store(made.path).clips())).audio_start
-
-
-def test_shard_that_is_not_hdf5(make_store: Any) -> None:
-    made = make_store()
-    (made.path / TRAIN).write_bytes(b"not HDF5")
-    seal(made.path)
-    assert "cannot be read" in only_error(made.path)
-
-
-def test_clip_in_two_splits(make_store: Any) -> None:
-    made = make_store(clips={"train": 2, "other": 1})
-    edit(made.path, "clips/id", 2, b"train_c00", TABLES)
-    message = "clip train_c00 occurs 2 times, in other, train"
-    assert any(message in str(p) for p in verify_store(made.path)), verify_store(made.path)
 
 
 @pytest.mark.parametrize(
