@@ -154,17 +154,18 @@ class RowQueries(StoreTables):
         Raises UsageError: for an unknown clip or field, a window that is not a whole number of rows or extends beyond
             its clip, and anything except a Window.
         """
-        if not isinstance(window, Window):
-            raise UsageError(
-                "not a window",
-                where=str(self.path),
-                found=shown(window),
-                fix='take one of ds.windows("train"); a whole clip is ds[ID].read(FIELD)',
-            )
-        f = self.field(field)
-        tables, row = self._tables, self._row(window.clip)
+        row, f, tables = self._row_of(window), self.field(field), self._tables
         first, length = locate_view(tables, row, window, f, self.grid)
         return RowSpan(self._shard_readers[int(tables.shard_of(row))], first, length)
+
+    def _row_of(self, window: Window) -> int:
+        """Return the row of a window's clip; UsageError for anything but whole frames of a clip."""
+        if not (
+            isinstance(window, Window) and hasattr(window.start, "__index__") and hasattr(window.length, "__index__")
+        ):
+            raise UsageError("not a window of whole frames", where=str(self.path), found=shown(window),
+                             fix='take one of ds.windows("train"); a whole clip is ds[ID].read(FIELD)')  # fmt: skip
+        return self._row(window.clip)
 
     def _window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.

@@ -55,7 +55,7 @@ class SegmentQueries(RowQueries):
 
     def _segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
         """Return the same as `segments` of a window, except that each segment is read when it is asked for."""
-        row = self._row(window.clip)
+        row = self._row_of(window)
         group = int(self._tables.group_of[row])
         first = int(self._tables.groups["first"][group]) if group >= 0 else row
         segments = self._placed(row, window, layer)
@@ -68,9 +68,10 @@ class SegmentQueries(RowQueries):
 
         Raises UsageError: for an unknown clip or layer.
         """
-        mask = np.zeros(window.length, dtype=np.bool_)
         self._require_layer(layer)
-        for placed in self._segment_rows_in(window, layer):
+        segments = self._segment_rows_in(window, layer)
+        mask = np.zeros(window.length, dtype=np.bool_)
+        for placed in segments:
             mask[placed.start : placed.end] = True
         return mask
 

@@ -14,6 +14,7 @@ from dancedata.files.addresses import local_folder, origin_of, require_whole
 from dancedata.files.atomic import PREFIX
 from dancedata.files.regular_file import read_regular, sha256_file
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import MAX_BYTES, Description, json_stats, load_description, require_sealed
 from dancedata.store.listed_file import ListedFile, hdf5_files
@@ -91,6 +92,7 @@ def verify_store(path: str | Path) -> list[Problem]:
             # In a damaged dataset, counts would only repeat the same problems.
             if not any(p.severity == "error" for p in problems):
                 problems += _check_counts(folder, description, records)
+                problems += _check_stride(store)
                 problems += _check_numbers(store, numbers) if STATS_FILE in description.files else ()
     problems += _check_copies(folder, records)
     problems += _find_unlisted_files(folder, description)
@@ -212,6 +214,15 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
         for name, value in actual.items():
             if counts.get(name) != value:
                 yield Problem("error", where, f"splits: {split} has {value} {name}, not {counts.get(name)}")
+
+
+def _check_stride(store: Store) -> Iterator[Problem]:
+    """Find a stride that no two windows of a clip are apart: readers take it for windows of another length."""
+    clip, start = store._tables.window_clip, store._tables.window_start
+    apart, stride = np.diff(start)[clip[1:] == clip[:-1]].min(initial=MAX_ROWS), store._description.stride
+    if stride < apart < MAX_ROWS:
+        message = f"windows: the stride is {stride} frames, and the windows of clips are {apart} apart or more"
+        yield Problem("note", str(store.path / DATASET_FILE), message)
 
 
 def _check_copies(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Problem]:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
 from dancedata.core.typing import override
 from dancedata.torch.sampler import EpochSampler, permutation
@@ -68,7 +69,7 @@ class BalancedSampler(EpochSampler):
         self.counts = tuple(len(members) for members in self._members)
         total = len(labels) if n_samples is None else whole("n_samples", n_samples)
         super().__init__(total, seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
-        self._source = data_source
+        self._source, self._groups = data_source, sha256_bytes(group.astype(np.int64).data)
 
     @override
     def order_of_all(self, epoch: int) -> npt.NDArray[np.int64]:

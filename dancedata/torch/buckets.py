@@ -9,6 +9,7 @@ from torch.utils.data import Sampler
 
 from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError
+from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted
 from dancedata.torch.sampler import EpochSampler, permutation, set_epoch_of
 
@@ -87,7 +88,8 @@ class BucketSampler(Sampler[list[int]]):
                              found=f"sample {int(lengths.argmax())}: {lengths.max()} frames",
                              allowed=f"max_frames={max_frames}")  # fmt: skip
         n = max(1, min(whole("n_buckets", n_buckets), len(lengths)))
-        self._buckets = [bucket for bucket in np.array_split(np.argsort(lengths, kind="stable"), n) if len(bucket)]
+        order = np.argsort(lengths, kind="stable")
+        self._buckets = [bucket for bucket in np.array_split(order, n) if len(bucket)]
         longest = [int(lengths[bucket[-1]]) for bucket in self._buckets]
         size = 0 if batch_size is None else whole("batch_size", batch_size, 1)
         self._sizes = [max_frames // frames if max_frames else size for frames in longest]
@@ -95,6 +97,7 @@ class BucketSampler(Sampler[list[int]]):
         self.order_of_batches = EpochSampler(
             len(self.batches(0)), seed=seed, rank=rank, world_size=world_size, shuffle=shuffle
         )
+        self.order_of_batches._groups = sha256_bytes(f"{self._sizes}{bool(drop_last)}".encode(), order.data)
 
     def __len__(self) -> int:
         return len(self.order_of_batches)

@@ -68,6 +68,9 @@ class EpochSampler(Sampler[int]):
     10
     """
 
+    #: Hash of the groups that the order is drawn from; "" without.
+    _groups = ""
+
     def __init__(
         self,
         data_source: Sized | int,
@@ -285,7 +288,8 @@ class EpochSampler(Sampler[int]):
         """What `order` depends on, beside the epoch, the rank and the samples themselves."""
         seed, ranks = self.seed if self.shuffle else None, counted(self.world_size, "rank")
         text = f"{type(self).__name__} of {self.n_samples} samples, seed {seed}, {ranks}"
-        return text if self.block is None else f"{text}, blocks of {self.block}"
+        text = text if self.block is None else f"{text}, blocks of {self.block}"
+        return f"{text}, groups {self._groups[:12]}" if self._groups else text
 
     def _move(self, epoch: int, position: int) -> None:
         self._turn += 1

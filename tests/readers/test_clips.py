@@ -241,6 +241,20 @@ def test_buckets_by_frames(store: Store) -> None:
         BucketSampler(clips)
 
 
+@pytest.mark.parametrize(
+    ("kind", "options"),
+    [(BucketSampler, {"n_buckets": 2}), (BucketSampler, {"batch_size": 3}), (BucketSampler, {"drop_last": True}),
+     (BalancedSampler, {"by": "music"})],
+)  # fmt: skip
+def test_a_position_in_other_groups_is_refused(store: Store, kind: Any, options: dict[str, Any]) -> None:
+    clips = ClipDataset(store, fields=PAIR)
+    usual = {"batch_size": 2, "n_buckets": 3} if kind is BucketSampler else {"by": "clip"}
+    state = kind(clips, **usual).at(0, 1)
+    kind(clips, **usual).load_state_dict(state)
+    with raises_message(UsageError, "order"):
+        kind(clips, **usual | options).load_state_dict(state)
+
+
 # At step 7 the third epoch of 9 crops, 3 a step, is under way, and prefetching workers are in the fourth.
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")

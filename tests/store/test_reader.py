@@ -200,7 +200,7 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
 
 def test_a_name_or_a_number_instead_of_a_window_or_a_position(make_store: Any) -> None:
     store = open_store(make_store().path)
-    for window in ("train_c00", 0):
+    for window in ("train_c00", 0, Window("train_c00", None, 30), Window("train_c00", 0, 30.5)):  # type: ignore[arg-type]
         with raises_message(UsageError, r"ds\.windows", where="store1"):
             store.read(window, "pose")  # type: ignore[arg-type]
     with raises_message(UsageError, "counted"):

@@ -120,6 +120,13 @@ def test_changed_card_is_a_note(make_store: Any) -> None:
     assert problem.to_json() == {"severity": "note", "where": problem.where, "message": problem.message}
 
 
+def test_a_stride_that_no_windows_have_is_a_note(make_store: Any) -> None:
+    made = make_store()
+    change_json(made.path, lambda d: d["windows"].update(stride=1))
+    [problem] = verify_store(made.path)
+    assert (problem.severity, "stride is 1" in problem.message) == ("note", True)
+
+
 #: A change of a dataset, whose hashes are made right again.
 Change = Callable[[Path], None]
 
