@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -45,11 +45,9 @@ if TYPE_CHECKING:
 class BuildResult:
     """The result of a build, as dataset.json has it.
 
-    `path`: Folder of the dataset.
     `built`: False if the dataset existed already and nothing had to be done.
     `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
     `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
-    `notes`: Notes of the dataset's reader on the source.
     `strict`: Whether songs that splits share count for a dataset that existed already, too.
     `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
     `compared`: A line on that.
@@ -127,14 +125,38 @@ def build(
     source = source.absolute()  # so that it can be found in the text of rejects
     store_cache = Cache.at(cache)
     recipe = resolve(recipe, store_cache.file_sha256)
+
+    def run(cache: Cache) -> bool:
+        """Build with `workers` what `scan` has listed; return False if the dataset existed already."""
+        sources = sources_of(cache, recipe, scan, jobs=workers, progress=progress)
+        record = SourceRecord.of_source(sources, source)
+        if published is not None:
+            published.warn(sources.sha256, record, progress)
+        if (out / DATASET_FILE).exists() and not overwrite:
+            from dancedata.building.differences import require_same
+
+            require_same(out, recipe, sources.sha256, record)
+            with open_store(out) as store:
+                require_no_rejects(strict, [Reject.from_json(row) for row in store.rejects], scan, store.quality)
+            return False
+        require_no_rejects(strict, sources.rejects, scan)
+        computed = compute_clips(cache, recipe, sources, jobs=workers, progress=progress)
+        require_no_rejects(strict, computed.rejects, scan, computed.quality)
+        computed = computed._replace(rejects=[relative_to(r, source) for r in computed.rejects])
+        if not computed.clips:
+            raise empty_build_error(source, recipe.dataset, scan, computed.rejects)
+        meta = _meta(recipe, sources, record.to_json({clip.original for clip in computed.clips}))
+        with new_dataset(out) as folder:
+            _write(folder, recipe, scan, computed, meta, progress)
+            place = os.path.relpath(source, out.absolute())
+            write_json(folder / LOCAL_FILE, {"source": Path(place).as_posix()})
+        return True
+
     with locked(out):
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe.dataset, recipe.parts.fields, source)
         with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
-            build_run = _Build(
-                recipe, source, out, scan, store_cache, workers, progress, overwrite, strict, published
-            )
-            result = BuildResult.of(out, build_run.run(), strict)
+            result = BuildResult.of(out, store_cache.retry_lost(run, progress), strict)
         if published is None:
             return result
         same = published.same(out)
@@ -154,60 +176,6 @@ def workers_for(
         yield workers
 
 
-@dataclass(frozen=True)
-class _Build:
-    """A build whose arguments are checked and whose folder is locked."""
-
-    recipe: Recipe
-    source: Path
-    out: Path
-    scan: Scan
-    cache: Cache
-    workers: Executor
-    progress: Progress
-    overwrite: bool
-    strict: bool
-    published: Publication | None
-
-    def run(self) -> bool:
-        """Build; return False if the dataset existed already."""
-        return self.cache.retry_lost(lambda cache: replace(self, cache=cache)._run(), self.progress)
-
-    def _run(self) -> bool:
-        sources = sources_of(self.cache, self.recipe, self.scan, jobs=self.workers, progress=self.progress)
-        record = SourceRecord.of_source(sources, self.source)
-        if self.published is not None:
-            self.published.warn(sources.sha256, record, self.progress)
-        if (self.out / DATASET_FILE).exists() and not self.overwrite:
-            from dancedata.building.differences import require_same
-
-            require_same(self.out, self.recipe, sources.sha256, record)
-            with open_store(self.out) as store:
-                require_no_rejects(self.strict, [Reject.from_json(row) for row in store.rejects], self.scan)
-                self._stop_if_implausible(store.quality)
-            return False
-        require_no_rejects(self.strict, sources.rejects, self.scan)
-        computed = compute_clips(self.cache, self.recipe, sources, jobs=self.workers, progress=self.progress)
-        require_no_rejects(self.strict, computed.rejects, self.scan)
-        self._stop_if_implausible(computed.quality)
-        computed = computed._replace(rejects=[relative_to(r, self.source) for r in computed.rejects])
-        if not computed.clips:
-            raise empty_build_error(self.source, self.recipe.dataset, self.scan, computed.rejects)
-        stored = {clip.original for clip in computed.clips}
-        meta = _meta(self.recipe, sources, record.to_json(stored))
-        with new_dataset(self.out) as folder:
-            _write(folder, self.recipe, self.scan, computed, meta, self.progress)
-            place = os.path.relpath(self.source.absolute(), self.out.absolute())
-            write_json(folder / LOCAL_FILE, {"source": Path(place).as_posix()})
-        return True
-
-    def _stop_if_implausible(self, quality: Sequence[Mapping[str, Any]]) -> None:
-        if self.strict:
-            from dancedata.core.implausible import require_plausible
-
-            require_plausible(quality)
-
-
 def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
     """Return the header of the store."""
     return StoreHeader(
@@ -215,16 +183,7 @@ def header_of(recipe: Recipe, meta: Mapping[str, Any]) -> StoreHeader:
         length=recipe.windows.length,
         stride=recipe.windows.stride,
         fields=tuple(
-            Field(
-                f.name,
-                f.kind,
-                f.columns,
-                f.grid.rate,
-                f.dtype,
-                f.codebook,
-                optional=f.optional,
-                axes=f.axes,
-            )
+            Field(f.name, f.kind, f.columns, f.grid.rate, f.dtype, f.codebook, optional=f.optional, axes=f.axes)
             for f in recipe.fields
         ),
         skeleton=recipe.skeleton,
@@ -261,10 +220,7 @@ def _meta(recipe: Recipe, sources: Sources, unstored: Mapping[str, str]) -> dict
             "sha256": sources.sha256,
             **({"split_rule": "official"} if recipe.dataset.official_split else {}),
             "layout": sources.scan.layout,
-            "notes": [
-                *sources.scan.notes,
-                *recipe.notes({ref.split for ref in sources.scan.clips}),
-            ],
+            "notes": [*sources.scan.notes, *recipe.notes({ref.split for ref in sources.scan.clips})],
             "clips": dict(unstored),
             "content": sources.named_files,
         },

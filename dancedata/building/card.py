@@ -30,18 +30,14 @@ It is plain HDF5: any tool that reads HDF5 reads it.
 def dataset_card(
     recipe: Recipe, scan: Scan, computed: BuiltClips, songs: Mapping[str, str], networks: Mapping[str, Any]
 ) -> str:
-    """Return the card's Markdown: content, source, terms, and what was left out.
-
-    `songs` are by clip, `networks` the statements of audio fields on their networks, by field.
-    """
+    """Return the card's Markdown; `songs` are by clip, statements of audio fields on their networks by field."""
     splits = sort_splits({c.split for c in computed.clips})
     notes = "\n".join(f"- {note}" for note in scan.notes)
     counts = Counter(r.reason for r in computed.rejects)
     reasons = [f"- {reason}: {n}" for reason, n in sorted(counts.items())] or ["- nothing"]
-    flags = f"{len(computed.quality)} quality flags among the segments; what they point at was not repaired."
     changed = sum(flag["kind"] in REPAIRED for flag in computed.quality)
-    if changed:
-        flags = f"{len(computed.quality)} quality flags among the segments, {changed} of them of repaired frames."
+    repaired = f", {changed} of them of repaired frames." if changed else "; what they point at was not repaired."
+    flags = f"{len(computed.quality)} quality flags among the segments{repaired}"
     parts = [
         f"# {recipe.name}\n\n{recipe.description or 'Built by dancedata.'}\n",
         _splits_table(recipe, computed, splits, songs),

@@ -2,8 +2,9 @@
 
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
@@ -36,13 +37,20 @@ def empty_build_error(source: Path, dataset: Dataset, scan: Scan, rejects: Seque
     return StoreError(text, where=source, fix=fix)
 
 
-def require_no_rejects(strict: bool, rejects: Sequence[Reject], scan: Scan) -> None:
-    """Raise DataError for the broken clips, if the build is strict."""
+def require_no_rejects(
+    strict: bool, rejects: Sequence[Reject], scan: Scan, quality: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Raise DataError for broken clips, and implausible ones by their quality flags, if the build is strict."""
+    if not strict:
+        return
+    from dancedata.core.implausible import require_plausible
+
     broken = [r for r in rejects if r.reason not in BY_CHOICE]
-    if strict and broken:
+    if broken:
         text = _report(f"{counted(len(broken), 'broken clip')} in a strict build", broken, scan)
         fix = "repair or remove the broken files, or build without --strict to leave their clips out"
         raise DataError(text, reason=broken[0].reason, fix=fix)
+    require_plausible(quality)
 
 
 def _report(problem: str, rejects: Sequence[Reject], scan: Scan) -> str:

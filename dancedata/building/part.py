@@ -19,7 +19,6 @@ from dancedata.building.stored import BuiltClips
 from dancedata.core.arguments import Overrides
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
-from dancedata.core.implausible import require_plausible
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.recipes.recipe import resolve
@@ -44,11 +43,10 @@ class Part:
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
-        """Return the clips of this part, in the order of `clips`.
+        """Return the clips of this part, in the order of `clips`, by the clips alone.
 
-        All clips of a song are in one part, so that no song is decoded in two, and all dancers of a group. Songs are
-        assigned by their number of clips, the largest first, each to the part that has the fewest clips. The result
-        depends on the clips alone.
+        All clips of a song, and all dancers of a group, are in one part, so that no song is decoded twice. Songs with
+        most clips are assigned first, each to the part that has the fewest clips.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
@@ -65,23 +63,17 @@ class Part:
 
 @dataclass(frozen=True)
 class PartResult:
-    """The result of a part: clips of the source, clips and songs of the part, and counts of clips left out."""
+    """The result of a part: its clips, those of the source, its songs, and counts of clips left out."""
 
     part: Part
-    clips_in_all: int
     clips: int
+    clips_in_all: int
     songs: int
     left_out: dict[str, int]
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
-        return {
-            "part": str(self.part),
-            "clips": self.clips,
-            "clips_in_all": self.clips_in_all,
-            "songs": self.songs,
-            "left_out": self.left_out,
-        }
+        return {**self.__dict__, "part": str(self.part)}
 
     def __str__(self) -> str:
         text = f"part {self.part}: {self.clips} of {self.clips_in_all} clips, {self.songs} songs, all in the cache"
@@ -102,10 +94,8 @@ def build_part(
 ) -> PartResult:
     """Compute a part's units of work into the cache; other parameters and errors as of `building.commands.build`.
 
-    Parts may run at the same time, on any machines that share the cache and the source, in any order and more
-    than once. A build of the whole then finds the results in the cache, and computes only missing ones.
-
-    `out`: Only names the source of a dataset that is generated.
+    Parts may run at the same time, on machines that share the cache and the source, and more than once; a build of
+    the whole then computes only missing results. `out` only names the source of a dataset that is generated.
     """
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, source, jobs = Progress(quiet=not progress), arguments.source.absolute(), jobs_of(jobs)
@@ -125,12 +115,10 @@ def build_part(
             sources = sources_of(cache, recipe, share, jobs=workers, progress=reporter)
             require_no_rejects(strict, sources.rejects, scan)
             computed = compute_clips(cache, recipe, sources, jobs=workers, progress=reporter)
-            require_no_rejects(strict, computed.rejects, scan)
-            if strict:
-                require_plausible(computed.quality)
+            require_no_rejects(strict, computed.rejects, scan, computed.quality)
             return sources, computed
 
         sources, computed_part = store_cache.retry_lost(run, reporter)
     left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
-    return PartResult(part, len(scanned.clips), len(clips), len(songs), dict(sorted(left_out.items())))
+    return PartResult(part, len(clips), len(scanned.clips), len(songs), dict(sorted(left_out.items())))

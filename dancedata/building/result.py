@@ -35,9 +35,9 @@ class Result:
     There are no `starts` without `stay`, nor the reverse; a copy comes after its parent.
 
     `starts`: First frames of the windows that are left; () for a take that is left out.
-    `stay`: Places of the dancers that are left.
+    `stay`: Numbers of the dancers that are left.
     `made`: By the maker's id, for each dancer: Rows, Nothing, a Reject, or JSON data of an annotator.
-    `segments`: Of each dancer, by annotator.
+    `segments`: By annotator, of each dancer.
     """
 
     take: Take

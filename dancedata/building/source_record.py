@@ -25,10 +25,8 @@ class SourceRecord:
     """A source as a build identified it, before motion was read.
 
     `clips`: Beginnings of the hashes of motion, music and metadata by clip; None where a dataset does not have them.
-    `left_out`: Files and clips that were left out by then.
     `content`: Hashes of files that the dataset's parameters name.
-    `about`: Metadata of clips, if recorded.
-    `files`: Motion and music file of clips, relative to the source, if recorded.
+    `about`, `files`: Metadata, and motion and music file relative to the source, of clips, if recorded.
     """
 
     clips: Mapping[str, str] | None
@@ -69,6 +67,5 @@ class SourceRecord:
 
 
 def _files(ref: ClipRef, source: Path) -> tuple[str, str]:
-    prefix = f"{source}{os.sep}"
-    paths = (ref.motion_path, ref.audio_path)
-    return str(paths[0]).removeprefix(prefix), "" if paths[1] is None else str(paths[1]).removeprefix(prefix)
+    motion, music = (str(path or "").removeprefix(f"{source}{os.sep}") for path in (ref.motion_path, ref.audio_path))
+    return motion, music

@@ -36,7 +36,7 @@ _REMEMBERED = 2**23
 class Time:
     """Frames of a motion, their exact rate, and the first that belongs to the dance.
 
-    `first`, `n_whole`: Of a part, the frame of the whole motion at frame 0, and the frames of the whole.
+    `first`, `n_whole`: Of a part, its first frame in the whole motion, and the frames of the whole.
     `recorded`: The rate of the file, where the frames are at another one.
     """
 
@@ -89,8 +89,7 @@ class Dancer:
 
     `sha256`: Of the motion file.
     `files`: Files with rows, by field.
-    `made_of`: What `StoredClip.made_of` tells of it.
-    `slice_of`: Of a slice, the id of the whole.
+    `made_of`: As in `StoredClip`.
     """
 
     id: str
@@ -162,8 +161,6 @@ class Recording:
 class Take:
     """1..n dancers in one world and one time: what is known of them before they are loaded.
 
-    `recording`: The files that it is loaded from.
-    `dancers`: Their ids are unique in a build.
     `time`: Of its motion, all steps applied.
     `steps`: Transforms that make it of the recording, in order.
     `parent`: The take that it is a copy of; None for one of the source.

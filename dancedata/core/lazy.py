@@ -13,27 +13,24 @@ def lazy_names(
 
     No name may be that of a submodule: importing the submodule would put it in the name's place.
 
-    Parameters
-    ----------
-    package
-        Its ``__name__``.
-    homes
-        Name -> module that has it, or "module:name" if its name differs.
-    modules
-        Names of subpackages and modules.
-    extra, instead
-        The extra of dancedata that the names need, and what to use without it; for MissingPackageError.
+    `homes`: Names by their module below dancedata, "open=open_store" for one that has another name there.
+    `modules`: Names of subpackages and modules.
+    `extra`, `instead`: The extra that the names need, and what to use without it; for MissingPackageError.
     """
+    places = {}
+    for module, named in homes.items():
+        for name, _, attribute in (each.partition("=") for each in named.split()):
+            places[name] = f"dancedata.{module}", attribute or name
 
     def get(name: str) -> Any:
         if name in modules:
             return import_module(f"{package}.{name}")
-        if name not in homes:
-            message = f"module {package!r} has no attribute {name!r}; it has {', '.join([*homes, *modules])}"
+        if name not in places:
+            message = f"module {package!r} has no attribute {name!r}; it has {', '.join([*places, *modules])}"
             raise AttributeError(message, name=name, obj=sys.modules[package])
-        module, _, attribute = homes[name].partition(":")
+        module, attribute = places[name]
         try:
-            return getattr(import_module(module), attribute or name)
+            return getattr(import_module(module), attribute)
         except ModuleNotFoundError:
             if extra:
                 from dancedata.core.packages import require
@@ -43,6 +40,6 @@ def lazy_names(
 
     def names() -> list[str]:
         loaded = vars(sys.modules[package])
-        return sorted(loaded.get("__all__", {*loaded, *homes, *modules}))
+        return sorted(loaded.get("__all__", {*loaded, *places, *modules}))
 
     return get, names

@@ -4,6 +4,7 @@ import math
 import os
 import re
 import time
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -40,23 +41,6 @@ class Entry:
     size: int
     used: float
     modified: float
-
-
-@dataclass
-class StageSum:
-    """Sums over a stage: entries, bytes, and the earliest and latest time of use."""
-
-    entries: int = 0
-    bytes: int = 0
-    oldest: float | None = None
-    newest: float | None = None
-
-    def add(self, entry: Entry) -> None:
-        """Count an entry."""
-        self.entries += 1
-        self.bytes += entry.size
-        self.oldest = entry.used if self.oldest is None else min(self.oldest, entry.used)
-        self.newest = entry.used if self.newest is None else max(self.newest, entry.used)
 
 
 @dataclass
@@ -98,51 +82,40 @@ def entries(root: Path) -> Iterator[Entry]:
         for prefix in _folders(stage):
             for file in _scanned(prefix):
                 match = files.ENTRY.fullmatch(file.name)
-                if match is None or match["two"] != prefix.name:
-                    continue
-                try:
-                    stat = file.stat(follow_symlinks=False)
-                except OSError:
-                    continue
-                if not S_ISREG(stat.st_mode):
-                    continue
-                size = max(stat.st_size, stat.st_blocks * 512)  # bytes on the disk
-                yield Entry(Path(file.path), stage.name, size, stat.st_mtime, stat.st_mtime)
-    yield from _fetched(root / files.DATASETS)
-
-
-def _fetched(datasets: Path) -> Iterator[Entry]:
-    """List the files of datasets that were fetched from addresses, and unfinished parts of some."""
-    for folder in _folders(datasets):
+                if match is not None and match["two"] == prefix.name:
+                    yield from _entry(file, stage.name)
+    # Files of datasets that were fetched from addresses, and unfinished parts of some.
+    for folder in _folders(root / files.DATASETS):
         match = files.FETCHED.fullmatch(folder.name)
         for file in _scanned(folder) if match is not None else ():
-            with suppress(OSError):
-                stat = file.stat(follow_symlinks=False)
-                # dataset.json stays: with it the rest is fetched again when it is needed.
-                if S_ISREG(stat.st_mode) and file.name not in ("dataset.json", "publication.json"):
-                    opened = os.stat(datasets / f"{match['sha256']}.json").st_mtime  # type: ignore[index]
-                    size = max(stat.st_size, stat.st_blocks * 512)  # bytes on the disk
-                    yield Entry(Path(file.path), files.DATASETS, size, max(opened, stat.st_mtime), stat.st_mtime)
+            # dataset.json stays: with it the rest is fetched again when it is needed.
+            if file.name not in ("dataset.json", "publication.json"):
+                yield from _entry(file, files.DATASETS, folder.parent / f"{match['sha256']}.json")  # type: ignore[index]
+
+
+def _entry(file: os.DirEntry[str], stage: str, opened: Path | None = None) -> Iterator[Entry]:
+    """Yield a file as an entry; `opened` changed at its last use. Nothing for what is none, or has vanished."""
+    with suppress(OSError):
+        stat = file.stat(follow_symlinks=False)
+        if S_ISREG(stat.st_mode):
+            used = stat.st_mtime if opened is None else max(opened.stat().st_mtime, stat.st_mtime)
+            size = max(stat.st_size, stat.st_blocks * 512)  # bytes on the disk
+            yield Entry(Path(file.path), stage, size, used, stat.st_mtime)
 
 
 def cache_json(root: Path) -> dict[str, Any]:
     """Return the output of `cache --json`: entries, bytes, and the least and most days without use, by stage."""
     _require_cache(root)
-    now = time.time()
-    stages: dict[str, StageSum] = {}
+    now, stages = time.time(), defaultdict[str, list[Entry]](list)
     for entry in entries(root):
-        stages.setdefault(entry.stage, StageSum()).add(entry)
-    total = sum(s.bytes for s in stages.values())
-    count = sum(s.entries for s in stages.values())
-    about = {
-        name: {
-            "entries": s.entries,
-            "bytes": s.bytes,
-            "days_unused": [_days(now, s.newest), _days(now, s.oldest)],
-        }
-        for name, s in sorted(stages.items())
-    }
-    return {"path": str(root), "entries": count, "bytes": total, "stages": about}
+        stages[entry.stage].append(entry)
+    about: dict[str, dict[str, Any]] = {}
+    for name, held in sorted(stages.items()):
+        used = [entry.used for entry in held]
+        days = [round(max(0.0, now - at) / 86400, 5) for at in (max(used), min(used))]
+        about[name] = {"entries": len(held), "bytes": sum(entry.size for entry in held), "days_unused": days}
+    sums = {key: sum(stage[key] for stage in about.values()) for key in ("entries", "bytes")}
+    return {"path": str(root), **sums, "stages": about}
 
 
 def prune(
@@ -162,9 +135,8 @@ def prune(
     _require_cache(root)
     now = time.time()
     result = Pruned(swept=0 if dry else files.sweep(root))
-    begun = oldest_running(root)
     # The time of a use is kept to the hour.
-    since = math.inf if begun is None else begun - files.USE_GRANULARITY_S
+    since = oldest_running(root) - files.USE_GRANULARITY_S
     by_use = sorted(entries(root), key=lambda e: (e.used, e.path))
     total = sum(e.size for e in by_use)
     for entry in by_use:
@@ -227,15 +199,15 @@ def _quantity(text: str, pattern: re.Pattern[str], units: Mapping[str, int], wha
     return float(match["number"]) * units[match["unit"][0]]
 
 
-def oldest_running(root: Path) -> float | None:
-    """Return when the oldest running build began, in seconds since 1970; None if none is running."""
+def oldest_running(root: Path) -> float:
+    """Return when the oldest running build began, in seconds since 1970; infinity if none is running."""
     begun = []
     for path in (root / files.LOCKS).glob(f"{files.RUNNING}{'[0-9a-f]' * 32}"):
         with suppress(FileNotFoundError):
             since = path.stat().st_mtime
             if not is_abandoned(path):
                 begun.append(since)
-    return min(begun, default=None)
+    return min(begun, default=math.inf)
 
 
 def remove_unused(path: Path, used: float) -> bool:
@@ -266,16 +238,8 @@ def _removed(entry: Entry) -> bool:
     try:
         return remove_unused(entry.path, entry.modified)
     except OSError as error:
-        raise StoreError(
-            "an entry of the cache cannot be removed",
-            where=entry.path,
-            found=str(error),
-            fix="entries belong to the user who made them; that user can prune them",
-        ) from error
-
-
-def _days(now: float, used: float | None) -> float | None:
-    return None if used is None else round(max(0.0, now - used) / 86400, 5)
+        raise StoreError("an entry of the cache cannot be removed", where=entry.path, found=str(error),
+                         fix="the user who made it can prune it") from error  # fmt: skip
 
 
 def _folders(folder: Path) -> Sequence[Path]:

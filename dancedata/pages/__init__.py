@@ -12,5 +12,8 @@ if TYPE_CHECKING:
     from dancedata.pages.write import Report, write_report
 else:
     __getattr__, __dir__ = lazy_names(
-        __name__, {"Report": "dancedata.pages.write", "write_report": "dancedata.pages.write"}
+        __name__,
+        {
+            "pages.write": "Report write_report",
+        },
     )

@@ -32,14 +32,14 @@ else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "beats": "dancedata.plot.beat_axes",
-            "card_pictures": "dancedata.plot.card",
-            "compare": "dancedata.plot.compare_axes",
-            "features": "dancedata.plot.feature_axes",
-            "motion": "dancedata.plot.motion_axes",
-            "paths": "dancedata.plot.path_axes",
-            "pose_map": "dancedata.plot.map_axes",
-            "write_page": "dancedata.scene.motion_page",
-            "write_video": "dancedata.plot.video",
+            "plot.beat_axes": "beats",
+            "plot.card": "card_pictures",
+            "plot.compare_axes": "compare",
+            "plot.feature_axes": "features",
+            "plot.map_axes": "pose_map",
+            "plot.motion_axes": "motion",
+            "plot.path_axes": "paths",
+            "plot.video": "write_video",
+            "scene.motion_page": "write_page",
         },
     )

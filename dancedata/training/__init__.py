@@ -15,8 +15,7 @@ else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "LightningSamples": "dancedata.training.lightning_callback",
-            "SampleLog": "dancedata.training.sample_log",
-            "Validation": "dancedata.training.sample_log",
+            "training.lightning_callback": "LightningSamples",
+            "training.sample_log": "SampleLog Validation",
         },
     )

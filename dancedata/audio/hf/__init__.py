@@ -20,10 +20,9 @@ else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "HuggingFaceEncoder": f"{__name__}.encoder",
-            "licence_of": f"{__name__}.model_folder",
-            "open_model": f"{__name__}.model_folder",
-            "settings_of": f"{__name__}.settings",
+            "audio.hf.encoder": "HuggingFaceEncoder",
+            "audio.hf.model_folder": "licence_of open_model",
+            "audio.hf.settings": "settings_of",
         },
         extra="hf",
     )

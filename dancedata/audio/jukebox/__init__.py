@@ -27,12 +27,11 @@ else:  # type checkers take the imports above, and so find misspelt names
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
-            "JukeboxConfig": f"{__name__}.config",
-            "JukeboxEncoder": f"{__name__}.encoder",
-            "JukeboxOverflowError": f"{__name__}.encoder",
-            "checkpoint_sha256": f"{__name__}.weights.folder",
-            "convert": f"{__name__}.conversion",
-            "fetch": f"{__name__}.weights.download",
+            "audio.jukebox.config": "JukeboxConfig",
+            "audio.jukebox.conversion": "convert",
+            "audio.jukebox.encoder": "JukeboxEncoder JukeboxOverflowError",
+            "audio.jukebox.weights.download": "fetch",
+            "audio.jukebox.weights.folder": "checkpoint_sha256",
         },
         extra="jukebox",
     )

@@ -42,38 +42,16 @@ if TYPE_CHECKING:
     from dancedata.core.plugins.plugin import Float32Array, Plugin
     from dancedata.core.plugins.representation import ContactRule, Representation
 else:
-    _HOMES = {
-        "audio_feature": ("AudioFeature",),
-        "augmentation": (
-            "Augmentation",
-            "CopyAugmentation",
-            "SampleAugmentation",
-            "SampleField",
-        ),
-        "dataset": ("Dataset",),
-        "file_feature": (
-            "FileFeature",
-            "FileSpan",
-        ),
-        "finders": (
-            "PRIMITIVES",
-            "KeyMotionFinder",
-            "PrimitiveFinder",
-            "WindowFilter",
-        ),
-        "metric": (
-            "Better",
-            "Metric",
-        ),
-        "plugin": (
-            "Float32Array",
-            "Plugin",
-        ),
-        "representation": (
-            "ContactRule",
-            "Representation",
-        ),
-    }
     __getattr__, __dir__ = lazy_names(
-        __name__, {name: f"{__name__}.{home}" for home, names in _HOMES.items() for name in names}
+        __name__,
+        {
+            "core.plugins.audio_feature": "AudioFeature",
+            "core.plugins.augmentation": "Augmentation CopyAugmentation SampleAugmentation SampleField",
+            "core.plugins.dataset": "Dataset",
+            "core.plugins.file_feature": "FileFeature FileSpan",
+            "core.plugins.finders": "KeyMotionFinder PRIMITIVES PrimitiveFinder WindowFilter",
+            "core.plugins.metric": "Better Metric",
+            "core.plugins.plugin": "Float32Array Plugin",
+            "core.plugins.representation": "ContactRule Representation",
+        },
     )
