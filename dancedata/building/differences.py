@@ -30,12 +30,11 @@ def require_same(out: Path, recipe: Recipe, source_sha256: str, record: SourceRe
                              found=_differences_text(differences),
                              fix="choose another --out, or --overwrite to replace it")  # fmt: skip
         if store.info.get("source", {}).get("sha256") != source_sha256:
-            raise StoreError(
-                "the dataset there was made from another source",
-                where=out,
-                found=_differences_text(source_differences(SourceRecord.of_store(store), record, "there", "now")),
-                fix="choose another --out, or --overwrite to rebuild (unchanged units come from the cache)",
-            )
+            of_sources = source_differences(SourceRecord.of_store(store), record, "there", "now")
+            raise StoreError("the dataset there was made from another source", where=out,
+                             found=_differences_text(of_sources),
+                             fix="choose another --out, or --overwrite to rebuild (unchanged units come from the "
+                             "cache)")  # fmt: skip
 
 
 def _differences_text(differences: Sequence[object]) -> str:

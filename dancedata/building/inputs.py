@@ -75,7 +75,7 @@ class Music:
     `start`: Second of the song at frame 0, exact.
     `bpm`: Tempo, beats per minute; None if unknown.
     `excerpt`: Number of the slice that the take is; None where the whole song is heard.
-    `is_file`: Whether it is the sound of a file, not stretched.
+    `is_file`: Whether it is not stretched.
     """
 
     signal: SignalId | None

@@ -1,10 +1,11 @@
 """Songs that splits or datasets share: by name, by samples, and by features of their sound."""
 
+import itertools
 from collections import defaultdict
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -31,12 +32,10 @@ _BLOCK, MAX_PAIRS = 32, 2_000_000
 
 
 class AlikeSongs(NamedTuple):
-    """Two songs of different splits, or of different datasets, that sound like one recording.
+    """Two songs of different splits, or with `between` of different datasets, that sound like one recording.
 
-    `songs`, `splits`: Their names, and the splits that each is in.
     `likeness`: 1 for equal features, about 0 for music that has nothing in common.
     `shift_s`: Seconds from an instant of the first to the same one of the second.
-    `between`: Whether they are of different datasets, and the splits those of each.
     """
 
     songs: tuple[str, str]
@@ -78,12 +77,12 @@ def leaks(path: str | Path) -> list[Problem]:
     problems = []
     for one, other in (("train", "val"), ("train", "test"), ("val", "test")):
         shared = sorted(by_split[one] & by_split[other])
-        message = f"{one} and {other} share songs: {listed(shared, _SHOWN)}"
-        if shared and official and one == "train":
-            both = f"the official train and {other} share {counted(len(shared), 'song')}"
-            message = f"{both}: {listed(shared, _SHOWN)}"
+        message = f"{one} and {other} share songs"
+        if official and one == "train":
+            message = f"the official train and {other} share {counted(len(shared), 'song')}"
         if shared:
-            problems.append(Problem("error" if one == "train" and not official else "note", where, message))
+            severity: Literal["error", "note"] = "error" if one == "train" and not official else "note"
+            problems.append(Problem(severity, where, f"{message}: {listed(shared, _SHOWN)}"))
     if alike is None:
         why = f"there are more than {MAX_PAIRS:,} pairs"
         message = f"songs were compared by name and samples, not by their sound: {why}"
@@ -106,10 +105,8 @@ def checked_lines(counts: Mapping[str, Mapping[str, Any]], shared: Sequence[Prob
 
 @dataclass(frozen=True)
 class _Recording:
-    """Rows of a song that are compared.
+    """Rows (T, D) of a song that are compared, each column of mean 0 and deviation 1; 0 where `stored` (T,) is false.
 
-    `rows`: (T, D), each column of mean 0 and deviation 1; 0 where the dataset lacks them.
-    `stored`: (T,) bool: where it has them.
     `dataset`: Number of the dataset, where songs of several are compared.
     """
 
@@ -135,10 +132,8 @@ def sound_field(store: Store) -> Field | None:
 def _sound_columns(field: Field) -> list[int]:
     """Return MFCC without the first, which is the loudness, and chroma."""
     columns, numbers = field.columns, range(field.columns.width)
-    chroma = [
-        column for name in columns.names if name.startswith("chroma") for column in numbers[columns.slice(name)]
-    ]
-    return [*(numbers[columns.slice("mfcc")][1:] if "mfcc" in columns.names else ()), *chroma]
+    chroma = (numbers[columns.slice(name)] for name in columns.names if name.startswith("chroma"))
+    return [*(numbers[columns.slice("mfcc")][1:] if "mfcc" in columns.names else ()), *itertools.chain(*chroma)]
 
 
 def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | None:
@@ -151,7 +146,6 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 
     `songs`: See `songs_of`; songs that are known to be one are not compared.
     Returns: By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
-    Raises StoreError: if rows cannot be read.
     """
     field = sound_field(store)
     if field is None or len(store.splits) < 2:
@@ -160,30 +154,17 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
     # Songs that are not both in one split alone.
-    return _alike(
-        list(_recordings(store, songs, chosen, field)),
-        _compared_rate(field),
-        lambda a, b: a.song != b.song and len(a.splits | b.splits) > 1,
-    )
+    recordings = list(_recordings(store, songs, chosen, field))
+    return _alike(recordings, _compared_rate(field), lambda a, b: a.song != b.song and len(a.splits | b.splits) > 1)
 
 
 def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = ()) -> list[AlikeSongs] | str:
-    """Find songs of one dataset that sound like a song of another, as `alike_songs` does within one.
+    """Find songs of one dataset that sound like a song of another, as `alike_songs`; text: why they are not compared.
 
     `equal`: Pairs of names of songs that are known to be one, and are not compared.
-    Returns: By falling likeness. Text: why they cannot be compared.
-    Raises StoreError: if rows cannot be read.
     """
-    fields = next(
-        (
-            (a, b)
-            for a in one.fields_with()
-            for b in other.fields_with()
-            if len(_sound_columns(a)) > 12 and (a.name, a.columns.labels) == (b.name, b.columns.labels)
-            if _compared_rate(a) == _compared_rate(b)
-        ),
-        None,
-    )
+    pairs = itertools.product(filter(_compared, one.fields_with()), filter(_compared, other.fields_with()))
+    fields = next((pair for pair in pairs if _compared(pair[0]) == _compared(pair[1])), None)
     if fields is None:
         return "they have no field with MFCC and chroma in common, as librosa35"
     stores = (one, other)
@@ -191,18 +172,20 @@ def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = 
     chosen = [_clips_of_song(store, of_store) for store, of_store in zip(stores, songs, strict=True)]
     if len(chosen[0]) * len(chosen[1]) > MAX_PAIRS:
         return f"there are more than {MAX_PAIRS:,} pairs"
-    recordings = [
-        recording
-        for number in (0, 1)
-        for recording in _recordings(stores[number], songs[number], chosen[number], fields[number], number)
-    ]
-    return _alike(
-        recordings,
-        _compared_rate(fields[0]),
-        lambda a, b: (
+    recordings = [r for k in (0, 1) for r in _recordings(stores[k], songs[k], chosen[k], fields[k], k)]
+
+    def are_compared(a: _Recording, b: _Recording) -> bool:
+        return (
             a.dataset != b.dataset and ((a.song, b.song) if a.dataset < b.dataset else (b.song, a.song)) not in equal
-        ),
-    )
+        )
+
+    return _alike(recordings, _compared_rate(fields[0]), are_compared)
+
+
+def _compared(field: Field) -> tuple[object, ...] | None:
+    """Return what fields of two datasets have in common where their rows are compared; None for other fields."""
+    is_sound = len(_sound_columns(field)) > 12
+    return (field.name, field.columns.labels, _compared_rate(field)) if is_sound else None
 
 
 def _compared_rate(field: Field) -> float:
@@ -277,17 +260,11 @@ def _alike(
     recordings: Sequence[_Recording], rate: float, are_compared: Callable[[_Recording, _Recording], bool]
 ) -> list[AlikeSongs]:
     """Return the pairs of recordings that reach LIKENESS, by falling likeness."""
-    return sorted(_pairs(recordings, rate, are_compared), key=lambda pair: -pair.likeness)
-
-
-def _pairs(
-    recordings: Sequence[_Recording], rate: float, are_compared: Callable[[_Recording, _Recording], bool]
-) -> Iterator[AlikeSongs]:
     from scipy import fft
 
     ordered = sorted(recordings, key=lambda r: len(r.rows))
     place_of = {id(r): k for k, r in enumerate(recordings)}
-    end = 0
+    end, alike = 0, []
     while end < len(ordered):
         begin, end = end, min(len(ordered), end + _BLOCK)
         block = ordered[begin:end]
@@ -306,7 +283,8 @@ def _pairs(
                         turned = place_of[id(one)] > place_of[id(block[k])]
                         a, b, shift = (block[k], one, -shift) if turned else (one, block[k], shift)
                         songs, splits = (a.song, b.song), (a.splits, b.splits)
-                        yield AlikeSongs(songs, splits, likeness, shift / rate, a.dataset != b.dataset)
+                        alike.append(AlikeSongs(songs, splits, likeness, shift / rate, a.dataset != b.dataset))
+    return sorted(alike, key=lambda pair: -pair.likeness)
 
 
 def _likeness(a: _Recording, b: _Recording, sums: npt.NDArray[Any], rate: float) -> tuple[float, int]:

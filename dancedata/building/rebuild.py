@@ -51,10 +51,7 @@ class Publication:
 
     @classmethod
     def at(cls, recipe: str | Path) -> Publication | None:
-        """Return the publication at an address or in a folder; None if that names a recipe.
-
-        Raises StoreError: if there is none, or it is damaged.
-        """
+        """Return the publication at an address or in a folder, None if that names a recipe; StoreError if damaged."""
         if not is_address(recipe) and not DatasetFiles.path(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)
@@ -78,11 +75,7 @@ class Publication:
         return cls(str(folder) if origin is None else origin.address, folder, document, files)
 
     def recipe(self, overrides: Overrides) -> Recipe:
-        """Return its recipe, with keys changed.
-
-        Plug-ins are those of this installation and those that the caller has loaded: files of a publication are not
-        executed, and paths in its recipe are refused.
-        """
+        """Return its recipe, with keys changed: its files are not executed, and paths in it are refused."""
         document = deepcopy(dict(self.dataset["recipe"]))
         strange = ["plugins"] if "plugins" in document else list(_paths(document))
         if strange:
@@ -134,15 +127,10 @@ class Publication:
         """Yield a note for each file that was published beside the recipe and that the source does not have."""
         for name, sha256 in self.files.items():
             path = source / name
-            if (
-                name not in _WRITTEN
-                and not name.endswith(".py")
-                and not (path.is_file() and sha256_file(path) == sha256)
-            ):
-                yield (
-                    f"the publication has {name}, and {source} does not: dancedata pull {self.place} fetches it; "
-                    f"copy it to the source"
-                )
+            is_there = path.is_file() and sha256_file(path) == sha256
+            if name not in _WRITTEN and not name.endswith(".py") and not is_there:
+                fetch = f"dancedata pull {self.place} fetches it; copy it to the source"
+                yield f"the publication has {name}, and {source} does not: {fetch}"
 
     def _read(self, name: str) -> str:
         path = self.folder / name

@@ -55,7 +55,7 @@ def decoded(path: Path) -> AudioSignal:
 
 
 class SignalInfo(NamedTuple):
-    """Facts about a decoded file, as the cache holds them: a JSON array in this order."""
+    """Facts about a decoded file, in the order of the cache's JSON array."""
 
     sha256: str
     sample_rate: int
@@ -70,14 +70,10 @@ class SignalId:
     """The identity of an audio file's signal.
 
     `file`: State of the file at that time, see `Cache.stat_key`.
-    `sha256`, `n_samples`: Hash and length of the signal; of a stretched one, the hash of its recipe.
-    `speed`: Speed relative to the file's signal.
-    `decoded_sha256`: Of a stretched or shortened signal: hash of the file's signal.
-    `skipped`: Samples at the beginning, less than a row of features, that are left out: the grid of rows begins after
-        them.
+    `sha256`: Hash of the signal; of a stretched one, of what makes it. `decoded_sha256` is then that of the file's.
+    `skipped`: Samples at the beginning, less than a row of features, that are left out.
     `ffmpeg`: Version of the ffmpeg that decoded the file; "" if libsndfile did.
-    `findings`: What was noticed when the file was decoded, see `AudioSignal`.
-    `levels`: Of the file's signal, see `silence.levels`.
+    `findings`, `levels`: See `AudioSignal` and `silence.levels`.
     """
 
     path: Path
@@ -147,15 +143,12 @@ class SignalId:
         The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
         sample: rounding to a row would move the music by up to half of one.
         """
-        offset, skipped = _row_at(start, self.sample_rate, grid)
-        return self.without(skipped), offset
+        offset = math.floor(start * grid.rate)
+        begun = (start - grid.seconds(offset)) * self.sample_rate
+        return self.without(math.floor(begun + Fraction(1, 2))), offset
 
     def load(self) -> AudioSignal:
-        """Decode the signal again; DataError "changed" if the file has changed.
-
-        Otherwise the features of a file that is replaced during a build would be stored under the key of the old
-        file.
-        """
+        """Decode the signal again; DataError "changed" if the file has changed, whose key would be the old one's."""
         signal_of_file = decoded(self.path)
         file = None
         with suppress(OSError):
@@ -169,13 +162,6 @@ class SignalId:
         if self.skipped:
             return replace(signal_of_file, samples=signal_of_file.samples[self.skipped :])
         return signal_of_file
-
-
-def _row_at(start: Fraction, sample_rate: int, grid: FrameGrid) -> tuple[int, int]:
-    """Return the row at second `start` of a signal, and the samples before the first row."""
-    offset = math.floor(start * grid.rate)
-    fraction = start - grid.seconds(offset)
-    return offset, math.floor(fraction * sample_rate + Fraction(1, 2))
 
 
 def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:

@@ -27,10 +27,9 @@ _COMPARED = 4
 
 @dataclass(frozen=True)
 class SourceMusic:
-    """Audio files of clips.
+    """Audio files of clips, in a folder.
 
-    `folder`: The folder that was searched.
-    `files`: Audio file of each clip that has one, by the clip's id; copies of clips have that of their clip.
+    `files`: By the clip's id, of those that have one; copies of clips have that of their clip.
     `hashes`: First digits of the hash of each clip's samples, as the dataset recorded it.
     """
 
@@ -40,13 +39,9 @@ class SourceMusic:
 
     @classmethod
     def of(cls, store: Store, source: Path | None) -> Self:
-        """Find the music of a dataset's clips.
+        """Find the music of a dataset's clips: files that its reader lists, else those with names of clips or songs.
 
-        The dataset's reader lists `source`; a folder that is not a copy of the dataset is searched for audio files
-        with the names of clips or songs.
-
-        Raises UsageError: Without a source.
-        Raises SourceError: if the folder does not exist.
+        UsageError without a source, SourceError if the folder does not exist.
         """
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --music DIR, or source=DIR")
@@ -66,30 +61,22 @@ class SourceMusic:
         return audio_length(self.files[clip.id])
 
     def load(self, clip: Clip) -> AudioSignal:
-        """Decode a clip's music.
-
-        Raises DataError: if it cannot be decoded, or does not match the dataset.
-        """
+        """Decode a clip's music; DataError if it cannot be decoded, or does not match the dataset."""
         path = self.files[clip.id]
         signal = load_audio(path)
         expected = self.hashes.get(clip.source or clip.id)
         if expected is not None and signal.sha256[:DIGITS] != expected:
-            raise DataError(
-                "this music does not match the dataset",
-                reason="other_music",
-                where=path,
-                found=f"samples with the hash {signal.sha256[:DIGITS]}",
-                allowed=f"{expected}, the music of clip {shown(clip.id)}",
-                fix="name the source that the dataset was built from, or build the dataset again from this one",
-            )
+            raise DataError("this music does not match the dataset", reason="other_music", where=path,
+                            found=f"samples with the hash {signal.sha256[:DIGITS]}",
+                            allowed=f"{expected}, the music of clip {shown(clip.id)}",
+                            fix="name the source of the dataset, or build it again from this one")  # fmt: skip
         return signal
 
 
 def is_source(store: Store, folder: Path) -> bool:
-    """Return whether a folder has motion files that a dataset was built from, where readers expect them.
+    """Return whether a folder has motion files of a dataset's source, where readers expect them.
 
-    Files are recognised by their names, the ids of clips, and by their hashes: a dataset does not record the place of
-    its source. Files with other names, as a manifest allows, are not recognised.
+    They are recognised by their names, the ids of clips, and their hashes; not under other names, as of a manifest.
     """
     clips = SourceRecord.of_store(store).clips or {}
     places = [folder, *(folder / name for name in MOTION_FOLDERS)]

@@ -35,10 +35,8 @@ class AudioSignal:
 
     Raises
     ------
-    UsageError
-        For other shapes or a sample rate below 1.
-    DataError
-        "nan" if a sample is not finite.
+    UsageError, DataError
+        For other shapes or a sample rate below 1; "nan" if a sample is not finite.
     """
 
     samples: npt.NDArray[np.float32]

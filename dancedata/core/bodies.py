@@ -160,7 +160,6 @@ SKELETONS = {s.name: s for s in (SMPL24, SMPL24_EDGE, SMPLX22, SMPLX52, SMPLX55,
 #: In the cache keys of motion that crosses from one body to another; raised by hand when it gets other numbers there.
 CROSSING = 2
 
-
 #: What to do with motion on a skeleton of another family.
 RETARGET = "put the motions on SMPL's joints by the transform retarget: --set transforms.retarget.skeleton=smpl24"
 
@@ -194,12 +193,8 @@ def limb_alignment(source: Skeleton, target: Skeleton) -> dict[int, Float64Array
 def rotations_on(motion: Motion, body: Skeleton, *, align: bool) -> Float64Array:
     """Return the rotations (T, J, 3) of a motion for the joints of another body, matched by name.
 
-    Parameters
-    ----------
-    motion, body
-        On skeletons that begin with the 22 body joints. Joints that the motion lacks do not rotate.
-    align
-        Whether limbs keep their directions, see `limb_alignment`; else rotations are copied.
+    Both begin with the 22 body joints; joints that the motion lacks do not rotate. With `align`, limbs keep their
+    directions, see `limb_alignment`; else rotations are copied.
     """
     source = motion.skeleton
     rotations = np.zeros((motion.n_frames, body.n_joints, 3))
@@ -228,20 +223,10 @@ def transfer_to(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "tran
     motion
         On a skeleton that begins with the 22 body joints, in their order.
     body
-        The skeleton of the result.
+        The skeleton of the result; with the motion's bones, it is returned itself. UsageError for another family.
     keep
         "pelvis": it stays where it is, so that the translation changes by the difference of the two bodies' rest
         positions. "translation": its numbers, as in Lodge's treatment of AIST++, so that the pelvis moves.
-
-    Returns
-    -------
-    Motion
-        The same frames on `body`; the motion itself if its bones are those of `body`.
-
-    Raises
-    ------
-    UsageError
-        If either skeleton is of another family.
     """
     source = motion.skeleton
     if source.joints == body.joints and np.array_equal(source.offsets, body.offsets):
@@ -260,28 +245,11 @@ def transfer_to(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "tran
 
 
 def transfer(motion: Motion, target: Skeleton) -> Motion:
-    """Transfer a motion to the joints of another body of the SMPL family; the pelvis stays where it is.
+    """Return a motion on the joints of another body of the SMPL family, as `transfer_to`; the pelvis stays in place.
 
     The bones are the target's, except where the motion has all of the target's joints on its own body (a body
     model with betas): then it keeps them. SMPL's 24 joints keep their bones only where the target's joints are the
-    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too. Rotations are those of `transfer_to`.
-
-    Parameters
-    ----------
-    motion
-        On a skeleton that begins with the 22 body joints, in their order.
-    target
-        The skeleton with the joints of the result.
-
-    Returns
-    -------
-    Motion
-        The same frames on the joints of `target`.
-
-    Raises
-    ------
-    UsageError
-        If either skeleton is of another family.
+    same; SMPL-H's mean body, which has SMPL's bones, takes the target's too.
     """
     source = motion.skeleton
     is_mean_smplh = source.joints == SMPLH52.joints and np.array_equal(source.offsets[:22], SMPLH52.offsets[:22])

@@ -44,8 +44,8 @@ class ClipRef:
     lists
         Lists of the dataset (such as split files) that contain the clip.
     declared
-        Declarations of the source about this file, apart from the dataset's parameters: (name, value), such as
-        ("fps", "120") from a manifest. They are input of `load`, and part of the cache key.
+        Declarations of the source about this file: (name, value), such as ("fps", "120") from a manifest. They are
+        input of `load`, and part of the cache key.
     body
         Name of the body that the motion is on, where files differ and the scan can tell; "" if unknown.
     group

@@ -47,13 +47,7 @@ class Undefined(DataError):  # noqa: N818 (an outcome, which callers catch and c
 
 
 def checked_joints(joints: npt.ArrayLike) -> Float64Array:
-    """Return joint positions (T, J, 3) as float64.
-
-    Raises
-    ------
-    DataError
-        "bad_shape", "empty" or "nan".
-    """
+    """Return joint positions (T, J, 3) as float64; DataError "bad_shape", "empty" or "nan"."""
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 3 or array.shape[2] != 3:
         raise DataError("invalid shape of joints", reason="bad_shape", found=f"{array.shape}", allowed="(T, J, 3)")
@@ -71,15 +65,7 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
 
 
 def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
-    """Return positions (P, T, J, 3) as float64.
-
-    Raises
-    ------
-    DataError
-        "bad_shape", "empty" or "nan".
-    Undefined
-        "few_dancers": fewer than `least`.
-    """
+    """Return positions (P, T, J, 3) as float64, as `checked_joints`; Undefined "few_dancers" below `least`."""
     array = np.asarray(joints, dtype=np.float64)
     if array.ndim != 4:
         raise DataError(

@@ -10,10 +10,9 @@ from dancedata.core.rotations import Float64Array
 
 
 class Draw:
-    """Random numbers of one decision, such as the angle by which one sample is turned.
+    """Random numbers of one decision, such as the angle by which one sample is turned: equal keys give equal ones.
 
-    Equal keys give equal numbers, in the order of the calls. They come from raw bits of numpy's Philox
-    stream: numpy guarantees bit streams across versions, not the algorithms of its Generator.
+    They come from raw bits of numpy's Philox, which numpy guarantees across versions, not those of its Generator.
 
     Parameters
     ----------

@@ -168,13 +168,7 @@ def error_note(what: str) -> Iterator[None]:
 
 
 def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> str:
-    """Return "did you mean 'x'? known: a, b, c" for a misspelt name; names may come from files.
-
-    Parameters
-    ----------
-    also
-        Further candidates, which are not listed.
-    """
+    """Return "did you mean 'x'? known: a, b, c" for a misspelt name; `also` are candidates that are not listed."""
     names = [shown(k) for k in known]
     close = closest(shown(name), [*names, *also])
     known_names = f"known: {listed(names, _LISTED)}" if names else "none is known"
@@ -184,12 +178,7 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
 def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
     """Return the three most similar of many names and their number; of few names all, as `did_you_mean`.
 
-    Parameters
-    ----------
-    noun
-        What has these names: "clip"; "name" for those of clips and groups.
-    dataset
-        Folder of the dataset that has them.
+    `noun` is what has these names, "clip", in the dataset of a folder.
     """
     names, query = list(map(shown, known)), shown(name)
     if len(names) <= _FEW:

@@ -25,12 +25,7 @@ _NUMBER = re.compile(r"\s*[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,
 
 
 def as_fraction(value: Number, what: str) -> Fraction:
-    """Return `value` as it is written: 29.97 is 2997/100, not the nearest binary number.
-
-    Raises
-    ------
-    UsageError
-        If `value` is not a finite number.
+    """Return `value` as it is written: 29.97 is 2997/100, not the nearest binary number; UsageError for no number.
 
     Examples
     --------
@@ -51,12 +46,7 @@ def as_fraction(value: Number, what: str) -> Fraction:
 
 
 def as_rate(value: Number) -> Fraction:
-    """Return a rate (per second) as an exact fraction; "30000/1001" is 29.97 NTSC.
-
-    Raises
-    ------
-    UsageError
-        If `value` is not a number above 0.
+    """Return a rate (per second) as an exact fraction; UsageError for anything but a number above 0.
 
     Examples
     --------
@@ -106,13 +96,7 @@ class FrameGrid:
         return FrameGrid(n * self.rate)
 
     def frames(self, seconds: Number, what: str = "length") -> int:
-        """Return how many frames `seconds` are, exactly.
-
-        Raises
-        ------
-        UsageError
-            If `seconds` is not a whole number of frames.
-        """
+        """Return how many frames `seconds` are, exactly; UsageError for a part of a frame."""
         exact = as_fraction(seconds, what) * self.rate
         if exact.denominator != 1:
             raise UsageError(
@@ -134,17 +118,7 @@ class FrameGrid:
     def rows(self, frames: int, *, of: FrameGrid, what: str = "") -> int:
         """Return how many rows of the grid `of` take exactly as long as `frames` frames of this one.
 
-        It is also the row at the same instant as frame `frames`.
-
-        Parameters
-        ----------
-        what
-            What is converted, for the message: "the length".
-
-        Raises
-        ------
-        UsageError
-            If it is not a whole number of rows.
+        It is also the row at the same instant as frame `frames`. UsageError, about `what`, for a part of a row.
         """
         period, other_period = self.common_period(of)
         rows, rest = divmod(int(frames) * other_period, period)
@@ -222,11 +196,6 @@ class FrameGrid:
 @dataclass(frozen=True)
 class WindowGrid:
     """Windows of `length` frames, one every `stride` frames: window k begins at frame k * stride.
-
-    Raises
-    ------
-    UsageError
-        If length or stride is below one frame.
 
     Examples
     --------

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array, FloatArray, matrix_from_rotvec, slerp
 from dancedata.core.skeleton import Skeleton
@@ -73,12 +73,8 @@ def placed(skeleton: Skeleton, bones: Float64Array, translation: FloatArray) -> 
 class _Poses:
     """Matrices and joint positions of a whole motion, computed once for it and its parts.
 
-    Attributes
-    ----------
-    local, world
-        Rotations as matrices (T, J, 3, 3), relative to the parents and in the world; None where they are not kept.
-    places, bones
-        Joint positions (T, J, 3) for each requested skeleton, and what `posed_bones` gives for different bones.
+    `local`, `world`: Rotations (T, J, 3, 3), relative to the parents and in the world; None where they are not kept.
+    `places`, `bones`: Joint positions (T, J, 3) for each requested skeleton, and `posed_bones` of different bones.
     """
 
     whole: Motion
@@ -282,13 +278,7 @@ class Motion:
         return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton, trim)
 
     def joints(self, skeleton: Skeleton | None = None) -> Float64Array:
-        """Return joint positions (T, J, 3), metres, with the skeleton's own root offset.
-
-        Parameters
-        ----------
-        skeleton
-            Bones with as many joints and the same parents; default: the motion's own.
-        """
+        """Return joint positions (T, J, 3), metres; of other bones with the same parents by `skeleton`."""
         bones = skeleton or self.skeleton
         if self._poses is None:
             return joint_positions(bones, world_matrices(self.skeleton, self.matrices), self.translation)
@@ -300,10 +290,10 @@ class Motion:
 _LEVEL_TOES_M = 0.02
 
 
-def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> float:
-    """Return the height of the floor as estimated by Lodge (Li et al., CVPR 2024; `set_on_ground` of its code).
+def ground_height(joints: FloatArray, skeleton: Skeleton) -> float:
+    """Return the height of the floor, metres, as Lodge does (Li et al., CVPR 2024; `set_on_ground` of its code).
 
-    The mean of the toes' heights in one frame if they differ by less than 2 cm, else the lower one.
+    It is the mean of the toes' heights in the first frame if they differ by less than 2 cm, else the lower one.
 
     Parameters
     ----------
@@ -311,39 +301,15 @@ def ground_height(joints: FloatArray, skeleton: Skeleton, frame: int = 0) -> flo
         (T, J, 3) positions, metres, +Y up.
     skeleton
         Defines the toes (`feet[2:]`).
-    frame
-        The frame to use. Lodge first trims a still beginning, so this is the motion's `trim_start`.
-
-    Returns
-    -------
-    float
-        Metres.
-
-    Raises
-    ------
-    UsageError
-        If the frame does not exist.
     """
-    if not 0 <= frame < len(joints):
-        raise UsageError("the frame for the floor height does not exist", found=f"frame {frame} of {len(joints)}")
-    left, right = (float(joints[frame, toe, 1]) for toe in skeleton.feet[2:])
+    left, right = (float(joints[0, toe, 1]) for toe in skeleton.feet[2:])
     return (left + right) / 2 if abs(left - right) < _LEVEL_TOES_M else min(left, right)
 
 
-def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
-    """Put a motion on the floor y = 0: all frames are shifted by one height.
+def grounded(motion: Motion) -> Motion:
+    """Put a motion, +Y up, on the floor y = 0: all frames are shifted by one height.
 
-    Parameters
-    ----------
-    motion
-        +Y up. The height of the floor is that of `ground_height` in frame `motion.trim_start`.
-    skeleton
-        Bones for the positions of the toes, with as many joints; default: the motion's own.
-
-    Returns
-    -------
-    Motion
-        On the motion's own skeleton.
+    It is `ground_height` in frame `motion.trim_start`: Lodge first trims a still beginning.
 
     Examples
     --------
@@ -355,7 +321,6 @@ def grounded(motion: Motion, skeleton: Skeleton | None = None) -> Motion:
     True
     """
     frame = motion.trim_start
-    standing = motion.part(frame, frame + 1).on(skeleton or motion.skeleton)
-    height = ground_height(standing.joints(), standing.skeleton)
-    translation = motion.translation - (0.0, height, 0.0)
-    return replace(motion, translation=translation)
+    # Without the cache of the whole: one frame alone, for the same bits.
+    height = ground_height(motion.part(frame, frame + 1).on(motion.skeleton).joints(), motion.skeleton)
+    return replace(motion, translation=motion.translation - (0.0, height, 0.0))

@@ -40,9 +40,8 @@ _registered: dict[tuple[str, str], str] = {}
 def load_plugins(*files: str | Path) -> tuple[PluginFile, ...]:
     """Load local plug-ins: Python files that register some, as ``plugins:`` of a recipe and ``--plugin`` do.
 
-    The files are executed. Plug-ins replace those of the same kind and name of files that were loaded before, such as
-    an earlier version of the file; those of dancedata and of other distributions cannot be replaced. A file cannot
-    import others next to it: put several files into a package.
+    The files are executed. Plug-ins replace those of the same kind and name of files that were loaded before, not
+    those of dancedata and of other distributions. A file cannot import others next to it: make a package of several.
 
     Parameters
     ----------

@@ -54,28 +54,12 @@ _STILL_M = 1e-6
 class Flag:
     """A suspicious value of a clip, or between `frame` and the next one, at the source's frame rate.
 
-    Attributes
-    ----------
-    kind
-        "fast_turn": value is an angle, degrees. "root_jump": value is a distance, metres.
-        "repaired_spike" and "_gap": the frame was changed, of a spike by its size, metres, or of a gap by its length,
-        seconds; "repaired_floor" and "_jitter": all frames were, by its drift or jitter, metres.
-        "retarget_residual": value is the largest residual of a run of frames, metres, see `dancedata.retarget`.
-        Those in `OF_CLIPS` concern the whole clip.
-        "implausible_body": value is the size of the skeleton, metres. "implausible_root": value
-        is the ratio of the root's vertical movement to that implied by the pose. "implausible_sides", "_legs",
-        "_arms", "_elbows", "_up" and "lying": value is a cosine that should be above 0. "crossed_legs": value is the
-        distance of the ankles in widths of the hips. "stretched_bone": value is a change of length, metres. "fitted":
-        twists of bones are unknown; value is the mean distance of joints from the positions, metres.
-        "repeated_frames": value is how often each frame comes. "doubtful_rate": value is how many times too high the
-        rate is stated.
-        "silent_music": value is a level, dBFS. "steady_music": value is the range of levels, dB.
-        "decoded_by_ffmpeg", "late_music", "early_music", "cut_music": value is the length of the music, of the delay
-        that it keeps, of the picture before it, of what its file lacks, seconds.
-    joint, frame
-        "" and None for a flag of the whole clip.
-    rate
-        Frame rate of `frame`, frames per second, as text.
+    `kind`: What `value` is of, in `unit`. "fast_turn": an angle. "root_jump": a distance. "repaired_spike", "_gap",
+        "_floor", "_jitter": size of a spike, length of a gap, drift or jitter of all frames. "retarget_residual": the
+        largest residual of a run of frames, see `dancedata.retarget`. Those in `OF_CLIPS` concern the whole clip;
+        `core.implausible` says what each value is.
+    `joint`, `frame`: "" and None for a flag of the whole clip.
+    `rate`: Frame rate of `frame`, frames per second, as text.
     """
 
     kind: str
@@ -103,18 +87,18 @@ def implausible_flags(motion: Motion) -> list[Flag]:
     affects only the translation, which is judged by the movement that keeps the lowest joint at one height. Sides
     and the up axis are judged by the joints, see `core.sides`. What is only doubtful comes last.
     """
-    joints = motion.joints()
-    measured: list[tuple[str, float | None, str]] = []
-    size = body_size(motion.skeleton)
-    measured.append(("implausible_body", None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size, "m"))
-    measured.append(("implausible_root", _implausible_root(motion, joints), "1"))
-    if has_sides(motion.skeleton.joints):
-        measured += [(kind, value, "1") for kind, value in implausible_sides(joints, motion)]
-    measured.append(("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"))
-    measured.append(("fitted", motion.fit_m, "m"))
-    measured.append(("repeated_frames", repeats(joints), "1"))
-    # A wrong unit changes accelerations as a wrong rate does.
-    if has_sides(motion.skeleton.joints) and measured[0][1] is measured[1][1] is None:
+    joints, size, sided = motion.joints(), body_size(motion.skeleton), has_sides(motion.skeleton.joints)
+    body = None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size
+    root = _implausible_root(motion, joints)
+    measured = [
+        ("implausible_body", body, "m"),
+        ("implausible_root", root, "1"),
+        *((kind, value, "1") for kind, value in (implausible_sides(joints, motion) if sided else ())),
+        ("stretched_bone", motion.stretch_m if motion.stretch_m > _RIGID_M else None, "m"),
+        ("fitted", motion.fit_m, "m"),
+        ("repeated_frames", repeats(joints), "1"),
+    ]
+    if sided and body is root is None:  # a wrong unit changes accelerations as a wrong rate does
         measured.append(("doubtful_rate", rate_factor(joints, float(motion.grid.rate)), "1"))
     return [
         Flag(kind, "", None, round(value, 6 if unit == "1" else 4), unit, str(motion.grid))
@@ -160,45 +144,36 @@ def _implausible_root(motion: Motion, joints: Float64Array) -> float | None:
     return ratio if ratio < low or (ratio > high and np.ptp(height) > _ROOM_M) else None
 
 
-def quality_flags(
-    motion: Motion, max_turn_deg_s: float = _MAX_TURN_DEG_S, max_root_speed_m_s: float = _MAX_ROOT_SPEED_M_S
-) -> list[Flag]:
+def quality_flags(motion: Motion) -> list[Flag]:
     """Find implausible bodies, and joints and roots that move faster than a dancer can.
 
     Flags of the whole clip come first, then those of frames, ordered by frame, then joint.
     """
-    return implausible_flags(motion) + _fast_flags(motion, max_turn_deg_s, max_root_speed_m_s)
-
-
-def _fast_flags(motion: Motion, max_turn_deg_s: float, max_root_speed_m_s: float) -> list[Flag]:
-    if motion.n_frames < 2:
-        return []
-    rate = float(motion.grid.rate)
+    rate, joints, grid = float(motion.grid.rate), motion.skeleton.joints, str(motion.grid)
     flags = [
-        Flag("fast_turn", motion.skeleton.joints[joint], frame, round(angle, 3), "deg", str(motion.grid))
-        for frame, joint, angle in _turns(motion.rotations, rate, max_turn_deg_s)
+        Flag("fast_turn", joints[joint], frame, round(angle, 3), "deg", grid)
+        for frame, joint, angle in _turns(motion.rotations, rate)
     ]
     steps = np.linalg.norm(np.diff(motion.translation, axis=0), axis=1)
-    root = motion.skeleton.joints[0]
     flags += [
-        Flag("root_jump", root, int(t), round(float(steps[t]), 4), "m", str(motion.grid))
-        for t in np.flatnonzero(steps * rate > max_root_speed_m_s)
+        Flag("root_jump", joints[0], int(t), round(float(steps[t]), 4), "m", grid)
+        for t in np.flatnonzero(steps * rate > _MAX_ROOT_SPEED_M_S)
     ]
-    return sorted(flags, key=lambda f: (f.frame or 0, f.kind, f.joint))
+    return implausible_flags(motion) + sorted(flags, key=lambda f: (f.frame or 0, f.kind, f.joint))
 
 
-def _turns(rotations: Float64Array, rate: float, max_deg_s: float) -> Iterator[tuple[int, int, float]]:
-    """Yield frame, joint and angle, degrees, of every turn to the next frame that is faster than `max_deg_s`."""
+def _turns(rotations: Float64Array, rate: float) -> Iterator[tuple[int, int, float]]:
+    """Yield frame, joint and angle, degrees, of every turn to the next frame that is too fast."""
     # No turn is larger than the distance of its two rotation vectors (Hartley et al. 2013, section 4): angles are
     # computed only where that distance, with room for rounding, is too large.
     steps = np.diff(rotations, axis=0)
     np.square(steps, out=steps)
     distances = np.sqrt(steps[..., 0] + steps[..., 1] + steps[..., 2])
-    frames, joints = np.nonzero(np.degrees(distances) * rate > max_deg_s * (1 - 1e-9))
+    frames, joints = np.nonzero(np.degrees(distances) * rate > _MAX_TURN_DEG_S * (1 - 1e-9))
     if not len(frames):
         return
     pairs = np.stack([rotations[frames, joints], rotations[frames + 1, joints]])
     angles = np.degrees(angles_between(pairs)[0])
     for frame, joint, angle in zip(frames.tolist(), joints.tolist(), angles.tolist(), strict=True):
-        if angle * rate > max_deg_s:
+        if angle * rate > _MAX_TURN_DEG_S:
             yield frame, joint, angle

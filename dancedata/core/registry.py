@@ -60,11 +60,7 @@ class Registry(Generic[P]):
     def register(self, name: str) -> Callable[[C], C]:
         """Return a decorator that registers a class under `name`, which becomes its attribute `name`.
 
-        Raises
-        ------
-        UsageError
-            When it is applied to a class that is not derived from `base` or lacks a member, or if another class has
-            the name.
+        UsageError for a class that is not derived from `base` or lacks a member, and for a name that is taken.
         """
 
         def decorate(cls: C) -> C:
@@ -134,12 +130,9 @@ class Registry(Generic[P]):
         return name, None
 
     def make(self, name: str, parameters: Mapping[str, Any]) -> P:
-        """Make a plug-in without the packages that recipes are checked with.
+        """Make a plug-in; UsageError for an unknown name or parameter, and as the plug-in itself.
 
-        Raises
-        ------
-        UsageError
-            For an unknown name or parameter, and as the plug-in itself.
+        pydantic, with which recipes are checked, is not imported.
         """
         cls: type[Any] = self.get(name, parameters=parameters)
         parameters = without_file_key(cls, dict(parameters), f"{self.kind} {name}")

@@ -99,13 +99,7 @@ class SampleId:
 
     @classmethod
     def parse(cls, text: str | SampleId) -> Self:
-        """Return the id that a text is; of a text without the form of one, that of a clip of this name.
-
-        Raises
-        ------
-        UsageError
-            For an empty text.
-        """
+        """Return the id that a text is, else that of a clip of this name; UsageError for an empty text."""
         parsed = _FORM.fullmatch(str(text))
         if parsed is None:
             raise UsageError("not the id of a sample", found=shown(text), allowed="CLIP, or CLIP@START+LENGTH~MARK")

@@ -120,13 +120,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
 
 
 def stands(joints: Float64Array) -> bool:
-    """Whether the dancer certainly stands along +Y: its lowest joint keeps its height better than along other axes.
-
-    Parameters
-    ----------
-    joints
-        (T, J, 3) as for `sides_of`.
-    """
+    """Whether the dancer certainly stands along +Y: the lowest joint keeps its height best along this axis."""
     places = sampled(joints)[:, :22]
     if len(places) < _LEAST_FRAMES or body_direction(joints)[1] <= _CERTAINLY_ALONG:
         return False

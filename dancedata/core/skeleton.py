@@ -91,10 +91,7 @@ class Skeleton:
     def subset(self, name: str, joints: tuple[str, ...]) -> Skeleton:
         """Return the skeleton of some joints, in the present order; bones across omitted joints are joined.
 
-        Raises
-        ------
-        UsageError
-            For an unknown joint, or if the root or a foot joint is omitted.
+        UsageError for an unknown joint, and without the root or a foot joint.
         """
         kept = [self.index(joint) for joint in joints]
         needed = {0, *self.feet}

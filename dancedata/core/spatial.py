@@ -73,19 +73,8 @@ class Spatial:
     def moved(self, rows: Array, columns: Columns, by: Placement, about: Float64Array | None = None) -> Array:
         """Return rows (L, D), not normalised, of the dancer at another place, in another direction.
 
-        Parameters
-        ----------
-        columns
-            The D columns.
-        by
-            The axis of its turn goes through the root in the first of these rows,
-        about
-            or through this point (3,) of the columns' world, for dancers who turn together.
-
-        Returns
-        -------
-        (L, D) in the dtype of `rows`
-            A new array; columns that are not concerned are equal bit for bit.
+        The axis of the turn goes through the root in the first of these rows, or through `about`, a point (3,) of the
+        columns' world, for dancers who turn together. Columns that are not concerned are equal bit for bit.
         """
         out = rows.copy()
         turn, shift = self._turn(by.turn_rad), self._shift(by)
@@ -109,12 +98,8 @@ class Spatial:
     ) -> tuple[Float64Array, Float64Array]:
         """Return bounds (D,) that hold for moved rows, from bounds that hold for the rows.
 
-        Parameters
-        ----------
-        turns
-            Whether rows are turned, by any angle.
-        shift_m
-            Largest shift over the floor, metres.
+        `turns`: Whether rows are turned, by any angle.
+        `shift_m`: Largest shift over the floor, metres.
         """
         low, high = low.copy(), high.copy()
         floor = [0, 2] if self.up == "y" else [0, 1]

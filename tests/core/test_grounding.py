@@ -6,11 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dancedata.core.bodies import SMPLX22, SMPLX52
-from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, ground_height, grounded
-from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
-from tests.messages import raises_message
+from dancedata.core.skeleton import SMPL24, Skeleton
 
 THIRTY = FrameGrid.of(30)
 
@@ -38,14 +36,6 @@ def test_mean_of_level_toes_else_the_lower(left: float, right: float, floor: flo
     assert ground_height(feet(left, right), SMPL24) == pytest.approx(floor, abs=1e-12)
 
 
-def test_the_requested_frame() -> None:
-    joints = np.concatenate([feet(0, 0), feet(1, 1), feet(2, 3)])
-    assert [ground_height(joints, SMPL24, frame) for frame in range(3)] == [0, 1, 2]
-    for frame in (-1, 3):
-        with raises_message(UsageError, "height"):
-            ground_height(joints, SMPL24, frame)
-
-
 def random_motion(seed: int, skeleton: Skeleton, trim: int = 0) -> Motion:
     rng = np.random.default_rng(seed)
     rotations = rng.normal(0, 0.4, (6, skeleton.n_joints, 3))
@@ -65,13 +55,3 @@ def test_the_lower_toe_is_on_the_floor_once_the_beginning_is_cut(seed: int, trim
     np.testing.assert_allclose(shift, np.broadcast_to([0, shift[0, 1], 0], (6, 3)), atol=1e-12)
     np.testing.assert_array_equal(found.rotations, motion.rotations)
     assert (found.grid, found.skeleton, found.trim_start) == (motion.grid, motion.skeleton, trim)
-
-
-def test_another_bodys_toes() -> None:
-    motion = random_motion(1, SMPL24)
-    found = grounded(motion, SMPL24_EDGE)
-    assert found.skeleton is SMPL24
-    # EDGE leaves out the pelvis's rest height of -0.24 m, so its toes are that much higher.
-    np.testing.assert_allclose(grounded(motion).translation - found.translation, [[0, 0.24078918, 0]] * 6, atol=1e-12)
-    with raises_message(DataError, "smplx52", reason="bad_shape"):
-        grounded(motion, SMPLX52)

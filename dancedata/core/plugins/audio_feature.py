@@ -123,36 +123,19 @@ class AudioFeature(Plugin):
         *,
         start_bpm: float | None = None,
     ) -> npt.NDArray[Any]:
-        """Compute windows, each from its samples alone, as EDGE does with slices.
+        """Compute windows (W, n_rows, D), each from its samples alone, as EDGE does with slices.
 
-        The default calls `extract` for each `window`.
+        The default calls `extract` for each `window`. Errors are those of `extract`; DataError "short_audio" if a
+        window is not within the signal, or too short for `n_rows` rows.
 
         Parameters
         ----------
-        signal
-            The whole song.
-        starts
-            (W,) first sample of each window.
-        n_samples
-            Samples per window, at the signal's rate.
-        grid
-            Rate of the rows.
+        signal, grid, start_bpm
+            The whole song, and as in `extract`.
+        starts, n_samples
+            (W,) first sample of each window, and samples per window, at the signal's rate.
         n_rows
             Rows to keep of each window.
-        start_bpm
-            As in `extract`.
-
-        Returns
-        -------
-        NDArray
-            (W, n_rows, D).
-
-        Raises
-        ------
-        UsageError
-            As in `extract`.
-        DataError
-            As in `extract`; "short_audio" if a window is not within the signal, or too short for `n_rows` rows.
         """
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
@@ -173,17 +156,8 @@ class AudioFeature(Plugin):
     def resolved(self, hash_file: Callable[[Path], str]) -> Self:
         """Return the feature with everything fixed that depends on this machine, such as a precision.
 
-        Parameters
-        ----------
-        hash_file
-            Gives the SHA-256 of a file, such as one with weights.
-
-        Raises
-        ------
-        SourceError
-            A file with weights is missing, damaged, or of another network.
-        UsageError
-            Weights do not match the hash of the recipe, a package is missing, or the device does not exist.
+        `hash_file` gives the SHA-256 of a file. SourceError if a file with weights is missing, damaged, or of another
+        network; UsageError if weights do not match the recipe's hash, or a package or the device is missing.
         """
         return self
 

@@ -87,7 +87,7 @@ class CopyAugmentation(Augmentation):
         motion
             The clip as the dataset loads it, at the rate of its source.
         clip
-            Id of the clip, for what differs from clip to clip, such as a seed; of a group, where it acts on worlds.
+            Its id, for what differs from clip to clip, such as a seed; of a group, where the class acts on worlds.
         about
             A point (3,) of the axis that a group turns about, as a translation of this dancer; None: his own root.
         """
@@ -96,16 +96,9 @@ class CopyAugmentation(Augmentation):
     def change_rows(
         self, rows: Float32Array, columns: Columns, *, kind: Literal["motion", "keymotion"], clip: str
     ) -> Float32Array:
-        """Return the rows of the copy, in the shape and dtype of `rows`.
+        """Return the rows of a clip's copy, in the shape and dtype of `rows`, (T, D) and read-only.
 
-        Parameters
-        ----------
-        rows
-            Read-only: (T, D).
-        kind
-            Whether the field is a representation or holds key motions.
-        clip
-            Id of the clip.
+        `kind` is whether the field is a representation or holds key motions.
         """
         return rows
 

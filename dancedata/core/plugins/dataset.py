@@ -59,20 +59,14 @@ class Dataset(Plugin):
         return {}
 
     def body_of(self, ref: ClipRef) -> Skeleton | None:
-        """Return the body of the motion that `load` returns, without reading it; None if that is unknown.
-
-        For keys of evaluations: motion that is transferred from it to another body has separate ones.
-        """
+        """Return the body of the motion that `load` returns, without reading it; None if that is unknown."""
         return None
 
     @abstractmethod
     def scan(self, source: Path) -> Scan:
-        """List the clips. Reads no motion.
+        """List the clips, without reading motion.
 
-        Raises
-        ------
-        SourceError
-            If the folder is not a copy of the dataset, or its lists are missing or contradict each other.
+        SourceError if the folder is not a copy of the dataset, or its lists are missing or contradict each other.
         """
 
     @abstractmethod

@@ -54,12 +54,7 @@ class WindowFilter(Plugin):
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
         """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.
 
-        Parameters
-        ----------
-        rows
-            (L, D) rows of the window, not normalised, read-only.
-        columns, grid
-            Columns and rate of the rows.
+        `rows` are (L, D), not normalised, read-only.
         """
 
 

@@ -61,28 +61,14 @@ class Metric(Plugin):
     def measure(self, dance: Dance) -> Float64Array:
         """Return the numbers of one clip, (C,), finite.
 
-        Raises
-        ------
-        Undefined
-            If the metric has no value for this clip. The clip is set aside and counted by its name.
-        DataError
-            If the joints cannot be measured: too few of them, for example.
+        Undefined if the metric has no value for this clip, which is set aside and counted by its name; DataError if
+        the joints cannot be measured, as too few of them.
         """
 
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
-        """Return the scores of a set: by default the mean of each column.
+        """Return the scores of a set: by default the mean of each column; Undefined if there are too few clips.
 
-        Parameters
-        ----------
-        rows
-            (N, C) numbers of the clips that have a value.
-        pool
-            (M, C) numbers of the pool, where `needs_pool`.
-
-        Raises
-        ------
-        Undefined
-            If there are too few clips.
+        `rows` are (N, C) numbers of the clips that have a value; `pool` are (M, C), where `needs_pool`.
         """
         if not len(rows):
             from dancedata.core.dance import Undefined

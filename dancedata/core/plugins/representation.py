@@ -72,36 +72,18 @@ class Representation(Plugin):
 
     @abstractmethod
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
-        """Encode a motion at its own rate.
+        """Return the (T, D) columns of a motion, +Y up, at its own rate.
 
-        Parameters
-        ----------
-        motion
-            +Y up, on a body of the skeleton's family; joints that the columns lack are left out.
-        contacts
-            Rule for the columns of contacts; None where there are none, or where they are the representation's own.
-
-        Returns
-        -------
-        (T, D) float32
-
-        Raises
-        ------
-        UsageError
-            For another family of bodies, a missing rule, or one that is not needed.
+        It is on a body of the skeleton's family; joints that the columns lack are left out. `contacts` is None where
+        there are no columns of contacts, or where they are the representation's own. UsageError for another family of
+        bodies, a missing rule, or one that is not needed.
         """
 
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, D), not normalised, into a motion at the rate of `grid`, +Y up.
 
-        Axis-angle vectors have a length of at most pi. Contacts are not part of a motion.
-
-        Raises
-        ------
-        UsageError
-            For another shape, or a representation that cannot be decoded.
-        DataError
-            "nan", or "bad_rotation" where columns do not hold a rotation.
+        Axis-angle vectors have a length of at most pi. UsageError for another shape, or where nothing can be decoded;
+        DataError "nan", or "bad_rotation" where columns do not hold a rotation.
         """
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
 
@@ -130,23 +112,9 @@ class Representation(Plugin):
         cls.decodes = cls.decode is not Representation.decode
 
     def placed(self, motion: Motion, rows: npt.ArrayLike) -> Motion:
-        """Return a motion put where its dancer was, by columns that `holds_places`.
+        """Return a motion put where its dancer was: one turn about the vertical and one shift, by the first row.
 
-        Parameters
-        ----------
-        motion
-            Decoded from columns without a place, of the same frames as `rows`, from any first frame on.
-        rows
-            (T, D) columns of this representation, not normalised.
-
-        Returns
-        -------
-        Motion
-            One turn about the vertical and one shift of the whole motion, by the first row.
-
-        Raises
-        ------
-        UsageError
-            For rows of another shape or number, and if the columns hold no places.
+        The motion was decoded from columns without a place, of the same frames as `rows`, (T, D) columns that
+        `holds_places`, not normalised. UsageError for rows of another shape or number, and without places.
         """
         raise UsageError(f"the columns of {self.name} hold no places of dancers")
