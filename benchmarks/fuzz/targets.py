@@ -311,7 +311,8 @@ def _read_tables(path: Path) -> None:
                     for window in windows:
                         opened.read(window, field)
                     if len(windows):
-                        opened._window_rows(windows, field).view(0)
+                        rows = opened._window_rows(windows, field)
+                        rows.read(0, np.empty(rows.shape, rows.dtype))
 
 
 def _require(holds: bool, problem: str) -> None:

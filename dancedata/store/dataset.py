@@ -110,8 +110,6 @@ class Store(SegmentQueries):
         Segments of files that were named when the dataset was opened, and notes on them.
     """
 
-    _mapped = True
-
     def __reduce__(self) -> tuple[Any, ...]:
         return reopen, (*self.reference, self.overlay, self._mapped)
 

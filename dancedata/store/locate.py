@@ -48,15 +48,16 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
         raise UsageError("a window extends beyond its clip", where=f"clip {window.clip}",
                          found=f"frames {window.start} to {window.start + window.length}",
                          allowed=f"0 to {n_frames}")  # fmt: skip
-    if not (grid.is_whole(window.start, of=f.grid) and grid.is_whole(window.length, of=f.grid)):
+    frames, rows = grid.common_period(f.grid)
+    if window.start % frames or window.length % frames:
         raise UsageError(
             f"a window is not a whole number of rows of field {f.name}",
             where=f"clip {window.clip}",
             found=f"start {window.start}, length {window.length} frames",
-            allowed=f"multiples of {grid.common_period(f.grid)[0]} frames (rows at {f.rate} per second)",
+            allowed=f"multiples of {frames} frames (rows at {f.rate} per second)",
         )
     require_field(tables, row, f)
-    first, length = grid.rows_down(window.start, of=f.grid), grid.rows_down(window.length, of=f.grid)
+    first, length = int(window.start) // frames * rows, int(window.length) // frames * rows
     spans = tables.spans[f.name]
     available, lead = int(spans.available[row]), spans.delay(row)
     if first + length > available:

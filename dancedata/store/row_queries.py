@@ -32,6 +32,7 @@ _REMEMBERED = 1 << 14
 class RowQueries(StoreTables):
     """The part of a `Store` that lists windows and reads rows."""
 
+    _mapped = True
     #: The attributes that were asked for last, and their values by row of a clip.
     _remembered: tuple[Sequence[str], dict[int, tuple[Any, ...]]] = ((), {})
 
@@ -167,7 +168,7 @@ class RowQueries(StoreTables):
                              fix='take one of ds.windows("train"); a whole clip is ds[ID].read(FIELD)')  # fmt: skip
         return self._row(window.clip)
 
-    def _window_rows(self, windows: WindowList, field: str, *, mapped: bool = True) -> WindowRows:
+    def _window_rows(self, windows: WindowList, field: str) -> WindowRows:
         """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
 
         Raises UsageError, StoreError: As `_locate`, for the first window that the store does not have; if there are
@@ -184,7 +185,7 @@ class RowQueries(StoreTables):
         first, bad = locate_windows(tables, row, windows, f, self.grid)
         if bad.any():
             self._locate(windows[int(np.argmax(bad))], field)
-        return WindowRows(field, *self._shards_of(windows), first, n_rows, mapped)
+        return WindowRows(field, *self._shards_of(windows), first, n_rows, self._mapped)
 
     def _clip_values(self, windows: WindowList, names: Sequence[str]) -> dict[str, list[Any]]:
         """Return attributes of `ClipRecord` of the clips of windows, (W,) each by name; reads their columns alone."""

@@ -56,17 +56,18 @@ class WindowRows:
         self._fits = n_bytes < os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
         self._seen = np.zeros(len(shard), dtype=np.bool_)
 
-    def view(self, place: int, shift: int = 0) -> npt.NDArray[Any] | None:
-        """Return a window's rows in the mapped file, read-only; None if the shard is not mapped.
+    def read(self, place: int, out: npt.NDArray[Any], shift: int = 0) -> npt.NDArray[Any]:
+        """Return a window's rows, read-only from the mapped file; else `out`, (rows, D), which they are read into.
 
         `shift` moves the window by this many rows; the caller makes sure that the clip has them.
         """
-        rows = self._maps[self._shard[place]]
+        number, first = self._shard[place], self._first[place] + shift
+        rows = self._maps[number]
         if rows is None:
-            rows = self._map(int(self._shard[place]))
+            rows = self._map(int(number))
         if rows is None:
-            return None
-        first = self._first[place] + shift
+            self._shards[number].read_rows(self._field, int(first), out)
+            return out
         rows_of_shard: npt.NDArray[Any] = rows[first : first + self._n_rows]
         return rows_of_shard
 
@@ -81,14 +82,6 @@ class WindowRows:
             self._maps[number] = rows
         self._unopened.discard(number)
         return self._maps[number]
-
-    def read_into(self, place: int, out: npt.NDArray[Any], shift: int = 0) -> None:
-        """Copy a window's rows, moved by `shift` rows, into `out`, (rows, D), converting to its dtype."""
-        rows = self.view(place, shift)
-        if rows is None:
-            self._shards[self._shard[place]].read_rows(self._field, int(self._first[place]) + shift, out)
-        else:
-            np.copyto(out, rows, casting="same_kind")
 
     def read_ahead(self, places: Sequence[int]) -> None:
         """Ask the system for the next windows, each only once if the field fits into half of the memory."""

@@ -8,8 +8,8 @@ import operator
 import os
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from dancedata.core.clip import Window
 from dancedata.core.columns import Mirror
+from dancedata.core.plugins import PRIMITIVES
 from dancedata.core.system import memory_file
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
@@ -129,6 +129,7 @@ class BatchPlan:
 class FieldReader:
     """Reads one field.
 
+    `period`: Frames of the dataset and rows of the field that take the same time.
     `mirror`: Applied to mirrored windows; None for audio.
     `root`: Columns that become relative to a window's first row.
     `scaler`: Applied last; the result is float32.
@@ -137,9 +138,10 @@ class FieldReader:
 
     name: str
     rows: WindowRows
-    mirror: Mirror | None
-    root: slice | None
-    scaler: Scaler | None
+    period: tuple[int, int]
+    mirror: Mirror | None = None
+    root: slice | None = None
+    scaler: Scaler | None = None
     clamp: bool = False
 
     @property
@@ -148,18 +150,16 @@ class FieldReader:
         return np.dtype(np.float32) if self.scaler is not None else self.rows.dtype
 
     def read(self, place: int, shift: int, mirrored: bool, out: Array) -> None:
-        """Read one window, or its mirror image, moved by `shift` rows, into `out`, (rows, D) of the stored type."""
+        """Read one window, or its mirror image, moved by `shift` frames, into `out`, (rows, D) of the stored type."""
+        rows = self.rows.read(place, out, shift // self.period[0] * self.period[1])
         image = self._image if mirrored else None
-        if image is None:
-            self.rows.read_into(place, out, shift)
-        else:
-            rows = self.rows.view(place, shift)
-            if rows is None:
-                rows = np.empty_like(out)
-                self.rows.read_into(place, rows, shift)
+        if image is not None:
+            rows = rows.copy() if rows is out else rows
             # With mode "raise" numpy would work on a copy of `out`.
             np.take(rows.reshape(-1), image[0], out=out, mode="clip")
             out *= image[1]
+        elif rows is not out:
+            np.copyto(out, rows)
 
     def make_relative(self, rows: Array) -> None:
         """Make the root of rows, (L, D), relative to the first row, in place."""
@@ -215,17 +215,16 @@ class BatchReader:
     def __init__(
         self,
         store: Store,
-        windows: Sequence[Window],
         fields: Sequence[FieldReader],
         augmenter: Augmenter,
-        primitives: "PrimitiveSpec | None",
-        bias: Callable[[int, int], int],
         labels: BeatLabels | None = None,
+        primitives: "PrimitiveSpec | None" = None,
+        keys: FieldReader | None = None,
+        bias: Callable[[int, int], int] = lambda place, epoch: 0,
     ) -> None:
-        """Prepare; `bias` returns the shift of primitives for (place, epoch)."""
-        self._store, self._windows, self._primitives, self._bias = store, windows, primitives, bias
-        self._augmenter, self._labels = augmenter, labels
-        self.fields = tuple(fields)
+        """Prepare; `keys` reads the key motions of primitives, `bias` returns their shift for (place, epoch)."""
+        self._store, self.fields, self._augmenter, self._labels = store, tuple(fields), augmenter, labels
+        self._primitives, self._keys, self._bias = primitives, keys, bias
 
     @cached_property
     def layout(self) -> Layout:
@@ -235,9 +234,9 @@ class BatchReader:
             if self._primitives is not None and field.name == self._primitives.field:
                 rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
                 field.read(0, 0, False, rows)
-                arrays = self._primitives.of(self._store, self._windows[0], rows, 0)
+                arrays = self._primitives.of(rows, 0, self._key_rows(0, 0))
                 layouts.update({name: (value.shape, value.dtype) for name, value in arrays.items()})
-                layouts[self._primitives.name] = arrays[self._primitives.name].shape, field.dtype
+                layouts[PRIMITIVES] = arrays[PRIMITIVES].shape, field.dtype
             if self._labels is not None and field.name == self._labels.field:
                 layouts.update({label: (field.rows.shape[:1], np.dtype(np.bool_)) for label in LABELS})
             layouts[field.name] = field.rows.shape, field.dtype
@@ -261,41 +260,45 @@ class BatchReader:
         self.require_unchanged(plan.places, again=True)
         order = sorted(range(len(plan)), key=plan.places.__getitem__)
         self.read_ahead([plan.places[nth] for nth in order])
-        for field in self.fields:
-            target = out[field.name]
-            for nth, rows in self._rows(field, plan, order, target):
-                if self._primitives is not None and field.name == self._primitives.field:
-                    place = plan.places[nth]
-                    window = self._windows[place]
-                    window = replace(window, start=window.start + plan.shifts[nth])
-                    primitives = self._primitives.of(self._store, window, rows, self._bias(place, plan.epoch))
-                    key = self._primitives.name
-                    primitives[key] = field.scale(primitives[key])
-                    for name, value in primitives.items():
-                        out[name][nth] = value
-                if self._labels is not None and field.name == self._labels.field:
-                    for label, values in self._labels.of(rows).items():
-                        out[label][nth] = values
-                scaled = field.scale(rows)
-                if scaled is not rows or target.dtype != rows.dtype:
-                    target[nth] = scaled
+        self.read(plan, order, out)
         self.require_unchanged(plan.places)
         for nth, place in enumerate(plan.places):
             for name in self._augmenter.dropped(plan.epoch, place):
                 out[name][nth] = blank_of(self._store, name)
 
-    def _rows(
-        self, field: FieldReader, plan: BatchPlan, order: Sequence[int], target: Array
-    ) -> Iterator[tuple[int, Array]]:
-        """Read window after window, each into its row of `target`, or into scratch memory if the types differ."""
-        scratch = None if target.dtype == field.rows.dtype else np.empty(field.rows.shape, dtype=field.rows.dtype)
-        grid = self._store.field(field.name).grid
+    def read(self, plan: BatchPlan, order: Sequence[int], out: Mapping[str, Array]) -> None:
+        """Read all fields of the windows, which are taken in an order."""
+        for field in self.fields:
+            self.read_field(field, plan, order, out)
+
+    def read_field(self, field: FieldReader, plan: BatchPlan, order: Sequence[int], out: Mapping[str, Array]) -> None:
+        """Read a field: each window into its row of the batch, or into scratch memory if the types differ."""
+        target, stored = out[field.name], field.rows.dtype
+        scratch = None if target.dtype == stored else np.empty(field.rows.shape, dtype=stored)
         for nth in order:
-            rows, place = target[nth] if scratch is None else scratch, plan.places[nth]
-            shift = self._store.grid.rows(plan.shifts[nth], of=grid)
+            place, shift = plan.places[nth], plan.shifts[nth]
+            rows = target[nth] if scratch is None else scratch
             field.read(place, shift, plan.mirrored[nth], rows)
             changed = self._augmenter.rows(field.name, rows, plan.epoch, place)
             if changed is not rows:
                 rows[...] = changed
             field.make_relative(rows)
-            yield nth, rows
+            if self._primitives is not None and field.name == self._primitives.field:
+                keys, bias = self._key_rows(place, shift), self._bias(place, plan.epoch)
+                primitives = self._primitives.of(rows, bias, keys)
+                primitives[PRIMITIVES] = field.scale(primitives[PRIMITIVES])
+                for name, value in primitives.items():
+                    out[name][nth] = value
+            if self._labels is not None and field.name == self._labels.field:
+                for label, values in self._labels.of(rows).items():
+                    out[label][nth] = values
+            scaled = field.scale(rows)
+            if scaled is not rows or target.dtype != rows.dtype:
+                target[nth] = scaled
+
+    def _key_rows(self, place: int, shift: int) -> Array | None:
+        if self._keys is None:
+            return None
+        rows = np.empty(self._keys.rows.shape, dtype=self._keys.rows.dtype)
+        self._keys.read(place, shift, False, rows)
+        return rows

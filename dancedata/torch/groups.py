@@ -181,10 +181,8 @@ class GroupDataset(WindowDataset):
                 )
 
     @override
-    def _batch_reader(self) -> BatchReader:
-        if self._cached_reader is None:
-            self._cached_reader = GroupReader(self)
-        return self._cached_reader
+    def _new_reader(self) -> BatchReader:
+        return GroupReader(self)
 
     def dancers(self, place: int, epoch: int) -> npt.NDArray[np.int64]:
         """Return the positions in their group of a window's dancers, (at most `persons`,), in their order.
@@ -262,53 +260,40 @@ class GroupReader(BatchReader):
     """Reads batches of group windows: motion fields (B, P, L, D), shared ones (B, L, D), masks and members (B, P)."""
 
     def __init__(self, dataset: GroupDataset) -> None:
-        self._dataset, self._tables = dataset, dataset.store._tables
-        store = dataset.store
-        windows = {n: dataset._dancers if store.field(n).per_clip else dataset.windows for n in dataset.fields}
-        rows = {n: store._window_rows(windows[n], n, mapped=store._mapped) for n in dataset.fields}
-        fields = [
-            FieldReader(n, rows[n], dataset._mirrors.get(n), None, dataset._normalizers.get(n), dataset.clamp)
-            for n in dataset.fields
-        ]
-        super().__init__(store, dataset.windows, fields, dataset._augmenter, None, lambda place, epoch: 0)
-        self._per_dancer = {f.name for f in self.fields if store.field(f.name).per_clip}
+        self._dataset, store = dataset, dataset.store
+        self._per_dancer = {name for name in dataset.fields if store.field(name).per_clip}
+        windows = {True: dataset._dancers, False: dataset.windows}
+        fields = [dataset._field_reader(name, windows[name in self._per_dancer]) for name in dataset.fields]
+        super().__init__(store, fields, dataset._augmenter)
 
     @cached_property
     def layout(self) -> Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]]:
         """Shape and type of every array of one sample, in a sample's order."""
-        persons = self._dataset.persons
+        persons = (self._dataset.persons,)
         layouts: dict[str, tuple[tuple[int, ...], np.dtype[Any]]] = {}
         for field in self.fields:
-            people = (persons,) if field.name in self._per_dancer else ()
+            people = persons if field.name in self._per_dancer else ()
             layouts[field.name] = (*people, *field.rows.shape), field.dtype
-        layouts["person_mask"] = (persons,), np.dtype(np.bool_)
-        layouts["members"] = (persons,), np.dtype(np.int64)
-        return layouts
+        return {**layouts, "person_mask": (persons, np.dtype(np.bool_)), "members": (persons, np.dtype(np.int64))}
 
-    def __call__(self, plan: BatchPlan, out: Mapping[str, Array]) -> None:
-        """Read windows into `out`: an array (B, *shape) for each name in `layout`."""
-        self.require_unchanged(plan.places, again=True)
-        order = sorted(range(len(plan)), key=plan.places.__getitem__)
-        self.read_ahead([plan.places[nth] for nth in order])
+    @override
+    def read(self, plan: BatchPlan, order: Sequence[int], out: Mapping[str, Array]) -> None:
         chosen = self.chosen(plan)
-        for nth in order:
-            place, members = plan.places[nth], chosen[nth]
-            row = int(self._dataset.windows.clip[place])
+        for nth, members in enumerate(chosen):
+            row = int(self._dataset.windows.clip[plan.places[nth]])
             out["person_mask"][nth] = np.arange(self._dataset.persons) < len(members)
             out["members"][nth] = -1
-            out["members"][nth, : len(members)] = self._tables.values("member", (row + members).tolist())
-            for field in self.fields:
-                target = out[field.name][nth]
-                if field.name not in self._per_dancer:
-                    target[...] = field.scale(self._shared(field, plan, nth))
-                    continue
-                rows = self._rows_of_group(field, plan, nth, members)
-                for person in range(len(members)):
-                    target[person] = field.scale(rows[person])
-                target[len(members) :] = blank_of(self._store, field.name)
-            for name in self._augmenter.dropped(plan.epoch, place):
-                out[name][nth] = blank_of(self._store, name)
-        self.require_unchanged(plan.places)
+            out["members"][nth, : len(members)] = self._store._tables.values("member", (row + members).tolist())
+        for field in self.fields:
+            if field.name not in self._per_dancer:
+                self.read_field(field, plan, order, out)
+                continue
+            target = out[field.name]
+            for nth in order:
+                rows = self._rows_of_group(field, plan, nth, chosen[nth])
+                for person in range(len(rows)):
+                    target[nth, person] = field.scale(rows[person])
+                target[nth, len(rows) :] = blank_of(self._store, field.name)
 
     @override
     def require_unchanged(self, places: Sequence[int], *, again: bool = False) -> None:
@@ -345,11 +330,10 @@ class GroupReader(BatchReader):
     def _rows_of_group(self, field: FieldReader, plan: BatchPlan, nth: int, members: IntArray) -> Array:
         """Read the rows of dancers, (P, L, D) of the stored type, mirrored and augmented as one world."""
         place = plan.places[nth]
-        shift = self._store.grid.rows(plan.shifts[nth], of=self._store.field(field.name).grid)
         rows = np.empty((len(members), *field.rows.shape), dtype=field.rows.dtype)
         begin = int(self._dataset._begin[place])
         for person, member in enumerate(members.tolist()):
-            field.read(begin + member, shift, plan.mirrored[nth], rows[person])
+            field.read(begin + member, plan.shifts[nth], plan.mirrored[nth], rows[person])
         if not self._augmenter.steps or self._store.field(field.name).codebook is not None:
             return rows
         roots = self._roots(field.name, rows)
@@ -365,9 +349,3 @@ class GroupReader(BatchReader):
         places = [] if spatial is None else [spatial.root(of_dancer[0], field.columns) for of_dancer in rows]
         roots = [place for place in places if place is not None]
         return np.stack(roots) if roots else None
-
-    def _shared(self, field: FieldReader, plan: BatchPlan, nth: int) -> Array:
-        shift = self._store.grid.rows(plan.shifts[nth], of=self._store.field(field.name).grid)
-        rows = np.empty(field.rows.shape, dtype=field.rows.dtype)
-        field.read(plan.places[nth], shift, plan.mirrored[nth], rows)
-        return rows

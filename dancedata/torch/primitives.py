@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy.typing as npt
 
-from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
-from dancedata.core.plugins import PRIMITIVES, PrimitiveFinder
+from dancedata.core.plugins import PrimitiveFinder
 from dancedata.core.registry import PRIMITIVE_FINDERS
 from dancedata.store.dataset import Store
 from dancedata.torch.options import Primitives, Variant, clash
@@ -24,7 +23,6 @@ def _finder() -> PrimitiveFinder:
 class PrimitiveSpec:
     """Computation of primitives from the windows of a field.
 
-    `name`: Name of those among the entries that are rows.
     `field`: Motion field that they are rows of.
     `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
         which uses only the window, and for windows of n frames.
@@ -32,17 +30,16 @@ class PrimitiveSpec:
         cues.
     """
 
-    name: ClassVar[str] = PRIMITIVES
-
     field: str
     key_motion: str | None
     n: int
     variant: Variant
 
-    def of(self, store: Store, window: Window, rows: npt.NDArray[Any], bias: int) -> dict[str, npt.NDArray[Any]]:
+    def of(
+        self, rows: npt.NDArray[Any], bias: int, key_motion: npt.NDArray[Any] | None
+    ) -> dict[str, npt.NDArray[Any]]:
         """Return the primitives of a window's rows (N, D), mirrored but not normalised, as entries of a sample."""
-        stored = None if self.key_motion is None or window.length == self.n else store.read(window, self.key_motion)
-        return _finder().find(rows, self.n, self.variant, bias, stored)
+        return _finder().find(rows, self.n, self.variant, bias, key_motion)
 
 
 def primitive_spec(

@@ -226,9 +226,13 @@ class WindowDataset(SplitDataset):
         """Return by how many frames the window that is read begins later than the listed one."""
         window = self.windows[place]
         if window.clip not in self._starts:
-            trim = self._choice.trim
-            self._starts[window.clip] = self.store._starts(window.clip, window.length, fields=self.fields, trim=trim)
-        start = self._augmenter.start(window.start, self._starts[window.clip], self._stride, epoch, place)
+            fields, trim = self._choice.fields, self._choice.trim
+            self._starts[window.clip] = self.store._starts(window.clip, window.length, fields=fields, trim=trim)
+        starts = self._starts[window.clip]
+        start = self._augmenter.start(window.start, starts, self._stride, epoch, place)
+        if start != window.start and start not in starts:
+            raise UsageError("an augmentation chooses a window that its clip does not have",
+                             where=f"clip {window.clip}", found=f"frame {start}", allowed=starts)  # fmt: skip
         return start - window.start
 
     @property
@@ -248,25 +252,21 @@ class WindowDataset(SplitDataset):
     def _batch_reader(self) -> BatchReader:
         """Return the reader of batches, which each process makes when it first needs it."""
         if self._cached_reader is None:
-            rows = {
-                name: self.store._window_rows(self.windows, name, mapped=self.store._mapped) for name in self.fields
-            }
-            fields = [
-                FieldReader(
-                    n, rows[n], self._mirrors.get(n), self._roots.get(n), self._normalizers.get(n), self.clamp
-                )
-                for n in self.fields
-            ]
-            for name, values in rows.items():
-                if values.unmapped and self.store._mapped:
-                    _log.warning("field %s is not read from mapped files: %s", name, values.unmapped)
-            self._cached_reader = BatchReader(
-                self.store,
-                self.windows,
-                fields,
-                self._augmenter,
-                self._primitives,
-                self._bias,
-                beat_labels(self.store, self.fields),
-            )
+            self._cached_reader = self._new_reader()
         return self._cached_reader
+
+    def _new_reader(self) -> BatchReader:
+        fields = [self._field_reader(name, self.windows) for name in self.fields]
+        spec = self._primitives
+        keys = None if spec is None or spec.key_motion is None else self._field_reader(spec.key_motion, self.windows)
+        labels = beat_labels(self.store, self.fields)
+        return BatchReader(self.store, fields, self._augmenter, labels, spec, keys, self._bias)
+
+    def _field_reader(self, name: str, windows: WindowList) -> FieldReader:
+        """Return the reader of a field of some windows."""
+        rows = self.store._window_rows(windows, name)
+        if rows.unmapped and self.store._mapped:
+            _log.warning("field %s is not read from mapped files: %s", name, rows.unmapped)
+        period = self.store.grid.common_period(self.store.field(name).grid)
+        mirror, root = self._mirrors.get(name), self._roots.get(name)
+        return FieldReader(name, rows, period, mirror, root, self._normalizers.get(name), self.clamp)
