@@ -7,7 +7,6 @@ import numpy.typing as npt
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
-from dancedata.core.sides import has_sides
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.tracks import lengths, runs
 from dancedata.curation.spans import Span, bridged, worst_spans
@@ -156,8 +155,3 @@ def _pairs() -> tuple[tuple[int, int], ...]:
 
 
 _PAIRS = _pairs()
-
-
-def has_body(motion: Motion) -> bool:
-    """Whether a motion's joints begin with SMPL's 22 body joints."""
-    return has_sides(motion.skeleton.joints)

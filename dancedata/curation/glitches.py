@@ -145,18 +145,13 @@ def jitter(motion: Motion) -> Float64Array | None:
     """
     from scipy.ndimage import median_filter
 
-    high = _high_pass(motion.joints(), float(motion.grid.rate))
-    if high is None:
+    joints, rate = motion.joints(), float(motion.grid.rate)
+    low = low_pass(joints, rate, JITTER_HZ)
+    if low is None:
         return None
-    size = 2 * round(_STRETCH_S * float(motion.grid.rate) / 2) + 1
-    around = median_filter(lengths(high), size=(size, 1), mode="nearest")
+    size = 2 * round(_STRETCH_S * rate / 2) + 1
+    around = median_filter(lengths(joints - low), size=(size, 1), mode="nearest")
     return np.asarray(_MAD * np.median(around, axis=1))
-
-
-def _high_pass(values: Float64Array, rate: float) -> Float64Array | None:
-    """Return values (T, ...) above 10 Hz; None where a motion is too short or too slow to have any."""
-    low = low_pass(values, rate, JITTER_HZ)
-    return None if low is None else values - low
 
 
 def low_pass(values: Float64Array, rate: float, hertz: float) -> Float64Array | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -35,8 +35,6 @@ from dancedata.kernel import (
     scan_folder,
 )
 
-#: Multiples of the limits at which clips are counted.
-MULTIPLES = (0.5, 1.0, 2.0, 4.0)
 _CSV = ("clip", "score", "value", "unit", "limit", "above", "start_s", "end_s", "span_value", "joint")
 #: Clips and spans that the text shows.
 _CLIPS, _SPANS = 20, 3
@@ -87,23 +85,11 @@ class Quality:
     rejects: tuple[Reject, ...] = ()
     file: Path | None = None
 
-    def losses(self, score: str, limits: Sequence[float]) -> list[int]:
-        """Return how many clips are above each limit."""
-        return [sum(clip.above(score, limit) for clip in self.clips) for limit in limits]
-
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
-        measures = {
-            name: {
-                "what": m.what, "unit": m.unit, "limit": m.limit, "of": m.of, "source": m.source,
-                "losses": dict(zip(map(str, limits), self.losses(name, limits), strict=True)),
-            }
-            for name, m in MEASURES.items()
-            for limits in [_limits(name)]
-        }  # fmt: skip
         return {
             "where": self.where,
-            "scores": measures,
+            "scores": {name: {**asdict(m), "above": self._n_above(name)} for name, m in MEASURES.items()},
             "clips": [clip.to_json() for clip in self.clips],
             "rejects": [reject.to_json() for reject in self.rejects],
             "file": None if self.file is None else str(self.file),
@@ -123,13 +109,12 @@ class Quality:
         return csv_text(_CSV, rows)
 
     def __str__(self) -> str:
-        head = ["score", "limit", "median", "worst", *(f"x {multiple:g}" for multiple in MULTIPLES), "seconds"]
+        head = ("score", "limit", "median", "worst", "clips above", "seconds above")
         faulty = [clip for clip in self.clips if any(map(clip.above, MEASURES))]
         clips = counted(len(self.clips), "clip")
         text = [f"{shown(self.where)}: {clips}, {len(faulty)} with a score above its limit"]
         if self.clips:
             text += table(head, [self._row(name) for name in MEASURES])
-            text.append("  x N: clips above N times the limit; seconds: spans above the limit")
         for clip in faulty[:_CLIPS]:
             text.append(f"  {shown(clip.clip)}:")
             text += [f"    {line}" for name in MEASURES if clip.above(name) for line in [_sentence(clip, name)]]
@@ -149,22 +134,11 @@ class Quality:
             for clip in self.clips
             for start, end in (clip.seconds(span) for span in clip.scores[name].above(measure.limit))
         )
-        of_clip = measure.of == "clip"
-        lost = ["" if limit is None else n for limit, n in zip(_columns(name), self._lost(name), strict=True)]
-        return [name, f"{measure.limit:g}{unit}", middle, worst, *lost, "" if of_clip else f"{seconds:.2f}"]
+        above = "" if measure.of == "clip" else f"{seconds:.2f}"
+        return [name, f"{measure.limit:g}{unit}", middle, worst, self._n_above(name), above]
 
-    def _lost(self, name: str) -> list[int]:
-        return [0 if limit is None else self.losses(name, [limit])[0] for limit in _columns(name)]
-
-
-def _columns(name: str) -> list[float | None]:
-    """Return the limits of the columns of the text; a cosine's limit has no multiples."""
-    limit = MEASURES[name].limit
-    return [limit * m if MEASURES[name].unit != "1" or m == 1 else None for m in MULTIPLES]
-
-
-def _limits(name: str) -> list[float]:
-    return [round(limit, 6) for limit in _columns(name) if limit is not None]
+    def _n_above(self, name: str) -> int:
+        return sum(clip.above(name) for clip in self.clips)
 
 
 def _sentence(clip: ClipQuality, name: str) -> str:
@@ -213,7 +187,7 @@ def quality(
     Returns
     -------
     Quality
-        `clips` with their scores and spans, `losses`, `to_json()`, `to_csv()`; its text is the table.
+        `clips` with their scores and spans, `to_json()`, `to_csv()`; its text is the table.
 
     Raises
     ------

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
+from dancedata.core.bodies import has_body
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.sides import MIN_ELBOWS, sides_of, wrong_up
@@ -72,8 +73,6 @@ MEASURES: Mapping[str, Measure] = {
     ),
     "up": Measure("a body that stands along another axis than +Y", "1", 0.5, 0.0, "clip", "core.sides: a cosine"),
 }  # fmt: skip
-#: Scores of which there is none without the 22 body joints of SMPL.
-OF_BODIES = ("joint_limits", "self_contact", "mirrored", "up")
 
 
 @dataclass(frozen=True)
@@ -91,15 +90,6 @@ class Score:
     def above(self, limit: float) -> tuple[Span, ...]:
         """Return the spans above a limit."""
         return tuple(span for span in self.spans if span.value > limit)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        return {"value": self.value, "spans": [list(span) for span in self.spans]}
-
-    @classmethod
-    def from_json(cls, obj: Mapping[str, Any]) -> Score:
-        """Read the result of `to_json`."""
-        return cls(obj["value"], tuple(Span(*span) for span in obj["spans"]))
 
 
 def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, Score]:
@@ -168,7 +158,7 @@ def _bone_spread(motion: Motion, least: float) -> Score:
 
 
 def _of_body(score: Callable[[Motion, float], Score]) -> Callable[[Motion, float], Score]:
-    return lambda motion, least: score(motion, least) if anatomy.has_body(motion) else Score(None)
+    return lambda motion, least: score(motion, least) if has_body(motion.skeleton) else Score(None)
 
 
 def _mirrored(motion: Motion, least: float) -> Score:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,18 +29,6 @@ def bridged(mask: BoolArray, longest: float) -> BoolArray:
         if start and stop < len(mask) and stop - start <= longest:
             filled[start:stop] = True
     return filled
-
-
-def union(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Return spans with those that overlap joined, with the value and joint of the worst."""
-    joined: list[Span] = []
-    for span in sorted(spans):
-        if joined and span.start < joined[-1].end:
-            worst = max(joined[-1], span, key=lambda one: one.value)
-            joined[-1] = worst._replace(start=joined[-1].start, end=max(joined[-1].end, span.end))
-        else:
-            joined.append(span)
-    return tuple(joined)
 
 
 def worst_spans(values: Float64Array, least: float, names: tuple[str, ...]) -> tuple[Span, ...]:

@@ -11,6 +11,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.quality import Flag
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
+from dancedata.core.tracks import runs
 from dancedata.retarget.body import Body, body_of
 from dancedata.retarget.feet import contact_spans, toes_of, with_planted_feet
 from dancedata.retarget.maps import Names
@@ -45,9 +46,8 @@ class Retargeted:
 
     def flags(self) -> list[Flag]:
         """Return one flag, "retarget_residual", for each run of frames above MAX_RESIDUAL_M, at its worst frame."""
-        above = np.concatenate([[False], self.residual_m > MAX_RESIDUAL_M, [False]]).astype(np.int8)
         flags = []
-        for first, stop in np.flatnonzero(np.diff(above)).reshape(-1, 2).tolist():
+        for first, stop in runs(self.residual_m > MAX_RESIDUAL_M):
             frame = first + int(np.argmax(self.residual_m[first:stop]))
             joint = self.motion.skeleton.joints[int(self.joint[frame])]
             value = round(float(self.residual_m[frame]), 4)
