@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
-from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
+from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, SIZES_FILE, VQVAE_FILE
 from dancedata.files.atomic import write_json
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def _scale(spec: tensors.TensorSpec) -> float:
 def random_checkpoint(
     folder: Path, config: JukeboxConfig = TINY, *, seed: int = 0
 ) -> dict[str, dict[str, torch.Tensor]]:
-    """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as hparams.json.
+    """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as sizes.json.
 
     As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
     in fp16 and all others in fp32, and tensors that inference does not need.
@@ -137,7 +137,7 @@ def random_checkpoint(
     }
     for file, model in models.items():
         write_torch_file(folder / file, model)
-    write_json(folder / "hparams.json", config.to_hparams())
+    write_json(folder / SIZES_FILE, config.to_json())
     return models
 
 

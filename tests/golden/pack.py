@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 import soundfile
 
-from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.audio.jukebox.network import tensors
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.sources import TorchFile
 from dancedata.formats.values import load_object
+from tests.jukebox.conftest import GOLDEN_CONFIG
 
 Arrays = dict[str, np.ndarray]
 
@@ -260,7 +260,7 @@ def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
 
 
 def pack_jukebox(golden: Path, out: Path) -> None:
-    config = JukeboxConfig.from_hparams(json.loads((golden / "hparams.json").read_text()))
+    config = GOLDEN_CONFIG
     needed = {spec.name: spec.rows for spec in tensors.vqvae_tensors(config)}
     pack_checkpoint(golden / VQVAE_FILE, out, needed)
     # Tables of times have few rows, so those of the whole context are kept; positions are most of the file.
@@ -276,7 +276,6 @@ def pack_jukebox(golden: Path, out: Path) -> None:
         save(out / f"expect_{name}.npz", _expected(golden / f"expect_{name}.npz"))
     (out / "manifest.json").write_text(json.dumps(kept, indent=1) + "\n")
     save(out / "expect_cond.npz", load(golden / "expect_cond.npz"))
-    shutil.copyfile(golden / "hparams.json", out / "hparams.json")
 
 
 def _expected(path: Path) -> Arrays:

@@ -8,10 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
+from dancedata.audio.jukebox.config import JukeboxConfig
+
+#: Sizes of the reference's tiny checkpoint.
+GOLDEN_CONFIG = JukeboxConfig(
+    conv_width=8, code_width=16, codebook_size=512, width=40, depth=6, heads=2, attn_width=10, mlp_width=40
+)
+
 
 @pytest.fixture(scope="session")
 def golden(jukebox_golden: Path) -> SimpleNamespace:
     """The reference's tiny checkpoint, its config, its clips and outputs."""
+    (jukebox_golden / "sizes.json").write_text(json.dumps(GOLDEN_CONFIG.to_json()))
     return _reference(jukebox_golden)
 
 
@@ -23,8 +31,6 @@ def whole_golden(shared: Path) -> SimpleNamespace:
 
 def _reference(folder: Path) -> SimpleNamespace:
     import soundfile
-
-    from dancedata.audio.jukebox import JukeboxConfig
 
     manifest = json.loads((folder / "manifest.json").read_text())
     names = [name for name in manifest if not name.startswith("_")]
@@ -40,7 +46,7 @@ def _reference(folder: Path) -> SimpleNamespace:
         audio=audio,
         expected={name: dict(np.load(folder / f"expect_{name}.npz")) for name in names},
         conditioning=dict(np.load(folder / "expect_cond.npz")),
-        config=JukeboxConfig.from_hparams(json.loads((folder / "hparams.json").read_text())),
+        config=GOLDEN_CONFIG,
     )
 
 

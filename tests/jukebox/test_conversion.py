@@ -70,9 +70,9 @@ def test_files_that_are_not_openais_are_not_read(tiny: SimpleNamespace, tmp_path
     for name in (VQVAE_FILE, PRIOR_FILE):
         (tmp_path / name).write_bytes(b"a pickle that takes forever")
     for read in (checkpoint_sha256, lambda folder: convert(folder, tmp_path / "out", 4, config=tiny.config)):
-        with raises_message(SourceError, "OpenAI.*hparams", where=tmp_path.name):
+        with raises_message(SourceError, "OpenAI.*sizes", where=tmp_path.name):
             read(tmp_path)
-    (tmp_path / "hparams.json").write_bytes((tiny.folder / "hparams.json").read_bytes())
+    (tmp_path / "sizes.json").write_bytes((tiny.folder / "sizes.json").read_bytes())
     assert set(checkpoint_sha256(tmp_path)) == {VQVAE_FILE, PRIOR_FILE}
 
 

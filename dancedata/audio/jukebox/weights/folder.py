@@ -27,7 +27,7 @@ LICENCE = (
     "them on must include that license. They are not part of dancedata, whose own licence does not cover them."
 )
 #: Sizes of a network other than the 5b model, in the folder of its weights.
-_HPARAMS_FILE = "hparams.json"
+SIZES_FILE = "sizes.json"
 #: Marks a converted folder, see `conversion`.
 DESCRIPTION_FILE = "jukebox.json"
 FORMAT = 1
@@ -79,15 +79,15 @@ def read_description(folder: Path) -> Description:
 
 @lru_cache(maxsize=8)
 def config_of(folder: Path) -> JukeboxConfig:
-    """Return the sizes of a folder's network: from jukebox.json or hparams.json, else those of the real model."""
+    """Return the sizes of a folder's network: from jukebox.json or sizes.json, else those of the real model."""
     if is_converted(folder):
         return read_description(folder).config
-    path = folder / _HPARAMS_FILE
+    path = folder / SIZES_FILE
     if not path.exists():
         return JukeboxConfig()
     try:
-        return JukeboxConfig.from_hparams(read_json(path, MAX_JSON_BYTES))
-    except (OSError, ValueError, TypeError, AttributeError, KeyError, IndexError) as error:
+        return JukeboxConfig.from_json(read_json(path, MAX_JSON_BYTES))
+    except (OSError, ValueError, TypeError, UsageError) as error:
         raise SourceError("the sizes of the network cannot be read", where=path, found=shown(error)) from error
 
 
@@ -102,7 +102,7 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
     `folder`: With OpenAI's two files, or converted.
     `hash_file`: Returns the SHA-256 of a file.
     Raises SourceError: A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no
-        hparams.json says so.
+        sizes.json says so.
     """
     folder = Path(folder)
     if is_converted(folder):
@@ -115,13 +115,13 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
                           fix="get both with `dancedata pull jukebox`")  # fmt: skip
     found = {name: hash_file(folder / name) for name in (VQVAE_FILE, PRIOR_FILE)}
     others = [name for name in found if found[name] != SHA256[name]]
-    if others and not (folder / _HPARAMS_FILE).exists():
+    if others and not (folder / SIZES_FILE).exists():
         raise SourceError(
             "files of Jukebox's weights are not OpenAI's",
             where=folder,
             found=", ".join(f"{name} with SHA-256 {found[name]}" for name in others),
             allowed=", ".join(SHA256[name] for name in others),
-            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {_HPARAMS_FILE}",
+            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {SIZES_FILE}",
         )
     return found
 
