@@ -94,7 +94,9 @@ class FeatureCache:
         if bpm is None and store is not None:
             bpm, _ = stated_tempo(store, signal.sha256, Path(song))
         music = Music(signal, bpm=bpm)
-        fields = [replace(job, arithmetic=known) for known in _arithmetics()]
+        # A worker of a DataLoader may compute otherwise than builds: it takes what one has computed.
+        known = dict.fromkeys((REFERENCE, expected()) if has_reference() else (expected(),))
+        fields = [replace(job, arithmetic=instructions) for instructions in known]
         if windows is None:
             (rows,) = self._rows(fields, music, self._mapped)
             return rows
@@ -102,10 +104,7 @@ class FeatureCache:
         return np.stack(of_windows) if of_windows else np.empty((0, windows[0], job.columns.width), job.dtype)
 
     def _rows(
-        self,
-        fields: Sequence[MusicField],
-        music: Music,
-        read: Callable[[CachedArray], npt.NDArray[Any]],
+        self, fields: Sequence[MusicField], music: Music, read: Callable[[CachedArray], npt.NDArray[Any]]
     ) -> list[npt.NDArray[Any]]:
         """Return what is asked of a song, of the first field that has it; damaged entries are made again."""
         by_field = [list(units_of([field], [((field.id, ""), field.song_asks(music))])) for field in fields]
@@ -133,12 +132,7 @@ class FeatureCache:
         return array.mapped()
 
     def _job(
-        self,
-        name: str,
-        store: Store | None,
-        fps: Number,
-        windows: tuple[int, int] | None,
-        parameters: dict[str, Any],
+        self, name: str, store: Store | None, fps: Number, windows: tuple[int, int] | None, parameters: dict[str, Any]
     ) -> MusicField:
         """Return a field with a resolved feature, as of a build; one object resolves it once."""
         request = repr((name, None if store is None else store.reference, fps, windows, sorted(parameters.items())))
@@ -146,14 +140,6 @@ class FeatureCache:
             job = music_field(name, store, fps, windows, parameters)
             self._jobs[request] = replace(job, feature=job.feature.resolved(Cache(self.root).file_sha256))
         return self._jobs[request]
-
-
-def _arithmetics() -> tuple[str, ...]:
-    """Return the instructions whose results are taken, those that compute here last.
-
-    A worker of a DataLoader may compute otherwise than builds; it takes what one has computed.
-    """
-    return tuple(dict.fromkeys((REFERENCE, expected()))) if has_reference() else (expected(),)
 
 
 def _made(cache: Cache, units: Sequence[Unit]) -> dict[str, Any]:

@@ -29,33 +29,36 @@ def is_same_number(a: Any, b: Any, atol: float | None) -> bool:
 
 
 def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tuple[list[Row], list[Row]]:
-    """Return the rows of each side without an equal row on the other side, in order.
+    """Return the rows of each side without an equal row on the other side, in order; equal rows count once.
 
     Rows are equal if floating-point numbers are equal within the tolerance, and all other values exactly.
     """
-    sides = _by_text(one), _by_text(two)
-    left: tuple[dict[int, Row], dict[int, Row]] = ({}, {})
+    sides, lonely = (_by_text(one), _by_text(two)), (list[int](), list[int]())
     for text in {**sides[0], **sides[1]}:
-        ours, theirs = (sorted(side.get(text, ()), key=lambda entry: entry[0]) for side in sides)
-        for a, b in _pairs(ours, theirs, atol):
-            if a is not None:
-                left[0][a[1]] = one[a[1]]
-            if b is not None:
-                left[1][b[1]] = two[b[1]]
-    return [left[0][k] for k in sorted(left[0])], [left[1][k] for k in sorted(left[1])]
+        ours, theirs = (sorted(side.get(text, {}).items(), reverse=True) for side in sides)
+        while ours and theirs:  # the least numbers of both
+            (a, k), (b, n) = ours[-1], theirs[-1]
+            if all(is_same_number(x, y, atol) for x, y in zip(a, b, strict=True)):
+                ours.pop(), theirs.pop()
+            elif a < b:
+                lonely[0].append(k)
+                ours.pop()
+            else:
+                lonely[1].append(n)
+                theirs.pop()
+        for indices, entries in zip(lonely, (ours, theirs), strict=True):
+            indices += [index for _, index in entries]
+    return [one[k] for k in sorted(lonely[0])], [two[k] for k in sorted(lonely[1])]
 
 
-_Entry = tuple[tuple[float, ...], int]
-
-
-def _by_text(rows: Sequence[Row]) -> dict[str, list[_Entry]]:
-    """Return floating-point numbers and index of each row, by the rest of the row; equal rows count once."""
+def _by_text(rows: Sequence[Row]) -> dict[str, dict[tuple[float, ...], int]]:
+    """Return the index of each row by its floating-point numbers, by the rest of the row."""
     by_text: dict[str, dict[tuple[float, ...], int]] = defaultdict(dict)
     for index, row in enumerate(rows):
         numbers: list[float] = []
         text = json.dumps(_without_floats(row, numbers), sort_keys=True)
         by_text[text].setdefault(tuple(numbers), index)
-    return {text: list(entries.items()) for text, entries in by_text.items()}
+    return by_text
 
 
 def _without_floats(value: Any, numbers: list[float]) -> Any:
@@ -67,27 +70,6 @@ def _without_floats(value: Any, numbers: list[float]) -> Any:
         numbers.append(value)
         return "a number"
     return value
-
-
-def _pairs(
-    ours: list[_Entry], theirs: list[_Entry], atol: float | None
-) -> Iterator[tuple[_Entry | None, _Entry | None]]:
-    """Yield entries without an equal one; both lists are sorted by their numbers."""
-    i = j = 0
-    while i < len(ours) and j < len(theirs):
-        a, b = ours[i], theirs[j]
-        if all(is_same_number(x, y, atol) for x, y in zip(a[0], b[0], strict=True)):
-            i, j = i + 1, j + 1
-        elif a[0] < b[0]:
-            yield a, None
-            i += 1
-        else:
-            yield None, b
-            j += 1
-    for a in ours[i:]:
-        yield a, None
-    for b in theirs[j:]:
-        yield None, b
 
 
 #: Most names, and characters of a message, in a line; JSON has all of them.
@@ -122,12 +104,7 @@ class Difference:
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""
-        return {
-            "kind": self.kind,
-            "message": self.message,
-            "names": list(self.names),
-            "numbers": dict(self.numbers),
-        }
+        return {**self.__dict__, "names": list(self.names), "numbers": dict(self.numbers)}
 
     def __str__(self) -> str:
         names = f": {listed(self.names, _SHOWN)}" if self.names else ""
@@ -199,14 +176,14 @@ def diff(a: str | Path, b: str | Path, *, atol: float | None = None) -> Differen
             one.require_intact()
             two.require_intact()
             return Differences()
-        differences = [*_recipes(one, two), *_stores(one, two), *_fields(one, two)]
+        differences = [*_recipes(one, two), *_meta("store", one, two, _ABOUT_STORE), *_fields(one, two)]
         pairs = {c.id: c for c in two.clips()}
         common = [(c, pairs[c.id]) for c in one.clips() if c.id in pairs]
         differences += [*_clips(one, two, common, atol), *_windows(one, two), *_values(one, two, common, atol)]
         differences += _rows("rejects", one.rejects, two.rejects, atol)
         differences += _rows("quality", one.quality, two.quality, atol)
         differences += _segments(one, two, common)
-        return Differences([*differences, *_notes(one, two)])
+        return Differences([*differences, *_meta("note", one, two, _NOTED)])
 
 
 def _recipes(one: Store, two: Store) -> Iterator[Difference]:
@@ -223,13 +200,10 @@ def _recipes(one: Store, two: Store) -> Iterator[Difference]:
             yield Difference("source", difference.message, difference.names)
 
 
-def _stores(one: Store, two: Store) -> Iterator[Difference]:
-    for key, old, new in document_differences(*_meta(one, two, _ABOUT_STORE)):
-        yield Difference("store", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
-
-
-def _meta(one: Store, two: Store, keys: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    return {key: one.info.get(key) for key in keys}, {key: two.info.get(key) for key in keys}
+def _meta(kind: str, one: Store, two: Store, keys: Sequence[str]) -> Iterator[Difference]:
+    ours, theirs = ({key: store.info.get(key) for key in keys} for store in (one, two))
+    for key, old, new in document_differences(ours, theirs):
+        yield Difference(kind, f"{key}: {json.dumps(old)}, {json.dumps(new)}")
 
 
 def _fields(one: Store, two: Store) -> Iterator[Difference]:
@@ -350,11 +324,6 @@ def _rows(
         if only:
             names = tuple(dict.fromkeys(str(row.get("clip") or row.get("file", "")) for row in only))
             yield Difference(kind, f"{counted(len(only), 'line')} only in {side}", names)
-
-
-def _notes(one: Store, two: Store) -> Iterator[Difference]:
-    for key, old, new in document_differences(*_meta(one, two, _NOTED)):
-        yield Difference("note", f"{key}: {json.dumps(old)}, {json.dumps(new)}")
 
 
 def _one_sided(kind: str, what: str, one: Iterable[str], two: Iterable[str]) -> Iterator[Difference]:

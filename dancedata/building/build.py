@@ -199,7 +199,9 @@ def _write(
             out,
             header_of(recipe, meta),
             computed.clips,
-            rejects=sorted(computed.rejects, key=_reject_order),
+            rejects=sorted(
+                computed.rejects, key=lambda r: (r.clip, -1 if r.window is None else r.window, r.reason, r.file)
+            ),
             quality=computed.quality,
             shard_bytes=recipe.shard_mb * 2**20,
             card=dataset_card(recipe, scan, computed, songs_of(computed.clips), _networks(recipe)),
@@ -212,6 +214,8 @@ def _meta(recipe: Recipe, sources: Sources, unstored: Mapping[str, str]) -> dict
     decoders = {clip.signal.ffmpeg for clip in sources.clips if clip.signal and clip.signal.ffmpeg}
     versions = {"libsndfile": libsndfile_version(), **({"ffmpeg": max(decoders)} if decoders else {})}
     packages.update(name for field in recipe.fields for name in field.packages)
+    # The folder of a file does not matter.
+    local = {name: {"file": file.path.name, "sha256": file.sha256} for name, file in recipe.plugin_files.items()}
     return {
         "name": recipe.name,
         "recipe": recipe.document,
@@ -233,20 +237,11 @@ def _meta(recipe: Recipe, sources: Sources, unstored: Mapping[str, str]) -> dict
             "arithmetic": expected(),
             **versions,
             **{name: package_version(name) for name in sorted(packages)},
-            **({"plugins": local} if (local := _local_plugins(recipe)) else {}),
+            **({"plugins": local} if local else {}),
         },
     }
-
-
-def _local_plugins(recipe: Recipe) -> dict[str, Any]:
-    """Return name and hash of the file of each local plug-in; the folder of a file does not matter."""
-    return {name: {"file": file.path.name, "sha256": file.sha256} for name, file in recipe.plugin_files.items()}
 
 
 def _networks(recipe: Recipe) -> dict[str, Any]:
     """Return the statements of audio fields on their networks, by field."""
     return {field.name: dict(field.about) for field in recipe.fields if field.about}
-
-
-def _reject_order(reject: Reject) -> tuple[str, int, str, str]:
-    return reject.clip, -1 if reject.window is None else reject.window, reject.reason, reject.file

@@ -26,11 +26,7 @@ _PARTS = 128
 
 
 class Unit(NamedTuple):
-    """A unit of work: a source, and what is made of it.
-
-    `number`: Of the units that share the parts of a source.
-    `following`: Source of the next unit, to load ahead.
-    """
+    """A unit of work: a source, and the `number`-th share of what is made of it; `following` is loaded ahead."""
 
     source: Loadable
     wanted: Sequence[tuple[Maker, Sequence[Ask]]]
@@ -160,16 +156,13 @@ def _made(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Seque
         error.where = error.where or source.path
         raise
     durable = time.monotonic() - started > DURABLE_FROM_S * len(asks)
-    return {
-        ask.key: _publish(cache, maker, ask.key, result, durable) for ask, result in zip(asks, results, strict=True)
-    }
-
-
-def _publish(cache: Cache, maker: Maker, key: str, result: Any, durable: bool) -> Any:
-    if isinstance(result, Nothing) or maker.suffix == "json":
-        cache.put_json(maker.stage, key, result)
-        return result
-    return cache.put_array(maker.stage, key, np.asarray(result), durable=durable)
+    by_key = {ask.key: result for ask, result in zip(asks, results, strict=True)}
+    for key, result in by_key.items():
+        if isinstance(result, Nothing) or maker.suffix == "json":
+            cache.put_json(maker.stage, key, result)
+        else:
+            by_key[key] = cache.put_array(maker.stage, key, np.asarray(result), durable=durable)
+    return by_key
 
 
 def _look_up(cache: Cache, maker: Maker, key: str) -> Any:

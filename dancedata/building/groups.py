@@ -30,12 +30,11 @@ def groups_of(clips: Sequence[ClipRef], keep: bool) -> Groups:
         if ref.group:
             members.setdefault(ref.group, []).append(ref)
     sizes = {group: max(len(of), *(ref.group_size for ref in of)) for group, of in members.items()}
-    named = {group: [*(ref.id for ref in of), *_unlisted(sizes[group] - len(of))] for group, of in members.items()}
+    named = {group: [ref.id for ref in of] for group, of in members.items()}
+    for group, ids in named.items():
+        n = sizes[group] - len(ids)
+        ids += [f"{n} that the source lacks"] if n else []
     return Groups(named, sizes, keep)
-
-
-def _unlisted(n: int) -> list[str]:
-    return [f"{n} that the source lacks"] if n else []
 
 
 def whole(results: Sequence[Result], groups: Groups) -> list[Result]:

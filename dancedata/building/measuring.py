@@ -8,7 +8,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 from dancedata.building.inputs import Music
-from dancedata.building.sources import SourceClip, Sources
+from dancedata.building.sources import Sources
 from dancedata.building.take import Dancer, Recording, SourceReader, Take, Time
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.plugins import Dataset
@@ -45,8 +45,10 @@ def takes_of(
         if isinstance(time, Reject):
             rejects.append(replace(time, clip=clip.ref.id))
         elif clip.music_problem is None:
-            place = clip.ref.group, "" if clip.ref.group else clip.ref.id
-            units.setdefault(place, []).append(_Measured(_dancer(clip), time))
+            ref = clip.ref
+            music = Music(clip.signal, ref.audio_start, ref.tempo_bpm, ref.music)
+            dancer = Dancer(ref.id, ref, clip.motion_sha256, music, clip.files, clip.made_of)
+            units.setdefault((ref.group, "" if ref.group else ref.id), []).append(_Measured(dancer, time))
     takes = []
     for members in units.values():
         take = _take(reader, sorted(members, key=lambda member: member.dancer.ref.member))
@@ -88,12 +90,6 @@ def _known_time(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -
 
 def _time_key(reader: SourceReader, ref: ClipRef, sha256: str) -> str:
     return Cache.key("time", version=1, reader=reader.key, clip=clip_identity(ref), file=sha256)
-
-
-def _dancer(clip: SourceClip) -> Dancer:
-    ref = clip.ref
-    music = Music(clip.signal, ref.audio_start, ref.tempo_bpm, ref.music)
-    return Dancer(ref.id, ref, clip.motion_sha256, music, clip.files, clip.made_of)
 
 
 def _take(reader: SourceReader, members: Sequence[_Measured]) -> Take | Reject:

@@ -28,14 +28,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.files.strict_json import read_json
 from dancedata.store.dataset_json import MAX_BYTES, Description, load_description
 from dancedata.store.listed_file import hdf5_files
-from dancedata.store.schema import (
-    CARD_FILE,
-    DATASET_FILE,
-    LOCAL_FILE,
-    REJECTS_FILE,
-    STATS_FILE,
-    is_shard_name,
-)
+from dancedata.store.schema import CARD_FILE, DATASET_FILE, LOCAL_FILE, REJECTS_FILE, STATS_FILE, is_shard_name
 
 _SIDE_FILES = {STATS_FILE, REJECTS_FILE, CARD_FILE, LOCAL_FILE}
 _ALLOWED = "an empty folder, a new one, or a dataset built before"
@@ -85,9 +78,7 @@ def new_dataset(out: Path) -> Iterator[Path]:
 
 def _writing(out: Path) -> AbstractContextManager[None]:
     return writable(
-        out,
-        "the output folder cannot be written",
-        "choose an --out that you can write to, on a disk with free space",
+        out, "the output folder cannot be written", "choose an --out that you can write to, on a disk with free space"
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from dancedata.building.annotators.vitals import VITALS, Vitals
 from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
@@ -37,8 +37,7 @@ from dancedata.recipes.recipe import Recipe
 from dancedata.store.schema import sort_splits
 
 
-@dataclass(frozen=True)
-class Cached:
+class Cached(NamedTuple):
     """The number of a field's units of work, and of those in the cache; equal units count once.
 
     `unit`: "clips" for motion, with copies that are encoded; "songs", "slices" or "files".
@@ -47,10 +46,6 @@ class Cached:
     unit: str
     cached: int
     of: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        return {"unit": self.unit, "cached": self.cached, "of": self.of}
 
 
 @dataclass(frozen=True)
@@ -95,7 +90,7 @@ class Plan:
             "notes": [*self.scan.notes, *self._notes()],
             "splits": self._splits(),
             "fields": {f.name: {"columns": f.columns.width, "dtype": f.dtype} for f in fields},
-            "cached": {name: units.to_json() for name, units in self.cached.items()},
+            "cached": {name: units._asdict() for name, units in self.cached.items()},
             "bytes": self._bytes(),
             "left_out": dict(sorted(Counter(r.reason for r in self.rejects).items())),
         }

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from dancedata.building.plugins import Annotator
 from dancedata.building.result import Result
-from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.grid import FrameGrid
 from dancedata.core.segments import Layer, Segment
@@ -85,7 +84,11 @@ def unmirrored(results: Sequence[Result], annotators: Sequence[Annotator]) -> li
             for k in result.stay
             for segment in by_name[result.take.origin.id].segments[annotator.name][k]
         ]
-        lost = [(take.dancers[k].id, s, words) for take, k, s, words in of_parents if _is_lost(s, take)]
+        lost = [
+            (take.dancers[k].id, s, words)
+            for take, k, s, words in of_parents
+            if s.layer.name != _QUALITY and take.steps[-1].segment(s, take) is None
+        ]
         for layer, lexicons in sorted({s.layer: words for _, s, words in lost}.items(), key=repr):
             said = [s for _, _, s, _ in of_parents if s.layer == layer]
             rejects.append(_unmirrored(layer, [clip for clip, s, _ in lost if s.layer == layer], said, lexicons))
@@ -128,10 +131,6 @@ def _of_copy(
         return []
     of_source = (s for s in of_parent if s.layer.name != _QUALITY)
     return [changed for s in of_source if (changed := step.segment(s, result.take)) is not None]
-
-
-def _is_lost(segment: Segment, copy: Take) -> bool:
-    return segment.layer.name != _QUALITY and copy.steps[-1].segment(segment, copy) is None
 
 
 def _with(result: Result, annotator: Annotator, by_dancer: Mapping[int, tuple[Segment, ...]]) -> Result:

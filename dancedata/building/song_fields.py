@@ -32,11 +32,7 @@ def dataset_like(like: str | Path | Store | TrainingData | None) -> Store | None
 
 
 def music_field(
-    name: str,
-    like: Store | None,
-    fps: Number,
-    windows: tuple[int, int] | None,
-    parameters: Mapping[str, Any],
+    name: str, like: Store | None, fps: Number, windows: tuple[int, int] | None, parameters: Mapping[str, Any]
 ) -> MusicField:
     """Return the music field of a feature's name; with `like` that of the dataset, at its rate.
 

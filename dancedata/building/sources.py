@@ -25,10 +25,8 @@ from dancedata.files.documents import content_hashes, document_of
 class SourceClip:
     """A clip whose files are identified.
 
-    `motion_sha256`: SHA-256 of the motion file.
-    `signal`: Signal of its music; None without music.
-    `music_problem`: Reject of unusable music. Its motion is examined nevertheless, so that a build names all
-        problems; then the clip is left out. Files of features are treated alike.
+    `music_problem`: Reject of unusable music, or of a file of rows. Its motion is examined nevertheless, so that a
+        build names all problems; then the clip is left out.
     `files`: Files of the audio fields whose rows come from files, by field.
     """
 
@@ -75,8 +73,7 @@ class Sources:
 
     `clips`: Clips with a motion file that can be read, in the order of the scan.
     `rejects`: Everything that is left out so far, clips without usable music included.
-    `content`: SHA-256 of the files that the dataset's parameters name, such as a body model.
-    `plugin_content`: The same for the recipe's other plug-ins.
+    `content`, `plugin_content`: SHA-256 of the files that parameters name, of the dataset and of other plug-ins.
     """
 
     scan: Scan
@@ -121,14 +118,11 @@ def _require_music(dataset: Dataset, fields: Sequence[Field], scan: Scan) -> Non
     without = [ref.id for ref in scan.clips if ref.audio_path is None]
     of_music = [field.name for field in fields if field.needs_music]
     if of_music and without and document_of(dataset).get("music") == "optional":
-        raise SourceError(
-            "music: optional keeps clips without music, but audio features need the music of every clip",
-            where=f"dataset {dataset.name}",
-            found=f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}; "
-            f"audio features {listed(of_music)}",
-            fix="build motion alone: --set 'audio={}'; or leave these clips out: "
-            f"--set dataset.{dataset.name}.music=required",
-        )
+        found = f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}"
+        raise SourceError("music: optional keeps clips without music, but audio features need music of all clips",
+                          where=f"dataset {dataset.name}", found=f"{found}; audio features {listed(of_music)}",
+                          fix="build motion alone: --set 'audio={}'; or leave these clips out: "
+                          f"--set dataset.{dataset.name}.music=required")  # fmt: skip
 
 
 def _with_paths(fields: Sequence[Field], ref: ClipRef, source: Path) -> ClipRef:

@@ -72,11 +72,7 @@ def stored(
 
 
 def _clip(
-    stays: _Stays,
-    fields: Sequence[Field],
-    annotators: Sequence[Annotator],
-    sizes: Mapping[str, int],
-    grid: FrameGrid,
+    stays: _Stays, fields: Sequence[Field], annotators: Sequence[Annotator], sizes: Mapping[str, int], grid: FrameGrid
 ) -> StoredClip:
     result, origin, k = stays
     take, dancer = result.take, result.take.dancers[k]

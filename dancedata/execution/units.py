@@ -117,7 +117,7 @@ def _run(
 
     while left:
         suspects = executor.run(function, dict(left), label, finish)
-        if suspects and (death := _death(executor, _import, 0, (function,), label, _BLIND_DEATHS, _ignore)):
+        if suspects and (death := _death(executor, _nothing, 0, (function,), label, _BLIND_DEATHS, _nothing)):
             # No unit is blamed where workers die before they run one.
             raise DanceDataError(
                 f"worker processes die during {label} before they run a unit of work",
@@ -153,11 +153,8 @@ def _death(
     return dead[index]
 
 
-def _ignore(index: int, result: Any) -> None: ...
-
-
-def _import(function: Callable[..., Any]) -> None:
-    """Do nothing: a worker that has received the function has imported its modules."""
+def _nothing(*arguments: Any) -> None:
+    """Do nothing: a worker that has received a function has imported its modules."""
 
 
 def _unit_name(call: Call) -> str:

@@ -294,10 +294,7 @@ def _is_mp3(sound: soundfile.SoundFile) -> bool:
 
 
 def _broken(
-    path: Path,
-    message: str,
-    allowed: str = "a complete wav, flac, ogg, mp3 or other sound file",
-    fix: str = "",
+    path: Path, message: str, allowed: str = "a complete wav, flac, ogg, mp3 or other sound file", fix: str = ""
 ) -> DataError:
     return DataError("the audio file cannot be decoded", reason="broken_audio", where=str(path), found=message,
                      allowed=allowed, fix=fix or "copy or export the file again, as wav if in doubt")  # fmt: skip

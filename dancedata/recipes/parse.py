@@ -226,12 +226,7 @@ _KEYS = {
         "store": _Key({}),
         "groups": _Key({}),
     },
-    "windows": {
-        "length_s": _SECONDS,
-        "length_frames": _COUNT,
-        "stride_s": _SECONDS,
-        "stride_frames": _COUNT,
-    },
+    "windows": {"length_s": _SECONDS, "length_frames": _COUNT, "stride_s": _SECONDS, "stride_frames": _COUNT},
     "store": {"shard_mb": replace(_COUNT, default=256)},
     "groups": {"incomplete": _choice("set_aside", "keep")},
 }

@@ -69,10 +69,7 @@ class Slots:
 
 
 def make_slots(
-    document: Mapping[str, Any],
-    grid: FrameGrid | None,
-    windows: WindowSpec | None,
-    problems: Problems,
+    document: Mapping[str, Any], grid: FrameGrid | None, windows: WindowSpec | None, problems: Problems
 ) -> Slots:
     """Make all plug-ins of a recipe document.
 
