@@ -227,8 +227,8 @@ def _rows_of(store: Store, clips: Sequence[Clip], field: Field) -> tuple[Rows, _
     """Return the rows of the song of a clip, or of the slices of one, and which there are; the mean of slices."""
     if not clips[0].slice_of:
         clip = clips[0]
-        later = store._music_offset(clip.id) < 0
-        song = store._rows_within(clip.id, field.name)[1] if later else clip.read_song(field.name)
+        later = clip.music_offset < 0
+        song = clip.rows_within(field.name)[1] if later else clip.read_song(field.name)
         return song, np.ones(len(song), dtype=bool)
     first, last = min(c.slice_start for c in clips), max(c.slice_start + c.n_frames for c in clips)
     rows = np.zeros((store.grid.rows(last - first, of=field.grid), field.columns.width), dtype=np.float32)

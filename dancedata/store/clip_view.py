@@ -12,14 +12,18 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.clip import Window
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.locate import require_field
+from dancedata.store.schema import Field
 from dancedata.store.segment_queries import SegmentQueries
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from dancedata.core.plugins import Representation
 
 #: Ids that the text of a list of clips shows.
 _SHOWN = 3
@@ -52,11 +56,13 @@ class Clip(ClipRecord):
 
     def __contains__(self, field: object) -> bool:
         """Return whether the clip has rows of a field; an optional one may be missing."""
-        return self.store._has_field(self.id, str(field))
+        return not self.store._without(self.id, (str(field),))
 
     def windows(self) -> tuple[Window, ...]:
         """Return the stored windows of the clip, by their first frames."""
-        return self.store._windows_of(self.id)
+        tables = self.store._tables
+        starts = tables.window_start[tables.positions_of(self.store._row(self.id))].tolist()
+        return tuple(Window(self.id, start, tables.window_length) for start in starts)
 
     def read(self, field: str) -> npt.NDArray[Any]:
         """Read all rows of a field that belong to the clip, (T, D), a new array.
@@ -68,7 +74,8 @@ class Clip(ClipRecord):
         UsageError
             For a field that the clip does not have.
         """
-        return self.store._read_clip(self.id, field)
+        f = self.store.field(field)
+        return self._read(f, None if f.per_clip else self.store.grid.rows_up(self.n_frames, of=f.grid))
 
     def read_song(self, field: str) -> npt.NDArray[Any]:
         """Read the rows of an audio field from the clip's first frame to the end of its music, (T, D), a new array.
@@ -78,7 +85,23 @@ class Clip(ClipRecord):
         UsageError
             For a field of motion.
         """
-        return self.store._read_song(self.id, field)
+        f = self.store.field(field)
+        if f.kind != "audio":
+            where, fix = str(self.store.path), "read it with clip.read(FIELD)"
+            raise UsageError(f"field {field} is not a field of music", where=where, fix=fix)
+        return self._read(f, None)
+
+    def _read(self, f: Field, most: int | None) -> npt.NDArray[Any]:
+        tables, row = self.store._tables, self.store._row(self.id)
+        require_field(tables, row, f)
+        spans = tables.spans[f.name]
+        rows, lead = int(spans.available[row]), spans.delay(row)
+        if lead:
+            raise UsageError(f"the rows of field {f.name} begin after the clip's first frame",
+                             where=f"clip {self.id}", found=f"row {lead}",
+                             fix="read windows, which begin where all their fields do")  # fmt: skip
+        rows = rows if most is None else max(0, min(rows, most))
+        return self.store._shard_readers[int(tables.shard_of(row))].rows(f.name, int(spans.first[row]), rows)
 
     def __getitem__(self, field: str) -> npt.NDArray[Any]:
         """Return `read(field)`."""
@@ -92,7 +115,17 @@ class Clip(ClipRecord):
         tuple
             The row at which they begin, counted from frame 0, and the rows.
         """
-        return self.store._rows_within(self.id, field)
+        f, grid, row = self.store.field(field), self.store.grid, self.store._row(self.id)
+        spans = self.store._tables.spans[field]
+        lead = spans.delay(row)
+        if not lead:
+            return 0, self.read(field)
+        begin, _ = grid.common_period(f.grid)
+        first = -(-f.grid.rows_up(lead, of=grid) // begin) * begin
+        available = f.grid.rows_down(int(spans.available[row]), of=grid)
+        length = max(0, min(self.n_frames - first, available // begin * begin - first) // begin * begin)
+        rows = self.store.read(Window(self.id, first, length), field) if length else np.empty((0, f.columns.width))
+        return grid.rows_down(first, of=f.grid), rows
 
     @property
     def music_offset(self) -> Fraction:
@@ -100,7 +133,13 @@ class Clip(ClipRecord):
 
         Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
         """
-        return self.store._music_offset(self.id)
+        if self.audio_start:
+            return self.audio_start  # exact, where rows begin at a fraction of one
+        field = next(iter(self.store.fields_with()), None)
+        offset = None if field is None else self.store._tables.spans[field.name].offset
+        if field is None or offset is None:
+            return Fraction(0)
+        return field.grid.seconds(int(offset[self.store._row(self.id)]))
 
     def motion(self, field: str = "") -> Motion:
         """Return the clip's motion: root and rotations, metres, +Y up.
@@ -115,18 +154,44 @@ class Clip(ClipRecord):
         UsageError
             For a field without rotations, or a dataset without such a field.
         """
-        from dancedata.store.motion_fields import clip_motion  # with the plug-ins, which a list of clips needs not
-
-        return clip_motion(self.store, self.id, field)
+        name, plugin = self._motion_field(field)
+        if not plugin.decodes:
+            raise UsageError("the field has no rotations", where=str(self.store.path),
+                             found=field or "fields of positions alone", fix="take clip.joints()")  # fmt: skip
+        try:
+            return plugin.decode(self.read(name), self.store.field(name).grid)
+        except DataError as error:
+            error.where = ": ".join(str(place) for place in (self.id, error.where) if place is not None)
+            raise
 
     def joints(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the positions of the clip's joints, (T, J, 3) metres, +Y up; `field` as for `motion`.
 
         A dataset without rotations gives the joints of its first field of positions.
         """
-        from dancedata.store.motion_fields import clip_joints
+        name, plugin = self._motion_field(field)
+        if plugin.decodes:
+            return self.motion(name).joints()
+        rows = self.read(name)
+        return rows[:, plugin.columns.slice("position")].reshape(len(rows), -1, 3).astype(np.float64)
 
-        return clip_joints(self.store, self.id, field)
+    def _motion_field(self, field: str) -> tuple[str, Representation]:
+        """Return a field with its plug-in: the one named, else the first with rotations, else with positions."""
+        # Here, with the plug-ins, which a list of clips needs not.
+        from dancedata.store.motion_fields import stored_representation, stored_representations
+
+        store = self.store
+        if field:
+            return field, stored_representation(store.info.get("recipe"), field, store.field(field).columns)
+        kept = {
+            name: plugin
+            for name, plugin in stored_representations(store).items()
+            if (plugin.decodes or "position" in plugin.columns.names) and name in self
+        }
+        if not kept:
+            raise UsageError("the dataset has no field of motion that can be decoded", where=str(store.path),
+                             found=", ".join(store.fields))  # fmt: skip
+        return min(kept.items(), key=lambda item: not item[1].decodes)
 
     def beats(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the instants of the stored beats, (M,) seconds from the clip's first frame.

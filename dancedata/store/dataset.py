@@ -24,7 +24,7 @@ from dancedata.store.dataset_json import REBUILD, field_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
-from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE
+from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE, Field
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
 from dancedata.store.stats import train_quantiles
@@ -177,11 +177,6 @@ class Store(SegmentQueries):
         weights = {name: field_weights(self.info, name) for name in self._fields}
         return {name: text for name, text in weights.items() if text}
 
-    @property
-    def stats(self) -> dict[str, Any]:
-        """stats.json: per field, over the rows that train windows cover."""
-        return self._side_files.stats
-
     def quantiles(self, field: str, q: Sequence[float]) -> npt.NDArray[np.float64]:
         """Return quantiles of the columns of a field over the rows that train windows cover, (len(q), D).
 
@@ -273,8 +268,8 @@ class Store(SegmentQueries):
             For an unknown field or kind, a field of codes, an augmentation that cannot change the field, or z-scores
             that are to cover one.
         """
-        f = self.field(field)
-        stored, steps = self._side_files.scaler(f), tuple(steps_of(covers))
+        f, steps = self.field(field), tuple(steps_of(covers))
+        stored = self._stored_scaler(f)
         if kind not in _KINDS:
             raise UsageError(f"unknown kind of scaler {kind!r}", fix=did_you_mean(kind, _KINDS))
         if kind == "minmax":
@@ -299,6 +294,31 @@ class Store(SegmentQueries):
             raise StoreError(f"the {kind} scaler of field {field} cannot be used",
                              where=str(self.path / STATS_FILE), found=shown(error),
                              fix=REBUILD) from error  # fmt: skip
+
+    def _stored_scaler(self, f: Field) -> Scaler:
+        """Return the min-max scaler of a field that stats.json holds."""
+        if f.codebook is not None:
+            raise UsageError("codes have no scaler: they are never normalised", where=str(self.path),
+                             found=f"field {f.name}, codes of {f.codebook.name}",
+                             fix="leave the field out of scale")  # fmt: skip
+        if f.name not in self.stats["fields"]:
+            raise StoreError(
+                "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
+                where=str(self.path), found=f"splits {', '.join(self.splits)}",
+                fix="read with scale=None, or build with a train split",
+            )  # fmt: skip
+        try:
+            low, high = (self.stats["fields"][f.name]["scaler"][name] for name in ("data_min", "data_max"))
+            scaler = Scaler("minmax", low, high, dtype=f.dtype, field=f.name, columns=f.columns.labels)
+            scaler.dataset = scaler.sha256
+            problem = f"{scaler.width} columns"
+        except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
+            scaler, problem = None, shown(error)
+        if scaler is None or scaler.width != f.columns.width:
+            raise StoreError(f"the scaler of field {f.name} cannot be used", where=str(self.path / STATS_FILE),
+                             found=problem, allowed=f"data_min and data_max of {f.columns.width} columns",
+                             fix=REBUILD)  # fmt: skip
+        return scaler
 
 
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:

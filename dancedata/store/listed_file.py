@@ -8,95 +8,17 @@ import stat
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
 
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import StoreError
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.system import open_file
-from dancedata.core.text import shown
 from dancedata.files.addresses import origin_of, require_file
 from dancedata.files.cache_files import mark_in_use
 from dancedata.files.listing import FileEntry
 from dancedata.files.regular_file import read_regular, sha256_file
-from dancedata.store.dataset_json import (
-    MAX_BYTES,
-    MAX_LINES_BYTES,
-    REBUILD,
-    Description,
-    json_rejects,
-    json_stats,
-    load_description,
-    require_sealed,
-)
-from dancedata.store.normalize import Scaler
-from dancedata.store.schema import (
-    DATASET_FILE,
-    REJECTS_FILE,
-    SEGMENTS_FILE,
-    STATS_FILE,
-    TABLES_FILE,
-    Field,
-    sort_splits,
-)
-
-T = TypeVar("T")
-
-
-class SideFiles:
-    """The side files of an open store; StoreError for one that cannot be read."""
-
-    def __init__(self, folder: Path, description: Description) -> None:
-        self._folder, self._description = folder, description
-
-    @cached_property
-    def stats(self) -> dict[str, Any]:
-        """stats.json."""
-        return self._load(STATS_FILE, json_stats, MAX_BYTES)
-
-    @cached_property
-    def rejects(self) -> list[dict[str, Any]]:
-        """rejects.jsonl; none if the dataset does not list it."""
-        if REJECTS_FILE not in self._description.files:
-            return []
-        return self._load(REJECTS_FILE, json_rejects, MAX_LINES_BYTES)
-
-    def scaler(self, f: Field) -> Scaler:
-        """Return the min-max scaler of a field that stats.json holds; StoreError if there is none."""
-        if f.codebook is not None:
-            raise UsageError("codes have no scaler: they are never normalised", where=str(self._folder),
-                             found=f"field {f.name}, codes of {f.codebook.name}",
-                             fix="leave the field out of scale")  # fmt: skip
-        if f.name not in self.stats["fields"]:
-            raise StoreError(
-                "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
-                where=str(self._folder),
-                found=f"splits {', '.join(sort_splits({s.split for s in self._description.shards}))}",
-                fix="read with scale=None, or build with a train split",
-            )
-        try:
-            state = self.stats["fields"][f.name]["scaler"]
-            scaler = Scaler(
-                "minmax", state["data_min"], state["data_max"], dtype=f.dtype, field=f.name, columns=f.columns.labels
-            )
-            scaler.dataset = scaler.sha256
-            problem = f"{scaler.width} columns"
-        except (KeyError, TypeError, ValueError, OverflowError, UsageError) as error:
-            scaler, problem = None, shown(error)
-        if scaler is None or scaler.width != f.columns.width:
-            raise StoreError(f"the scaler of field {f.name} cannot be used", where=str(self._folder / STATS_FILE),
-                             found=problem, allowed=f"data_min and data_max of {f.columns.width} columns",
-                             fix=REBUILD)  # fmt: skip
-        return scaler
-
-    def _load(self, name: str, parse: Callable[[str], T], limit: int) -> T:
-        try:
-            return parse(read_listed(self._folder, self._description, name, limit))
-        except (OSError, ValueError) as error:
-            where = str(self._folder / name)
-            raise StoreError(f"{name} cannot be read", where=where, found=str(error), fix=REBUILD) from error
-
+from dancedata.store.dataset_json import REBUILD, Description, load_description, require_sealed
+from dancedata.store.schema import DATASET_FILE, SEGMENTS_FILE, TABLES_FILE
 
 #: Gives the SHA-256 of a file, such as `Cache.file_sha256`, which remembers it.
 FileHash = Callable[[Path], str]

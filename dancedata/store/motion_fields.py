@@ -7,19 +7,14 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from dancedata.core.columns import Columns
-from dancedata.core.errors import DanceDataError, DataError, UsageError
-from dancedata.core.motion import Motion
+from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.plugins import ContactRule, Representation, SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
-from dancedata.core.rotations import Float64Array
 from dancedata.store.row_queries import RowQueries
 
 #: End of the name of a field with the motion as it was before the recipe's repairs.
 ORIGINAL = ".original"
-_POSITION = "position"
 #: Keys of a motion field in a recipe that are not parameters of its representation.
 _NOT_OF_PLUGIN = ("contacts", "optional")
 
@@ -87,42 +82,3 @@ def stored_representations(store: RowQueries) -> dict[str, Representation]:
             recipe = store.info.get("recipe")
             representations[field.name] = stored_representation(recipe, field.name, field.columns)
     return representations
-
-
-def clip_motion(store: RowQueries, clip_id: str, field: str = "") -> Motion:
-    """Return the motion of a whole clip; UsageError as `clip_joints`, and for a field without rotations."""
-    name, plugin = _field_of_clip(store, clip_id, field)
-    if not plugin.decodes:
-        raise UsageError("the field has no rotations", where=str(store.path),
-                         found=field or "fields of positions alone", fix="take clip.joints()")  # fmt: skip
-    try:
-        return plugin.decode(store._read_clip(clip_id, name), store.field(name).grid)
-    except DataError as error:
-        error.where = ": ".join(str(place) for place in (clip_id, error.where) if place is not None)
-        raise
-
-
-def clip_joints(store: RowQueries, clip_id: str, field: str = "") -> Float64Array:
-    """Return the joints (T, J, 3) of a whole clip, by the field named, else the first with rotations, else positions.
-
-    UsageError as `stored_representation`, and for a dataset without such a field.
-    """
-    name, plugin = _field_of_clip(store, clip_id, field)
-    if plugin.decodes:
-        return clip_motion(store, clip_id, name).joints()
-    rows = store._read_clip(clip_id, name)
-    return rows[:, plugin.columns.slice(_POSITION)].reshape(len(rows), -1, 3).astype(np.float64)
-
-
-def _field_of_clip(store: RowQueries, clip_id: str, field: str) -> tuple[str, Representation]:
-    if field:
-        return field, stored_representation(store.info.get("recipe"), field, store.field(field).columns)
-    kept = {
-        name: plugin
-        for name, plugin in stored_representations(store).items()
-        if (plugin.decodes or _POSITION in plugin.columns.names) and store._has_field(clip_id, name)
-    }
-    if not kept:
-        raise UsageError("the dataset has no field of motion that can be decoded", where=str(store.path),
-                         found=", ".join(store.fields))  # fmt: skip
-    return min(kept.items(), key=lambda item: not item[1].decodes)

@@ -1,20 +1,49 @@
-"""Windows and clips of a store, and their rows."""
+"""Fields, tables and files of an open store; its windows and their rows."""
 
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.arguments import names
 from dancedata.core.clip import Window
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.columns import Columns
+from dancedata.core.errors import DanceDataError, StoreError, UsageError, did_you_mean, nearest
 from dancedata.core.grid import WindowGrid
+from dancedata.core.licence import Licence
 from dancedata.core.text import shown
-from dancedata.store.locate import RowSpan, locate_view, locate_windows, require_field
+from dancedata.files.strict_json import read_json
+from dancedata.store.dataset_json import (
+    MAX_BYTES,
+    MAX_LINES_BYTES,
+    REBUILD,
+    Description,
+    SplitRows,
+    json_rejects,
+    json_stats,
+)
+from dancedata.store.listed_file import ListedFile, read_listed
+from dancedata.store.locate import RowSpan, locate_view, locate_windows
+from dancedata.store.schema import (
+    LOCAL_FILE,
+    REJECTS_FILE,
+    SEGMENTS_FILE,
+    STATS_FILE,
+    TABLES_FILE,
+    Field,
+    Kind,
+    sort_splits,
+)
+from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader, WindowRows
-from dancedata.store.store_tables import StoreTables
+from dancedata.store.table_file import SegmentTable, read_segments, read_tables
+from dancedata.store.tables import Tables
 from dancedata.store.window_list import Whole, WindowList
 from dancedata.store.windowing import (
     cut_windows,
@@ -25,16 +54,144 @@ from dancedata.store.windowing import (
     window_starts,
 )
 
+T = TypeVar("T")
 #: Clips of which a reader's attributes are remembered.
 _REMEMBERED = 1 << 14
+#: Largest local.json: a path.
+_MAX_LOCAL = 1 << 16
 
 
-class RowQueries(StoreTables):
-    """The part of a `Store` that lists windows and reads rows."""
+class RowQueries:
+    """The part of a `Store` that opens its files when they are first needed, lists windows and reads rows."""
 
     _mapped = True
     #: The attributes that were asked for last, and their values by row of a clip.
     _remembered: tuple[Sequence[str], dict[int, tuple[Any, ...]]] = ((), {})
+
+    def __init__(self, path: Path, description: Description, files: Mapping[str, ListedFile]) -> None:
+        self.path = path
+        self._description = description
+        self._fields = {f.name: f for f in description.fields}
+        self.fields: Mapping[str, Columns] = MappingProxyType({f.name: f.columns for f in description.fields})
+        self.splits = sort_splits({s.split for s in description.shards})
+        self.fps: int | Fraction = int(description.fps) if description.fps.denominator == 1 else description.fps
+        self.skeleton = description.skeleton
+        self.info = description.meta
+        self.grid = description.grid
+        self._files = files
+        self._shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
+        self.overlay = SegmentOverlay()
+
+    def field(self, name: str) -> Field:
+        """Return a field by name; UsageError with the closest name if there is none."""
+        if not isinstance(name, str) or name not in self._fields:
+            fix = did_you_mean(str(name), self._fields)
+            raise UsageError(f"no field named {shown(name)!r}", where=str(self.path), fix=fix)
+        return self._fields[name]
+
+    def fields_with(self, *groups: str, kind: Kind = "audio") -> tuple[Field, ...]:
+        """Return the fields of a kind that have these groups of columns, such as "beat", in the dataset's order."""
+        fields = (f for f in self._fields.values() if f.kind == kind)
+        return tuple(f for f in fields if set(groups) <= set(f.columns.names))
+
+    @property
+    def optional_fields(self) -> tuple[str, ...]:
+        """Names of the fields that a clip may not have."""
+        return tuple(name for name, field in self._fields.items() if field.optional)
+
+    @property
+    def required_fields(self) -> tuple[str, ...]:
+        """Names of the fields that every clip has."""
+        return tuple(name for name, field in self._fields.items() if not field.optional)
+
+    @property
+    def slice_length(self) -> int | None:
+        """Frames of the slices, see `ClipRecord.slice_of`; None where clips are whole."""
+        tables = self._tables
+        return int(tables.n_frames[0]) if "slice_of" in tables.columns else None
+
+    @property
+    def group_sizes(self) -> dict[str, int]:
+        """Number of dancers that each group has in the source, stored or not."""
+        groups = self._tables.groups
+        return dict(zip(groups["id"], np.asarray(groups["n_source"]).tolist(), strict=True)) if groups else {}
+
+    @property
+    def free_types(self) -> dict[str, str]:
+        """Types of the free columns, by name with the prefix: "x/level"."""
+        return dict(self._tables.types)
+
+    @property
+    def reference(self) -> tuple[str, str]:
+        """Arguments of `reopen`: the path, and a hash of dataset.json."""
+        return str(self.path), self._description.self_sha256
+
+    @property
+    def reader_name(self) -> str:
+        """Name of the reader that the dataset was built with; "" where it has no recipe."""
+        return str(next(iter(self.info.get("recipe", {}).get("dataset", {})), ""))
+
+    @property
+    def source_folder(self) -> Path | None:
+        """Folder that the dataset was built from on this machine; None where it is unknown, or has moved."""
+        try:
+            place = read_json(self.path / LOCAL_FILE, _MAX_LOCAL)["source"]
+            folder = Path(os.path.normpath(self.path.absolute() / place))
+        except (OSError, ValueError, LookupError, TypeError, DanceDataError):
+            return None
+        return folder if folder.is_dir() else None
+
+    @property
+    def licences(self) -> tuple[Licence, ...]:
+        """Terms of clips that differ from the dataset's, numbered as in `ClipRecord.licence`."""
+        return tuple(Licence(entry["licence"], entry["citation"]) for entry in self.info.get("licences", ()))
+
+    @cached_property
+    def stats(self) -> dict[str, Any]:
+        """stats.json: per field, over the rows that train windows cover."""
+        return self._side_file(STATS_FILE, json_stats, MAX_BYTES)
+
+    @cached_property
+    def rejects(self) -> list[dict[str, Any]]:
+        """rejects.jsonl: what the build left out, and why; none if the dataset does not list it."""
+        listed = REJECTS_FILE in self._description.files
+        return self._side_file(REJECTS_FILE, json_rejects, MAX_LINES_BYTES) if listed else []
+
+    def _side_file(self, name: str, parse: Callable[[str], T], limit: int) -> T:
+        try:
+            return parse(read_listed(self.path, self._description, name, limit))
+        except (OSError, ValueError) as error:
+            where = str(self.path / name)
+            raise StoreError(f"{name} cannot be read", where=where, found=str(error), fix=REBUILD) from error
+
+    @cached_property
+    def _tables(self) -> Tables:
+        """The tables of the dataset, read on first use; StoreError if they do not fit it."""
+        return read_tables(self._files[TABLES_FILE], self._description)
+
+    @cached_property
+    def _segment_table(self) -> SegmentTable | None:
+        """Columns of the segments, read on first use; None without any."""
+        file = self._files.get(SEGMENTS_FILE)
+        return None if file is None else read_segments(file, self._tables.n_clips, self._description)
+
+    def _rows_of_split(self, split: str) -> SplitRows:
+        """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""
+        if split not in self.splits:
+            raise UsageError(f"no split named {split!r}", where=str(self.path), fix=did_you_mean(split, self.splits))
+        return self._description.splits[split]
+
+    def _shards(self, split: str) -> tuple[ShardReader, ...]:
+        """Return the readers of a split's shards."""
+        return self._shard_readers[self._rows_of_split(split).shards]
+
+    def _row(self, clip_id: str) -> int:
+        """Return the row of a clip; UsageError with the closest id if there is none."""
+        row = self._tables.find(clip_id) if isinstance(clip_id, str) else None
+        if row is None:
+            fix = nearest(str(clip_id), list(self._tables.ids), "clip", self.path)
+            raise UsageError(f"no clip named {shown(clip_id)!r}", where=str(self.path), fix=fix)
+        return row
 
     def windows(
         self,
@@ -83,24 +240,10 @@ class RowQueries(StoreTables):
         """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
         return requested_grid(self._description, length_s, length, stride_s, stride)
 
-    def _has_field(self, clip_id: str, field: str) -> bool:
-        """Return whether a clip has rows of a field: fields that a recipe makes optional may be missing.
-
-        UsageError for an unknown clip or field.
-        """
-        f = self.field(field)
-        tables, row = self._tables, self._row(clip_id)
-        return not f.optional or bool(tables.has_rows(f)[row])
-
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
         """Return those of some fields that a clip does not have."""
-        return tuple(name for name in fields if self.field(name).optional and not self._has_field(clip_id, name))
-
-    def _windows_of(self, clip_id: str) -> tuple[Window, ...]:
-        """Return the stored windows of a clip, by their first frames; UsageError for an unknown clip."""
-        tables, row = self._tables, self._row(clip_id)
-        starts = tables.window_start[tables.positions_of(row)].tolist()
-        return tuple(Window(clip_id, start, tables.window_length) for start in starts)
+        spans, row = self._tables.spans, self._row(clip_id)
+        return tuple(name for name in fields if self.field(name).optional and not spans[name].available[row])
 
     def _starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
@@ -115,23 +258,6 @@ class RowQueries(StoreTables):
         tables, row = self._tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
         return window_starts(tables, row, self._description, window_grid, window_fields, trim)
-
-    def _rows_within(self, clip_id: str, field: str) -> tuple[int, npt.NDArray[Any]]:
-        """Read the rows of a field that lie within a clip, from its first frame or where its music begins.
-
-        Returns the row at which they begin, counted from frame 0, and the rows.
-        """
-        tables, row = self._tables, self._row(clip_id)
-        lead = tables.spans[field].delay(row) if field in tables.spans else 0
-        if not lead:
-            return 0, self._read_clip(clip_id, field)
-        f, (begin, _) = self.field(field), self.grid.common_period(self._fields[field].grid)
-        first = -(-f.grid.rows_up(lead, of=self.grid) // begin) * begin
-        length = max(0, (int(tables.n_frames[row]) - first) // begin * begin)
-        available = f.grid.rows_down(int(tables.spans[field].available[row]), of=self.grid) // begin * begin
-        length = min(length, max(0, available - first))
-        rows = self.read(Window(clip_id, first, length), field) if length else np.empty((0, f.columns.width))
-        return self.grid.rows_down(first, of=f.grid), rows
 
     def read(self, window: Window, field: str, out: npt.NDArray[Any] | None = None) -> npt.NDArray[Any]:
         """Read a window's rows of a field.
@@ -211,42 +337,3 @@ class RowQueries(StoreTables):
             return windows.clip
         used, number = np.unique(windows.clip, return_inverse=True)
         return np.array([self._row(windows.clip_ids[k]) for k in used.tolist()], dtype=np.int64)[number]
-
-    def _read_clip(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read all rows of a field that belong to a clip; see `Clip.read`."""
-        return self._read_rows(clip_id, field, whole_song=False)
-
-    def _read_song(self, clip_id: str, field: str) -> npt.NDArray[Any]:
-        """Read an audio field from a clip's first frame to the end of its music; see `Clip.read_song`."""
-        if self.field(field).kind != "audio":
-            where, fix = str(self.path), "read it with clip.read(FIELD)"
-            raise UsageError(f"field {field} is not a field of music", where=where, fix=fix)
-        return self._read_rows(clip_id, field, whole_song=True)
-
-    def _music_offset(self, clip_id: str) -> Fraction:
-        """Return the time in a clip's music at its frame 0, seconds, exactly; negative where the music begins later.
-
-        Rows of audio fields begin at the next whole row, see `_rows_within`. 0 where no time is stored.
-        """
-        tables, row = self._tables, self._row(clip_id)
-        start = tables.record(row).audio_start
-        if start:
-            return start  # exact, where rows begin at a fraction of one
-        for name, spans in tables.spans.items():
-            if spans.offset is not None and self._fields[name].kind == "audio":
-                return self._fields[name].grid.seconds(int(spans.offset[row]))
-        return Fraction(0)
-
-    def _read_rows(self, clip_id: str, field: str, *, whole_song: bool) -> npt.NDArray[Any]:
-        f = self.field(field)
-        tables, row = self._tables, self._row(clip_id)
-        require_field(tables, row, f)
-        spans = tables.spans[field]
-        rows, lead = int(spans.available[row]), spans.delay(row)
-        if lead:
-            raise UsageError(f"the rows of field {field} begin after the clip's first frame", where=f"clip {clip_id}",
-                             found=f"row {lead}",
-                             fix="read windows, which begin where all their fields do")  # fmt: skip
-        if not f.per_clip and not whole_song:
-            rows = max(0, min(rows, self.grid.rows_up(int(tables.n_frames[row]), of=f.grid)))
-        return self._shard_readers[int(tables.shard_of(row))].rows(field, int(spans.first[row]), rows)

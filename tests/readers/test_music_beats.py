@@ -18,6 +18,7 @@ from torch.utils.data import DataLoader
 
 from dancedata.audio.beats import Beats
 from dancedata.core.errors import UsageError
+from dancedata.store.clip_view import Clip
 from dancedata.store.dataset import Store
 from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
@@ -160,15 +161,15 @@ def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
 
 def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     first = train_clips(store)[0].id
-    read = Store._read_clip
+    read = Clip.read
 
-    def silent(self: Store, clip: str, field: str) -> np.ndarray:
-        rows = read(self, clip, field)
-        if clip == first and field == "beats":
+    def silent(self: Clip, field: str) -> np.ndarray:
+        rows = read(self, field)
+        if self.id == first and field == "beats":
             rows[:, :2] = 0
         return rows
 
-    monkeypatch.setattr(Store, "_read_clip", silent)
+    monkeypatch.setattr(Clip, "read", silent)
     for made in (
         WindowDataset(store, "train", FIELDS, windows=Windows(start_at="downbeat")),
         ClipDataset(store, "train", FIELDS, windows=Windows(length_s=3, start_at="downbeat")),

@@ -17,7 +17,6 @@ from dancedata.core.errors import RecipeError, StoreError, UsageError
 from dancedata.core.registry import FEATURES, REGISTRIES
 from dancedata.recipes.parse import load_recipe, parse_recipe
 from dancedata.recipes.recipe import Recipe
-from dancedata.store.motion_fields import clip_motion
 from tests.messages import raises_message
 
 pytestmark = pytest.mark.usefixtures("no_local_plugins")
@@ -148,20 +147,20 @@ def test_reading_needs_the_file_that_the_dataset_was_built_with(
     names = dict(REGISTRIES["representations"]._classes)
     with dancedata.open(path) as ds:
         clip = ds.clips()[0].id
-        assert clip_motion(ds, clip, "my_motion") is not None
+        assert ds[clip].motion("my_motion") is not None
         monkeypatch.setattr(
             REGISTRIES["representations"], "_classes", {k: v for k, v in names.items() if k != "my_motion"}
         )
         assert ds.read(ds.windows("train")[0], "my_motion").shape[1] == 151, "columns need no plug-in"
         with pytest.raises(UsageError, match=r"local plug-in, which is not loaded.*--plugin FILE"):
-            clip_motion(ds, clip, "my_motion")
+            ds[clip].motion("my_motion")
         file.write_text(REPRESENTATION.replace("My columns", "Changed"))
         dancedata.load_plugins(file)
         with pytest.raises(UsageError, match=r"not the one that the dataset was built with.*SHA-256"):
-            clip_motion(ds, clip, "my_motion")
+            ds[clip].motion("my_motion")
         file.write_text(REPRESENTATION)
         dancedata.load_plugins(str(file))
-        assert clip_motion(ds, clip, "my_motion") is not None
+        assert ds[clip].motion("my_motion") is not None
         assert not [p for p in check(path) if p.severity == "error"]
 
 
