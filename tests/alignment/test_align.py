@@ -102,9 +102,7 @@ def test_planted_offsets_are_found_and_a_wrong_song_is_unknown(planted: Path, ca
     assert "unknown, p: songs at other tempos fit as well" in str(found)
 
 
-def test_a_manifest_with_the_seconds_of_the_table_has_no_offset_left(
-    planted: Path, cache: Path, tmp_path: Path
-) -> None:
+def test_a_manifest_with_the_seconds_of_the_table_has_no_offset_left(planted, cache, tmp_path):
     table = tmp_path / "offsets.csv"
     run("check", "--offsets", planted, "--recipe", "folder", "--cache", cache, "--out", table, "-q")
     rows = {row["id"]: row for row in csv.DictReader(table.read_text().splitlines())}
@@ -207,9 +205,7 @@ def test_a_strict_build_stops_at_an_unknown_offset(auto: Path, tmp_path: Path, c
     assert not (tmp_path / "out").exists()
 
 
-def test_plan_check_and_parts_know_auto(
-    auto: Path, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_plan_check_and_parts_know_auto(auto, tmp_path, cache, monkeypatch):
     planned = make_plan(RECIPE, auto, cache=cache, progress=False)
     assert planned.to_json()["left_out"] == {"unknown_offset": 1}
     built = dancedata.build(RECIPE, auto, tmp_path / "out", jobs=1, cache=cache, progress=False)

@@ -99,9 +99,7 @@ def rows_of(samples: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("start", "skipped", "row"), [("1/2", 0, 15), ("3/5", 0, 18), ("51/100", 240, 15)])
-def test_the_song_begins_before_the_clip(
-    tmp_path: Path, build: Any, song: np.ndarray, start: str, skipped: int, row: int
-) -> None:
+def test_the_song_begins_before_the_clip(tmp_path, build, song, start, skipped, row):
     store = build(start)
     assert verify_store(tmp_path / "out") == []
     expected = rows_of(song[skipped:])
@@ -114,9 +112,7 @@ def test_the_song_begins_before_the_clip(
 
 
 @pytest.mark.parametrize(("start", "skipped", "offset"), [("-1/2", 0, -15), ("-0.51", 560, -16)])
-def test_the_song_begins_after_the_clip(
-    tmp_path: Path, build: Any, song: np.ndarray, start: str, skipped: int, offset: int
-) -> None:
+def test_the_song_begins_after_the_clip(tmp_path, build, song, start, skipped, offset):
     store = build(start)
     assert verify_store(tmp_path / "out") == []
     expected = rows_of(song[skipped:])
@@ -202,9 +198,7 @@ def test_what_reads_whole_songs_reads_them(tmp_path: Path, build: Any, two_split
 
 
 @pytest.mark.parametrize("start", ["0", "1.2", "-1"])
-def test_beats_of_music_files_are_counted_from_frame_0(
-    tmp_path: Path, cache: Path, build: Any, song: np.ndarray, start: str
-) -> None:
+def test_beats_of_music_files_are_counted_from_frame_0(tmp_path, cache, build, song, start):
     """Beats from the source are those that the store has, and those of the song less its beginning."""
     store = build(start)
     found = {}
@@ -245,9 +239,7 @@ def test_a_plan_counts_the_windows_of_a_build(tmp_path: Path, cache: Path, build
 
 
 @pytest.mark.parametrize(("target", "options"), [("npz", {}), ("webdataset", {"samples": "clips"})])
-def test_exports_of_whole_clips_name_music_that_begins_later(
-    tmp_path: Path, build: Any, target: str, options: dict[str, Any]
-) -> None:
+def test_exports_of_whole_clips_name_music_that_begins_later(tmp_path, build, target, options):
     store = build("-1")
     with raises_message(StoreError, "later", where="out"):
         dancedata.export(store.path, target, out=tmp_path / "x", **options)

@@ -126,9 +126,7 @@ def test_scaled_values_lie_within_the_range_and_other_splits_share_it(store_path
     np.testing.assert_array_equal(narrow.scaler("edge151").data_min, stored.data_min)
 
 
-def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(
-    store_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_scaler_covers_noise_and_without_one_a_warning_says_how_far_it_goes(store_path, caplog):
     store, fields = dancedata.open(store_path), ("edge151", "lodge139")
     for scale, far in ((Scale(), 2), (Scale(clamp=True), 0), (Scale(covers=["noise"]), 0), (None, 0)):
         caplog.clear()

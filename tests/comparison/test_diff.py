@@ -45,9 +45,7 @@ def test_shards_cut_otherwise_hold_the_same_values(run_build: Any, built: Path, 
 
 
 @pytest.mark.parametrize(("scope", "name"), [("track", "aist++"), ("window", "aist++-edge-exact")])
-def test_a_parameter_of_contacts_changes_four_columns(
-    run_build: Any, built_in: dict[str, Path], corpus: Path, out: Path, scope: str, name: str
-):
+def test_a_parameter_of_contacts_changes_four_columns(run_build, built_in, corpus, out, scope, name):
     key = "motion.edge151.contacts.velocity.max_speed_m_s"
     run_build(corpus, out, name, set=[f"{key}=1"])
     found = diff(built_in[scope], out)
@@ -73,9 +71,7 @@ def test_other_files_clips_and_rejects_are_named(run_build: Any, built: Path, so
     assert of(diff(out, built), "clips")[0].message == "1 clip only in B"
 
 
-def test_windows_and_fields_are_named_and_the_command_ends_with_1(
-    run_build: Any, built: Path, corpus: Path, out: Path
-):
+def test_windows_and_fields_are_named_and_the_command_ends_with_1(run_build, built, corpus, out):
     run_build(corpus, out, set=["windows.stride_s=1", "audio={}"])
     found = diff(built, out)
     assert kinds(found) >= {"recipe", "store", "fields", "windows"}

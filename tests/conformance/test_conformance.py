@@ -107,9 +107,7 @@ WHEN = f"{inspect.getdoc(_first(CONTACTS))}\n\nwhen\n    A pair, which JSON make
         (RULES, {"judge": by_the_last_row}, "first frames"),
     ],
 )
-def test_a_plugin_with_one_thing_wrong_fails(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, registry: Registry, members: dict[str, Any], expected: str
-):
+def test_a_plugin_with_one_thing_wrong_fails(monkeypatch, tmp_path, registry, members, expected):
     with pytest.raises((AssertionError, UsageError), match=expected):
         conformance.check(_register(monkeypatch, registry, _subclass(registry, **members)), tmp_path)
 
@@ -138,9 +136,7 @@ def test_an_augmentation_of_neither_kind_is_refused():
         ({"changes": "music"}, "changes is rows, motion or time"),
     ],
 )
-def test_copies_that_are_not_as_declared_fail(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, members: dict[str, Any], expected: str
-):
+def test_copies_that_are_not_as_declared_fail(monkeypatch, tmp_path, members, expected):
     cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(CopyAugmentation, **members))
     with pytest.raises(AssertionError, match=expected):
         conformance.check_augmentation(cls, tmp_path)
@@ -176,9 +172,7 @@ def test_copies_that_differ_from_call_to_call_fail(monkeypatch: pytest.MonkeyPat
         ({"dropped": lambda self, fields, draw: ("music",)}, "dropped names some of them"),
     ],
 )
-def test_samples_that_are_changed_wrongly_fail(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, members: dict[str, Any], expected: str
-):
+def test_samples_that_are_changed_wrongly_fail(monkeypatch, tmp_path, members, expected):
     cls = _register(monkeypatch, AUGMENTATIONS, _augmentation(SampleAugmentation, **members))
     with pytest.raises(AssertionError, match=expected):
         conformance.check_augmentation(cls, tmp_path)

@@ -35,11 +35,11 @@ def test_they_hold_what_a_reader_runs(notebooks: ModuleType, tmp_path: Path) -> 
 
 @pytest.mark.nightly
 def test_they_are_valid_and_run(
-    notebooks: ModuleType,
-    environment: dict[str, str],  # noqa: F811
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    notebooks,
+    environment,  # noqa: F811
+    tmp_path,
+    monkeypatch,
+):
     """Run with ``pytest -m nightly tests/docs/test_notebooks.py``, where nbclient and ipykernel are installed."""
     nbformat = pytest.importorskip("nbformat")
     nbclient = pytest.importorskip("nbclient")

@@ -55,9 +55,7 @@ def test_a_flipped_bit_is_an_error_and_leaves_nothing_in_the_cache(copy: Path, f
     assert pfc(copy, tmp_path / "shared") == pfc(copy, tmp_path / "fresh")
 
 
-def test_keys_of_stored_clips_hold_their_rows(
-    copy: Path, flip: Flip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_keys_of_stored_clips_hold_their_rows(copy, flip, tmp_path, monkeypatch):
     monkeypatch.setattr(Store, "require_intact", lambda *args, **options: None)
     flip("joints")
     damaged = pfc(copy, tmp_path / "shared")

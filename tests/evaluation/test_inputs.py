@@ -56,9 +56,7 @@ def test_a_store_has_every_score(reference: Report) -> None:
     assert values(reference)["fid_k"] == pytest.approx(0, abs=1e-9)
 
 
-def test_joints_motions_and_arrays_of_a_store_agree(
-    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
-) -> None:
+def test_joints_motions_and_arrays_of_a_store_agree(tmp_path, store, motions, reference):
     assert_same(reference, evaluated(motions, store, like=store), 1e-12)
     joints = {name: motion.joints() for name, motion in motions.items()}
     assert_same(reference, evaluated(joints, store, like=store, body="smpl24"), 1e-9)
@@ -68,9 +66,7 @@ def test_joints_motions_and_arrays_of_a_store_agree(
     assert_same(reference, evaluated(tmp_path, store, like=store, up="y"), FLOAT32)
 
 
-def test_positions_with_z_up_and_in_centimetres(
-    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
-) -> None:
+def test_positions_with_z_up_and_in_centimetres(tmp_path, store, motions, reference):
     for name, motion in motions.items():
         x, y, z = np.moveaxis(100 * motion.joints(), -1, 0)
         np.save(tmp_path / f"{name}.npy", np.stack([x, -z, y], axis=-1))
@@ -78,9 +74,7 @@ def test_positions_with_z_up_and_in_centimetres(
     assert_same(reference, found, 1e-6)
 
 
-def test_columns_normalised_or_not(
-    tmp_path: Path, store: Store, motions: Mapping[str, Motion], reference: Report
-) -> None:
+def test_columns_normalised_or_not(tmp_path, store, motions, reference):
     scaler = store.scaler("edge151")
     for clip in store:
         np.save(tmp_path / f"{clip.id}.npy", clip.read("edge151"))
@@ -131,9 +125,7 @@ def _camel(joint: str) -> str:
     return "".join(part.capitalize() for part in joint.split("_"))
 
 
-def test_order_and_jobs_do_not_count(
-    folder: Path, store: Store, motions: Mapping[str, Motion], reference: Report, tmp_path: Path
-) -> None:
+def test_order_and_jobs_do_not_count(folder, store, motions, reference, tmp_path):
     backwards = dict(reversed(motions.items()))
     assert values(evaluated(backwards, store, like=store)) == values(evaluated(motions, store, like=store))
     again = dancedata.evaluate(

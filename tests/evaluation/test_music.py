@@ -129,9 +129,7 @@ def other_songs(store: Store) -> dict[str, str]:
     return {clip.id: songs[songs.index(clip.music) - 1] for clip in store}
 
 
-def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(
-    store: Store, motions: Mapping[str, Motion], other_songs: dict[str, str]
-) -> None:
+def test_the_list_of_songs_counts_for_clips_of_a_dataset_too(store, motions, other_songs):
     own, other = [
         dancedata.evaluate(store, split="all", metrics=["bas"], music=m, intervals=False) for m in (None, other_songs)
     ]

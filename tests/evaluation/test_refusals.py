@@ -85,9 +85,7 @@ def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
         *((number, {"fps": 30}) for number in (17, 23, 100)),
     ],
 )  # fmt: skip
-def test_dances_that_cannot_be_measured(
-    motions: Mapping[str, Motion], joints: int | None, options: dict[str, Any]
-) -> None:
+def test_dances_that_cannot_be_measured(motions, joints, options):
     """At another rate, without the true pelvis, without SMPL-X, of an unknown body."""
     with raises_message(DataError, "measured", where="clips in memory", reason="nothing_left"):
         dancedata.evaluate(motions if joints is None else dances(joints=joints), **options)
@@ -153,9 +151,7 @@ def test_broken_clips_are_counted_by_name(tmp_path: Path, store: Store) -> None:
 @pytest.mark.parametrize(
     ("width", "said"), [(152, "allowed: (T, 151), columns of edge151; "), (151, "frame 0, pelvis: ")]
 )
-def test_columns_that_cannot_be_decoded_are_named_with_their_file(
-    tmp_path: Path, store: Store, width: int, said: str
-) -> None:
+def test_columns_that_cannot_be_decoded_are_named_with_their_file(tmp_path, store, width, said):
     path = tmp_path / "zeros.npy"
     np.save(path, np.zeros((30, width), np.float32))
     with pytest.raises(DataError) as raised:

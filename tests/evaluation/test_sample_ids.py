@@ -3,7 +3,7 @@
 import html
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -170,9 +170,7 @@ def written(copies: Store, duets: Store, tmp_path_factory: pytest.TempPathFactor
         *(("duets", command, 1e-6) for command in (of_folder, of_evaluator, of_mix)), ("duets", of_page, 5e-3),
     ],
 )  # fmt: skip
-def test_every_command_has_the_numbers_of_numpy(
-    written: dict[str, tuple[Store, Path]], name: str, command: Callable[..., Numbers], tolerance: float
-) -> None:
+def test_every_command_has_the_numbers_of_numpy(written, name, command, tolerance):
     """Windows, whole clips, mirrored samples, copies at another tempo, takes, dancers of groups, and a `Mix`."""
     store, folder = written[name]
     ids = {file.stem for file in (folder / "gen").iterdir()}

@@ -116,9 +116,7 @@ def test_real_dances_at_this_n_are_drawn_by_recordings() -> None:
     assert same_n_of(pool, 0, Pfc(), 0, 0) == {}
 
 
-def test_distances_of_real_dances_are_kept_until_they_are_pruned(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_distances_of_real_dances_are_kept_until_they_are_pruned(tmp_path, monkeypatch):
     pool = Pool("p", 1, "30", (), {0: POOL}, "", {}, "", {0: np.repeat(np.arange(50.0), 4)})
     cache = Cache(tmp_path)
     drawn = same_n_of(pool, 0, KINETIC, 20, 80, cache)

@@ -112,9 +112,7 @@ def test_samples_of_another_dataset(store: Store, tmp_path: Path) -> None:
     (["{group}~p0", "{group}~p1"], "groups", None, ""),
     (["{group}~p0", "{group}~p1"], "dancedata", None, "1 group measured dancer by dancer"),
 ])  # fmt: skip
-def test_dancers_of_groups(
-    duets: Store, tmp_path: Path, files: list[str], protocol: str, error: type[DanceDataError] | None, words: str
-) -> None:
+def test_dancers_of_groups(duets, tmp_path, files, protocol, error, words):
     clip = next(clip for clip in duets if clip.group)
     (tmp_path / "gen").mkdir()
     for name in files:

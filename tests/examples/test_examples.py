@@ -121,9 +121,7 @@ def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], 
         ("train_lodge_like", "no field 'lodge139'; found joints, librosa35"),
     ],
 )
-def test_unusable_data_is_reported_in_one_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, words: str
-) -> None:
+def test_unusable_data_is_reported_in_one_line(tmp_path, monkeypatch, name, words):
     fields = random_fields({"joints": 72}, {"librosa35": 35})
     write_random_store(tmp_path / "own", n_frames=(40, 40), length=20, fields=fields)
     monkeypatch.syspath_prepend(str(EXAMPLES))

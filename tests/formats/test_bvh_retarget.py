@@ -185,9 +185,7 @@ def test_real_files(shared: Path, name: str, unit: str, up: str, rate: int, tole
 
 
 @pytest.mark.parametrize(("name", "unit", "up", "rate", "tolerance_cm"), REAL)
-def test_knees_and_elbows_of_real_files_bend_as_smpls_do(
-    shared: Path, name: str, unit: str, up: str, rate: int, tolerance_cm: float
-) -> None:
+def test_knees_and_elbows_of_real_files_bend_as_smpls_do(shared, name, unit, up, rate, tolerance_cm):
     """SMPL's knees bend about +x, its left elbow about -y and its right one about +y; nothing is wrung out."""
     motion = load(shared / "realdata" / "bvh" / f"{name}.bvh", unit=unit, up=up)
     mean = {
@@ -347,9 +345,7 @@ def test_bones_without_length_are_refused(tmp_path: Path, danced: Motion, length
         ({"left_elbow": 1.05, "neck": 2}, ""),
     ],
 )
-def test_sides_of_unequal_length_are_a_note(
-    tmp_path: Path, danced: Motion, lengths: dict[str, float], noted: str
-) -> None:
+def test_sides_of_unequal_length_are_a_note(tmp_path, danced, lengths, noted):
     wanted = write_as(tmp_path / "a.bvh", danced, with_bones(**lengths), Rotation.identity(24))
     assert np.abs(load(tmp_path / "a.bvh", unit="cm").joints() - wanted).max() < 1e-5
     clip = Folder(unit="cm", music="optional").scan(tmp_path).clips[0]

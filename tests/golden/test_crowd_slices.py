@@ -91,9 +91,7 @@ def test_slices_are_tcdiffs(crowd: Path) -> None:
             assert named == [f"{group}_slice{k}" for k in range(n)]
 
 
-def test_each_train_window_has_a_scaler_of_its_own_and_the_last_is_kept(
-    crowd: Path, trios: dict[str, np.ndarray]
-) -> None:
+def test_each_train_window_has_a_scaler_of_its_own_and_the_last_is_kept(crowd, trios):
     facts, golden = facts_of(crowd, "tcdiff"), load(crowd / "tcdiff" / "windows.npz")
     for k, name in enumerate(facts["names"]["train"]):
         rows = trios[name].reshape(-1, 151)

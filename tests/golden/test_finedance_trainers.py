@@ -43,9 +43,7 @@ def test_the_store_is_sound_and_lists_its_rejects(store: Store) -> None:
 
 @pytest.mark.parametrize(("preset", "length", "parts"), [("lodge-local", 256, 8), ("lodge-global", 1024, 10)])
 @pytest.mark.parametrize("split", ["train", "test"])
-def test_lodge_sees_its_own_windows(
-    store: Store, peers: Any, lodge: Any, split: str, preset: str, length: int, parts: int
-) -> None:
+def test_lodge_sees_its_own_windows(store, peers, lodge, split, preset, length, parts):
     windows = peers.load("lodge_dataset_index.npz")
     index, tracks, genres = (windows[f"L{length}_w{parts}_{split}.{k}"] for k in ("index", "tracks", "genre"))
     dataset = WindowDataset(store, split, **PRESETS[preset] | {"scale": None})

@@ -92,9 +92,7 @@ def test_its_joints_of_the_columns(arrays: dict[str, np.ndarray], clip: str) -> 
 
 
 @pytest.mark.parametrize("clip", CLIPS)
-def test_the_sign_of_the_turn_past_minus_z(
-    crowd: Path, arrays: dict[str, np.ndarray], facts: dict[str, Any], clip: str
-) -> None:
+def test_the_sign_of_the_turn_past_minus_z(crowd, arrays, facts, clip):
     """The root's quaternion changes sign there, so that one row turns the wrong way: all rows after it are turned."""
     about = facts["clips"][clip]
     array = with_root_angle(humanml.columns_of(humanml.retargeted(joints_of(crowd, clip))))[:-1]

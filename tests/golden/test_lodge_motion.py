@@ -68,9 +68,7 @@ def test_the_cut_decides_the_floor(peers: Any, motions: dict[str, Motion]) -> No
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_finedances_319_columns(
-    peers: Any, files: dict[str, np.ndarray], motions: dict[str, Motion], name: str
-) -> None:
+def test_finedances_319_columns(peers, files, motions, name):
     golden = peers.load("finedance_contacts.npz")[f"{name}.contacts"]
     found = FineDance319().encode(motions[name], Velocity())
     np.testing.assert_allclose(found[:, 4:], files[name], rtol=0, atol=COLUMNS)  # "the input unchanged"

@@ -188,9 +188,7 @@ def test_without_ffmpeg_the_error_names_the_fix(demo: Path, tmp_path: Path, monk
     ["exit 3", "cat > /dev/null; exit 1", "cat > /dev/null; for file; do :; done; head -c 99999 /dev/zero > $file"],
     ids=["start", "end", "silent"],
 )
-def test_an_ffmpeg_that_fails_leaves_nothing(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str
-) -> None:
+def test_an_ffmpeg_that_fails_leaves_nothing(demo, tmp_path, monkeypatch, script):
     program = tmp_path / "ffmpeg"
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)

@@ -61,9 +61,7 @@ def test_a_video_needs_a_clip(demo: Path, tmp_path: Path) -> None:
     (["--out", "v.html", "--rights", "mine", "--silent"], "--rights is about music"),
     (["--out", "v.gif"], "an HTML file"),
 ])  # fmt: skip
-def test_options_that_a_file_would_drop(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: list[str], words: str
-) -> None:
+def test_options_that_a_file_would_drop(demo, tmp_path, monkeypatch, options, words):
     monkeypatch.chdir(tmp_path)
     done = RUN.invoke(app, ["view", str(demo), open_store(demo).clips()[0].id, *options])
     assert (done.exit_code, os.listdir(tmp_path)) == (2, [])

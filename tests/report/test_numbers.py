@@ -127,9 +127,7 @@ def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled:
     assert "good" not in kinds
 
 
-def test_songs_not_compared_by_sound_are_reported(
-    demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_songs_not_compared_by_sound_are_reported(demo, tmp_path, monkeypatch):
     monkeypatch.setattr(leaks, "MAX_PAIRS", 1)
     write_report(demo, tmp_path / "page.html")
     assert "compared by name and samples, not by sound" in (tmp_path / "page.html").read_text()

@@ -114,9 +114,7 @@ def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Pat
         write_samples_report(scores, demo, page)
 
 
-def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_dataset(
-    demo: Path, samples: Path, tmp_path: Path
-) -> None:
+def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_dataset(demo, samples, tmp_path):
     page = tmp_path / "page.html"
     out = run("report", samples, "--like", demo, "--not-normalized", "--out", page, "--quiet").stdout
     assert "BAS" in out

@@ -302,9 +302,7 @@ def test_a_wall_lasts_as_long_as_its_longest_dancer() -> None:
     assert "sliding" not in numbers[2]  # of one frame there is no speed
 
 
-def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_is_one(
-    odd: Path, tmp_path: Path
-) -> None:
+def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_is_one(odd, tmp_path):
     ds = dancedata.open(odd)
     joints = dancedata.decode(ds["wav"].read("edge151"), "edge151", fps=FPS).joints()
     (tmp_path / "mine").mkdir()

@@ -122,9 +122,7 @@ def test_the_mesh_is_closed_and_moves_with_its_joints(webgl_browser: Browser, pa
 
 
 @pytest.mark.parametrize("swap", [False, True])
-def test_matrices_are_those_of_numpy(
-    webgl_browser: Browser, page: str, scenes: Callable[[str], Scenes], swap: bool
-) -> None:
+def test_matrices_are_those_of_numpy(webgl_browser, page, scenes, swap):
     clips = scenes("thirty")
     figure = clips.scene(clips.items[0]).figure
     webgl_browser.open(f"{page}#t=1.31&body=2")

@@ -17,7 +17,6 @@ from dancedata.study.page import COLUMNS, StudyRequest, write_study
 from dancedata.study.results import Answer, bradley_terry, read_results, results_of
 from dancedata.study.trials import STILL, Trial, make_trials
 from dancedata.torch import WindowDataset
-from tests.browser import Browser
 from tests.commands import as_json, run
 from tests.messages import raises_message
 
@@ -228,12 +227,7 @@ def test_broken_results(tmp_path: Path, change: Any, problem: str) -> None:
     assert isinstance(caught.value, DataError)
 
 
-def test_a_rater_answers_and_the_table_recomputes(
-    browser: Browser,
-    demo: Path,
-    systems: tuple[Path, Path],
-    tmp_path: Path,
-) -> None:
+def test_a_rater_answers_and_the_table_recomputes(browser, demo, systems, tmp_path):
     trials = write_study(request(demo, systems, songs=1, checks=1), tmp_path / "study.html")
     browser.get(f"file://{tmp_path / 'study.html'}")
     browser.wait("return window.dancedataStudy")

@@ -96,9 +96,7 @@ def test_wavs_are_pcm_longer_than_the_motion(corpus: Path) -> None:
     assert shapes == {"mBR0": (48_000, 2), "mHO3": (44_100, 1), "mPO4": (48_000, 2)}
 
 
-def test_same_seed_same_bytes_and_clips_do_not_depend_on_one_another(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_same_seed_same_bytes_and_clips_do_not_depend_on_one_another(corpus, tmp_path, monkeypatch):
     # Generated each time, not kept as in other tests.
     monkeypatch.setattr(music, "make_song", inspect.unwrap(music.make_song))
     monkeypatch.setattr(motion, "make_motion", inspect.unwrap(motion.make_motion))

@@ -44,9 +44,7 @@ def pointer(browser: Browser, name: str, kind: str, x: float, y: float, **more: 
 
 
 @pytest.mark.parametrize(("size", "least"), [((1366, 625), 340), ((1024, 600), 300), ((800, 700), 380)])
-def test_low_windows_leave_room_for_the_dancer(
-    browser: Browser, served: str, size: tuple[int, int], least: int
-) -> None:
+def test_low_windows_leave_room_for_the_dancer(browser, served, size, least):
     browser.size(*size)
     browser.open(at(served, "wav", "&t=1"))
     browser.wait(f"return {V}.state.clip.sound")
@@ -131,9 +129,7 @@ def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypat
     browser.wait("return document.querySelector('[data-dd=root]').dataset.ready === '1'")
 
 
-def test_the_first_minute_of_a_long_clip_comes_first(
-    browser: Browser, odd: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_first_minute_of_a_long_clip_comes_first(browser, odd, monkeypatch):
     monkeypatch.setattr(server, "FIRST_S", 2.0)
     monkeypatch.setattr(server, "LONG_S", 5.0)
     read: list[float | None] = []
@@ -264,9 +260,7 @@ def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[
 @pytest.mark.parametrize(
     ("dancers", "size"), [(12, (1366, 625)), (9, (1280, 720)), (9, (800, 900)), (12, (800, 900)), (12, (420, 860))]
 )
-def test_the_dancers_of_a_wall_have_most_of_the_page(
-    browser: Browser, walls: dict[int, str], dancers: int, size: tuple[int, int]
-) -> None:
+def test_the_dancers_of_a_wall_have_most_of_the_page(browser, walls, dancers, size):
     browser.size(*size)
     browser.open(walls[dancers])
     browser.later(DRAWN)

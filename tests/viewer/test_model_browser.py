@@ -34,9 +34,7 @@ def address(scenes: Of, model: Path) -> Iterator[str]:
         yield served
 
 
-def test_the_model_is_drawn_where_numpy_puts_it(
-    webgl_browser: Browser, address: str, model: Path, scenes: Of
-) -> None:
+def test_the_model_is_drawn_where_numpy_puts_it(webgl_browser, address, model, scenes):
     webgl_browser.open(address)
     webgl_browser.wait(f"return {V}.state.clip.figure.turning")
     assert webgl_browser.js("return document.querySelector('[data-dd=body]').textContent") == "Skin"

@@ -128,9 +128,7 @@ def test_clips_and_music(client: Client, odd: Path) -> None:
     assert body[:4] == b"fLaC"
 
 
-def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(
-    odd: Path, source: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(odd, source, monkeypatch):
     # The page requests the first clip's music while the server prepares it: two decoded songs at once, for nothing.
     running, most, decoded = 0, 0, []
     load = SourceMusic.load
