@@ -64,33 +64,24 @@ class EntryLostError(StoreError):
 
 @dataclass(frozen=True)
 class CachedArray:
-    """An array in the cache, read when it is converted to a numpy array.
-
-    `path`: An entry: a .npy file with a checksum after its last value.
-    `shape`: Shape of the array, `entries` applied.
-    `entries`: Indices along the first axis; None: all.
-    """
+    """An array in the cache, read when it is converted to a numpy array: a .npy file with a checksum at its end."""
 
     path: Path
     shape: tuple[int, ...]
-    entries: tuple[int, ...] | None = None
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
-        """Load the array and compare its checksum.
-
-        Raises EntryLostError: if it is missing or damaged. A damaged entry is removed, so that it is computed again.
-        """
+        """Load the array and compare its checksum; EntryLostError if it is missing or damaged, which is removed."""
         try:
-            array = files.read_array(self.path)
-        except FileNotFoundError:
-            array = self._read_again()
+            try:
+                array = files.read_array(self.path)
+            except FileNotFoundError:
+                # A network file system caches for a while that a name does not exist, although another machine has
+                # made the entry. Listing the folder updates that cache.
+                os.listdir(self.path.parent)
+                array = files.read_array(self.path)
         except (OSError, ValueError) as error:
             raise self._lost(error) from error
-        return np.asarray(array if self.entries is None else _entries(array, self.entries), dtype=dtype)
-
-    def take(self, entries: tuple[int, ...]) -> CachedArray:
-        """Return the given indices along the first axis, in that order."""
-        return CachedArray(self.path, (len(entries), *self.shape[1:]), entries)
+        return np.asarray(array, dtype=dtype)
 
     def mapped(self) -> npt.NDArray[Any]:
         """Return the whole entry as a read-only view of the file; EntryLostError as above. Compares no checksum.
@@ -107,18 +98,6 @@ class CachedArray:
             raise self._lost(error) from error
         return np.frombuffer(data, dtype, math.prod(shape), begin).reshape(shape)
 
-    def _read_again(self) -> npt.NDArray[Any]:
-        """Read an entry that was not found, after its folder was listed.
-
-        A network file system caches for a while that a name does not exist, although another machine has made the
-        entry. Listing the folder updates that cache.
-        """
-        try:
-            os.listdir(self.path.parent)
-            return files.read_array(self.path)
-        except (OSError, ValueError) as error:
-            raise self._lost(error) from error
-
     def _lost(self, error: Exception) -> EntryLostError:
         if isinstance(error, ValueError):
             self.path.unlink(missing_ok=True)
@@ -127,14 +106,6 @@ class CachedArray:
             problem = "an entry of the cache is gone"
         fix = "run the same command again: only this entry is computed again"
         return EntryLostError(problem, where=self.path, found=str(error), fix=fix)
-
-
-def _entries(array: npt.NDArray[Any], entries: tuple[int, ...]) -> npt.NDArray[Any]:
-    """Return entries along the first axis; those that follow one another are not copied."""
-    first = entries[0] if entries else 0
-    if first >= 0 and entries == tuple(range(first, first + len(entries))) and first + len(entries) <= len(array):
-        return array[first : first + len(entries)]
-    return array[list(entries)]
 
 
 @dataclass(frozen=True)
@@ -277,12 +248,10 @@ class Cache:
         return Cache.key("files", what=what, file=identity)
 
     def retry_lost(self, run: Callable[[Cache], T], progress: Progress) -> T:
-        """Run a build, and run it again if an entry of the cache is lost.
+        """Run a build, and run it again if an entry of the cache is lost; EntryLostError where that does not help.
 
-        Checksums of arrays are compared when arrays are read, which may be late. After the first mismatch, those of
-        all entries are compared when they are looked up: all damaged entries are then computed again in one go.
-
-        Raises EntryLostError: if entries are lost repeatedly: something removes them, or the disk is failing.
+        Checksums are compared when arrays are read, which may be late. After the first mismatch, those of all entries
+        are compared when they are looked up: all damaged ones are then computed again in one go.
         """
         cache = self
         for _ in range(_LOST_ENTRIES):

@@ -74,23 +74,11 @@ def _version(program: str) -> str:
 
 
 def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str, float]:
-    """Decode the sound of a file or of a video.
+    """Decode the sound of a file or of a video, at most `limit` bytes of float32 samples.
 
-    Parameters
-    ----------
-    limit
-        Most bytes of float32 samples that are decoded.
-
-    Returns
-    -------
-    samples, rate, errors, start_s : tuple[(n, channels) float32, int, str, float]
-        `errors` are ffmpeg's own, of damage that it has skipped. `start_s`: seconds from the first picture to the
-        first sample.
-
-    Raises
-    ------
-    NotDecodedError
-        Without ffmpeg, or if nothing was decoded, more than `limit`, or a choice of several streams.
+    Returns: Samples (n, channels), their rate, ffmpeg's own errors, of damage that it has skipped, and the seconds
+        from the first picture to the first sample.
+    Raises NotDecodedError: Without ffmpeg, or if nothing was decoded, more than `limit`, or one of several streams.
     """
     try:
         program = find_ffmpeg()

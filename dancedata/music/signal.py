@@ -12,6 +12,7 @@ import math
 import mmap
 import os
 import shlex
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,8 +29,8 @@ from dancedata.music.ffmpeg import NotDecodedError, decode
 from dancedata.music.sound_files import Held, held
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from io import BufferedReader
-    from types import TracebackType
 
     import soundfile
 
@@ -61,11 +62,8 @@ def load_audio(path: Path | str) -> AudioSignal:
         (no sample), ``nan`` (NaN or infinite samples) or ``antiphase`` (channels that cancel: their mean has lost the
         music).
 
-    Notes
-    -----
-    A truncated wav, ogg or mp3 file gives the samples that it still has, a truncated flac file is ``broken_audio``.
-    The sound of a file is never silently shorter: where a decoder would stop before its end, another one reads it, or
-    it is ``broken_audio``.
+    A truncated wav, ogg or mp3 file gives the samples that it still has. The sound of a file is never silently
+    shorter: where a decoder would stop before its end, another one reads it, or it is ``broken_audio``.
     """
     path = Path(path)
     decoded = _decode(path)
@@ -113,21 +111,16 @@ def _require_mix(path: Path, samples: NDArray[np.float32], mono: NDArray[np.floa
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:
-    """Length of a file, where possible without decoding it: exactly that of the signal of `load_audio`.
+    """Return the samples per channel, exactly those of `load_audio`, and the sample rate in Hz, of a file.
 
     Only headers are read, except where they are estimates (a factor of 2.5 off was seen in mp3) or wrong: then the
-    file is decoded as `load_audio` does and the samples are counted.
-
-    `path`: As for `load_audio`.
-    Returns: Samples per channel, and the sample rate in Hz.
-    Raises DataError: As `load_audio`, for what the header shows (a truncated flac file and NaN are only found by
-        decoding).
+    file is decoded. DataError as of `load_audio`, but a truncated flac file and NaN are only found by decoding.
     """
     path = Path(path)
     found = _held(path)
     if not found.problem:
         try:
-            with _Opened(path, found.begin) as sound:
+            with _opened(path, found.begin) as sound:
                 n_samples, rate = int(sound.frames), int(sound.samplerate)
                 if n_samples and not _is_mp3(sound) and not found.is_cut(n_samples, rate):
                     return n_samples, rate
@@ -141,54 +134,36 @@ class _NotReadError(Exception):
     """libsndfile cannot read a file."""
 
 
-class _Opened:
-    """Context manager: an open `soundfile.SoundFile`; errors of libsndfile and soundfile inside it become its own."""
+@contextmanager
+def _opened(path: Path, begin: int = 0) -> Iterator[soundfile.SoundFile]:
+    """Yield a file that libsndfile has opened; _NotReadError for the errors of it and of soundfile, of many types."""
+    import soundfile
 
-    def __init__(self, path: Path, begin: int = 0) -> None:
-        self._path, self._begin = path, begin
-
-    def __enter__(self) -> soundfile.SoundFile:
-        import soundfile
-
-        # A Python file object: file names in any script work on any system.
-        self._file = _open(self._path)
+    # A Python file object: file names in any script work on any system.
+    with _open(path) as file:
         try:
-            self._file.seek(self._begin)
-            self._sound = soundfile.SoundFile(io.BytesIO(self._file.read()) if self._begin else self._file)
-            self._require_plausible()
-        except BaseException as error:
-            self._file.close()
-            raise _own(error) from error
-        return self._sound
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._sound.close()
-        self._file.close()
-        if error is not None:
-            raise _own(error) from error
-
-    def _require_plausible(self) -> None:
-        """Refuse an implausible length or rate in the header: memory is allocated before any sample is read.
-
-        A low rate makes a small file long, and so a large signal once it is resampled for the features.
-        """
-        rate, frames, channels = int(self._sound.samplerate), int(self._sound.frames), int(self._sound.channels)
-        _require_rate(self._path, rate)
-        decoded, resampled = 4 * frames * channels, 4 * frames * _FEATURE_RATE // rate
-        size = os.fstat(self._file.fileno()).st_size
-        if frames < 0 or max(decoded, resampled) > _most_bytes(size):
-            what = "once decoded" if decoded >= resampled else f"once resampled to {_FEATURE_RATE:,} Hz"
-            raise _broken(self._path, f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
-                          f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes")  # fmt: skip
+            file.seek(begin)
+            with soundfile.SoundFile(io.BytesIO(file.read()) if begin else file) as sound:
+                _require_plausible(path, sound, os.fstat(file.fileno()).st_size)
+                yield sound
+        except (DataError, OSError, MemoryError):
+            raise
+        except Exception as error:
+            raise _NotReadError(str(getattr(error, "error_string", error)).strip()) from error
 
 
-def _own(error: BaseException) -> BaseException:
-    """Return what an error of libsndfile or soundfile means here; soundfile raises many types for odd files."""
-    if isinstance(error, DataError | OSError | MemoryError) or not isinstance(error, Exception):
-        return error
-    return _NotReadError(str(getattr(error, "error_string", error)).strip())
+def _require_plausible(path: Path, sound: soundfile.SoundFile, size: int) -> None:
+    """Refuse an implausible length or rate in the header: memory is allocated before any sample is read.
+
+    A low rate makes a small file long, and so a large signal once it is resampled for the features.
+    """
+    rate, frames, channels = int(sound.samplerate), int(sound.frames), int(sound.channels)
+    _require_rate(path, rate)
+    decoded, resampled = 4 * frames * channels, 4 * frames * _FEATURE_RATE // rate
+    if frames < 0 or max(decoded, resampled) > _most_bytes(size):
+        what = "once decoded" if decoded >= resampled else f"once resampled to {_FEATURE_RATE:,} Hz"
+        raise _broken(path, f"a header with {frames:,} samples in {channels} channels at {rate:,} Hz, "
+                      f"{max(decoded, resampled):,} bytes {what}, in a file of {size:,} bytes")  # fmt: skip
 
 
 def _open(path: Path) -> BufferedReader:
@@ -257,7 +232,7 @@ def _decode(path: Path) -> _Decoded:
 
 
 def _read(path: Path, begin: int) -> tuple[NDArray[np.float32], int]:
-    with _Opened(path, begin) as sound:
+    with _opened(path, begin) as sound:
         # soundfile counts what is left by seeking, which some formats (GSM, G.72x) cannot. Blocks would not do:
         # soundfile seeks after every one, and in a damaged mp3 file that leads to another place.
         n = -1 if sound.seekable() else sound.frames

@@ -34,9 +34,8 @@ def stretched(signal: AudioSignal, speed: Fraction) -> AudioSignal:
     Raises DataError: "short_audio" if no sample would be left.
     """
     if not stretched_length(signal.n_samples, speed):
-        raise DataError(
-            "the signal is too short to be stretched", reason="short_audio", found=f"{signal.n_samples} samples"
-        )
+        raise DataError("the signal is too short to be stretched", reason="short_audio",
+                        found=f"{signal.n_samples} samples")  # fmt: skip
     if speed == 1:
         return signal
     _compile_kernels()

@@ -122,21 +122,15 @@ def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
     if lengths is not None and grid is not None:
         windows = problems.catch(partial(_windows, lengths, grid))
     slots = make_slots(document, grid, windows, problems)
-    dataset = slots.dataset
-    if problems or not (top and store and groups) or grid is None or dataset is None or windows is None:
+    if problems or not (top and store and groups) or grid is None or windows is None:
         listed = "\n".join(f"  - {p}" for p in problems)
         raise RecipeError(f"{len(problems)} problem{'s' * (len(problems) != 1)} in the recipe\n{listed}", where=where)
     return Recipe(
         name=top["name"],
         description=top["description"],
-        dataset=dataset,
         grid=grid,
         windows=windows,
-        transforms=slots.transforms,
-        fields=slots.fields,
-        augment=slots.augment,
-        annotators=slots.annotators,
-        rules=slots.rules,
+        **vars(slots),
         shard_mb=store["shard_mb"],
         incomplete_groups=groups["incomplete"],
     )

@@ -20,7 +20,6 @@ from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
 #: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
-CONVENTION = "first two rows of the matrix, flattened (pytorch3d)"
 #: Behaviour of the layout's columns under a turn or a shift.
 ROLES: Mapping[str, Role] = MappingProxyType(
     {"contact": "unchanged", "translation": "place", "rotation_6d": "root_rotation"}
@@ -100,7 +99,6 @@ class SmplX6D(Representation):
     layout: ClassVar[SixD]
     skeleton: ClassVar[Skeleton]
     version: ClassVar[int] = 1
-    rotation_6d: ClassVar[str | None] = CONVENTION
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property

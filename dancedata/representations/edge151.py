@@ -17,7 +17,7 @@ from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations._columns import required_rule
-from dancedata.representations._six_d import CONVENTION, ROLES, SixD
+from dancedata.representations._six_d import ROLES, SixD
 
 #: +Y up to +Z up: a quarter turn about x, (x, y, z) -> (x, -z, y).
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -38,7 +38,6 @@ class Edge151(Representation):
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Z up, metres"
-    rotation_6d: ClassVar[str | None] = CONVENTION
     spatial: ClassVar[Spatial | None] = Spatial("z", ROLES)
 
     @property

@@ -18,7 +18,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
-from dancedata.representations._six_d import CONVENTION, ROLES, SixD
+from dancedata.representations._six_d import ROLES, SixD
 
 _LAYOUT = SixD("gcd151", SMPL24)
 _CONTACTS = 4
@@ -69,7 +69,6 @@ class Gcd151(Representation):
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
     axes: ClassVar[str] = "right-handed, +Y up, metres"
-    rotation_6d: ClassVar[str | None] = CONVENTION
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property

@@ -65,7 +65,6 @@ class Humanml263(Representation):
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = HUMANML22
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
-    rotation_6d: ClassVar[str | None] = "first two columns of the matrix, one after the other (Zhou et al. 2019)"
     rate: ClassVar[Fraction | None] = Fraction(20)
     spatial: ClassVar[Spatial | None] = SPATIAL
     grounded: ClassVar[bool] = True

@@ -36,8 +36,8 @@ class Representation(Plugin):
     grounded
         Whether `encode` moves the dancer up or down to the ground, so that `decode` returns the motion except for a
         constant height.
-    axes, rotation_6d
-        Axes of the columns and 6D convention, as text for dataset.json.
+    axes
+        Axes of the columns, as text for dataset.json.
     spatial
         Roles of the columns when the dancer is turned or shifted, for augmentations of samples; None: samples cannot
         be turned or shifted.
@@ -54,7 +54,6 @@ class Representation(Plugin):
     rate: ClassVar[Fraction | None] = None
     grounded: ClassVar[bool] = False
     axes: ClassVar[str]
-    rotation_6d: ClassVar[str | None] = None
     spatial: ClassVar[Spatial | None] = None
     holds_places: ClassVar[bool] = False
     decodes: ClassVar[bool] = False
