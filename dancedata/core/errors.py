@@ -150,8 +150,9 @@ class DataError(DanceDataError):
         found: object = None,
         allowed: object = None,
         fix: str | None = None,
+        options: str | None = None,
     ) -> None:
-        super().__init__(problem, where=where, found=found, allowed=allowed, fix=fix)
+        super().__init__(problem, where=where, found=found, allowed=allowed, fix=fix, options=options)
         self.reason = reason
 
 

@@ -101,6 +101,14 @@ class ViewRequest:
             store = open_store(self.path)
             samples = samples_in(store, [path for path in self.compare if not (path / DATASET_FILE).exists()])
             scenes = SampleScenes(store, self.field, samples) if samples else Scenes(store, self.field)
+            if samples and not scenes.items:
+                raise DataError("samples of groups stand beside no truth, on no wall and in no study",
+                                reason="groups_left_out", where=listed([path.name for path in self.compare]),
+                                found=listed([str(sample.id) for sample in samples]),
+                                allowed="samples of single dancers, such as GROUP@0+150~p0",
+                                fix="save each dancer by himself; or watch groups: state like= and field=",
+                                options="save each dancer by himself; or watch groups: dancedata view SAMPLES --like "
+                                "DATASET --field FIELD")  # fmt: skip
             if not scenes.items:
                 raise UsageError("this dataset has no clips to show", where=str(self.path))
             return scenes

@@ -56,11 +56,14 @@ class Wall(SceneList):
         self._name = name or str(scenes.about()["name"])
         self._left_out = [c.name for c in comparisons[MOST - 1 :]]
         if not self.items:
-            begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in scenes.items]
+            single, groups = ([i for i in scenes.items if bool(i.members) is kind] for kind in (False, True))
+            begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in single]
+            left_out = [f"{counted(len(groups), 'group')}, which stand on no wall"] if groups else []
             raise UsageError(
                 "a wall needs two motions to one music, at the same seconds of it", where=scenes.place,
-                found=listed(begins),
-                fix="name others with --compare, or show a dataset in which several clips have one song",
+                found="; ".join([*left_out, *([listed(begins)] if begins else [])]),
+                fix="a group is on one stage without a wall" if groups and not single
+                else "name others to compare with, or show a dataset in which several clips have one song",
             )  # fmt: skip
 
     @override

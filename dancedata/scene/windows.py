@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from dancedata.core.sample_id import SampleId
 from dancedata.core.typing import override
 from dancedata.formats.values import MOTION_SUFFIXES
 from dancedata.kernel import Sample, Store
@@ -52,11 +53,11 @@ class SampleScenes(Scenes):
 
 
 def samples_in(store: Store, paths: Sequence[Path]) -> list[Sample]:
-    """Return what motion files, or those of folders, are of a dataset by their names, where one is a window of it.
+    """Return what motion files, or those of folders, are of a dataset by their names, where one is more than a clip.
 
-    None where all are named as clips. DataError "outside" for a window that is not within its clip.
+    None where all have the names of clips alone. DataError "outside" for a window that is not within its clip.
     """
     files = [file for path in paths for file in motion_paths(path) if file.suffix.lower() in MOTION_SUFFIXES]
     finder = Samples(store)
     by_stem = {file.stem: sample for file in files if (sample := finder.find(file.stem)) is not None}
-    return list(by_stem.values()) if any(sample.id.start is not None for sample in by_stem.values()) else []
+    return list(by_stem.values()) if any(of.id != SampleId(of.id.clip) for of in by_stem.values()) else []

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -18,15 +18,17 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import counted, json_text
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import save_page
-from dancedata.kernel import ClipRecord
+from dancedata.kernel import ClipRecord, Store, open_store
 from dancedata.scene.opus import opus
 from dancedata.scene.page import PageSound, Parts, page_data, whole_page
 from dancedata.scene.payload import page_json, scene_payload
 from dancedata.scene.scene_list import Item, Rhythm, Scene, SceneList
+from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.scene.source import Sounds
 from dancedata.scene.wall import places
-from dancedata.study.trials import Trial, begin_of, common_clips, make_trials, shown_figures
+from dancedata.scene.windows import SampleScenes, samples_in
+from dancedata.study.trials import Trial, begin_of, clip_of, common_clips, left_out, make_trials, shown_figures
 
 #: What raters are asked, and the reasons that they may give.
 QUESTION = "Which of the two dances better to the music?"
@@ -71,10 +73,10 @@ class _Samples(SceneList):
         self._truth, self._samples = view.scenes, view.comparisons[-1]
         self.place, self.grid, self.body = view.scenes.place, view.scenes.grid, view.scenes.body
 
-    @property
-    def items(self) -> Sequence[Item]:
+    @cached_property
+    def items(self) -> tuple[Item, ...]:
         """The dances that the samples are of."""
-        return self._truth.items
+        return tuple(item for item in self._truth.items if self._samples.has(item))
 
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
         """Return the scene of a sample."""
@@ -130,10 +132,12 @@ def write_study(
     if not 2 <= request.seconds <= 120:
         raise UsageError("invalid length of trials", found=request.seconds, allowed="2 to 120 s")
     views = {name: ViewSelection.of(view) for name, view in request.systems.items()}
-    systems = {name: _Samples(view) if view.request.compare else view.scenes for name, view in views.items()}
+    systems = {name: _system(view, list(views.values())) for name, view in views.items()}
     clips = common_clips(systems)
+    differ = [name for name, items in clips.items() if len(set(map(clip_of, items.values()))) > 1]
+    how = f", {len(differ)} of them by song alone" if differ else ""
     for name, system in systems.items():
-        say(f"{name}: {len(clips)} of {counted(len(system.items), 'clip')} matched")
+        say(f"{name}: {len(clips)} of {counted(len(system.items), 'clip')} matched{how}{left_out(system)}")
     first = next(iter(systems))
     songs = {name: items[first].clip.music or name for name, items in clips.items()}
     trials = make_trials(songs, list(systems), songs=request.songs, checks=request.checks, seed=request.seed)
@@ -151,6 +155,26 @@ def write_study(
     page = _page(request, trials, _Trials(scenes, systems[first]), PageSound(music, notice))
     save_page(to, page)
     return trials
+
+
+def _system(view: ViewSelection, views: Sequence[ViewSelection]) -> SceneList:
+    """Return what a system shows: of a dataset the dances that samples of the others are of, mirrored as they are."""
+    if view.request.compare:
+        return _Samples(view)
+    if not isinstance(view.scenes, Scenes):
+        return view.scenes
+    store = view.scenes.store
+    paths = [one.request.compare[0] if one.request.compare else one.request.path for one in views if _of(one, store)]
+    samples = samples_in(store, paths)
+    return SampleScenes(store, view.request.field, samples) if samples else view.scenes
+
+
+def _of(view: ViewSelection, store: Store) -> bool:
+    """Return whether a system shows samples of a dataset."""
+    like = None if view.request.like is None else open_store(view.request.like)
+    if view.request.compare and isinstance(view.scenes, Scenes):
+        like = view.scenes.store
+    return like is not None and like.info["self_sha256"] == store.info["self_sha256"]
 
 
 def _scene(trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneList], seconds: float) -> Scene:

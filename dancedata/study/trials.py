@@ -12,7 +12,8 @@ import numpy as np
 
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.text import listed
+from dancedata.core.sample_id import SampleId
+from dancedata.core.text import counted, listed
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Item, SceneList, begins_after
 
@@ -50,19 +51,18 @@ class Trial:
 
 
 def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]:
-    """Return the item of each system by the name of a clip that all have; by song where they share no name.
+    """Return the item of each system by what all have: an id, else a clip, else a song.
 
-    Of a song those that begin at the same second of it are preferred.
+    Of a clip or song those that begin at the same second of it are preferred.
 
     Raises DataError: if there is none.
     """
-    for by_song in (False, True):
+    for name_of in (lambda item: item.id, clip_of, lambda item: item.clip.music):
         named: list[dict[str, list[Item]]] = []
         for scenes in systems.values():
             mine: dict[str, list[Item]] = {}
             for item in scenes.items:
-                key = item.clip.music if by_song else item.id
-                if key and not item.members and not item.source:
+                if (key := name_of(item)) and not _reason(item):
                     mine.setdefault(key, []).append(item)
             named.append(mine)
         shared = [name for name in named[0] if all(name in mine for mine in named[1:])]
@@ -71,9 +71,31 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
     examples = {system: listed([item.id for item in scenes.items], 2) for system, scenes in systems.items()}
     raise DataError(
         "the systems have no clip in common", reason="nothing_matched",
-        found="; ".join(f"{name}: {text}" for name, text in examples.items()),
-        allowed="clips of the same names, or of the same songs", fix="give each file of a model the name of its clip",
+        found="; ".join(f"{name}: {text}{left_out(systems[name])}" for name, text in examples.items()),
+        allowed="single dancers under the ids of the same clips or windows, or to the same songs",
+        fix="write samples with save_samples; of a group name its dancers: GROUP~p0",
     )  # fmt: skip
+
+
+def clip_of(item: Item) -> str:
+    """Return the clip that an item is of; "" for a file of which it is unknown where in its song it begins."""
+    if item.clip.split:
+        return item.clip.id
+    return SampleId.parse(item.clip.id).clip if item.clip.music else ""
+
+
+def _reason(item: Item) -> str:
+    """Return why an item is in no trial: a pair shows two dancers; a copy is shown where a sample is of it."""
+    return "group" if item.members else "stored copy" if item.source and not item.sample else ""
+
+
+def left_out(scenes: SceneList) -> str:
+    """Return what of a system is in no trial, to append to a line; "" if nothing is."""
+    reasons: dict[str, list[str]] = {}
+    for item in scenes.items:
+        if reason := _reason(item):
+            reasons.setdefault(reason, []).append(item.id)
+    return "".join(f", without {counted(len(ids), reason)}: {listed(ids, 2)}" for reason, ids in reasons.items())
 
 
 def _nearest(named: Sequence[Sequence[Item]], systems: Mapping[str, SceneList]) -> dict[str, Item]:

@@ -11,10 +11,12 @@ import pytest
 
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.core.sample_id import safe_name
 from dancedata.evaluation.report import Report
 from dancedata.samples.saved import save_samples
 from dancedata.scene.selection import ViewRequest, ViewSelection
 from dancedata.store import Store
+from dancedata.study.page import StudyRequest, write_study
 from tests.messages import raises_message
 
 FIRST = "{clip}@0+150"
@@ -123,3 +125,16 @@ def test_dancers_of_groups(duets, tmp_path, files, protocol, error, words):
         assert len(dancedata.evaluate(tmp_path / "gen", **options).clips) == 1
         return
     said(error, words, "group_dancer", lambda: dancedata.evaluate(tmp_path / "gen", **options))
+
+
+def test_groups_stand_on_no_wall_and_in_no_study(duets: Store, tmp_path: Path) -> None:
+    clip = next(clip for clip in duets if clip.group)
+    name, rows = f"{safe_name(clip.group)}@0+60", clip.read("edge151")[None, :60]
+    save_samples(duets, tmp_path / "gen", [name], rows, field="edge151", scaler=None)
+    with raises_message(DataError, f"groups.*{re.escape(name)}.*each dancer", reason="groups_left_out", where="gen"):
+        ViewSelection.of(ViewRequest(tmp_path / "gen"))
+    with raises_message(UsageError, r"found \d groups.*one stage without a wall"):
+        ViewSelection.of(ViewRequest(duets.path, wall=True))
+    views = dict.fromkeys("ab", ViewRequest(duets.path))
+    with raises_message(DataError, r"without \d groups", reason="nothing_matched"):
+        write_study(StudyRequest(views, songs=1), tmp_path / "study.html")

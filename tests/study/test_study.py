@@ -3,6 +3,7 @@
 import json
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from scipy.optimize import minimize
 
 import dancedata
 from dancedata.core.errors import DanceDataError, DataError, UsageError
+from dancedata.samples import Samples
 from dancedata.scene.selection import ViewRequest
 from dancedata.study.page import COLUMNS, StudyRequest, write_study
 from dancedata.study.results import Answer, bradley_terry, read_results, results_of
@@ -19,6 +21,7 @@ from dancedata.study.trials import STILL, Trial, make_trials
 from dancedata.torch import WindowDataset
 from tests.commands import as_json, run
 from tests.messages import raises_message
+from tests.scene.test_scenes import unpacked
 
 CLIPS = {f"clip{k}": f"song{k % 4}" for k in range(10)}
 
@@ -94,22 +97,41 @@ def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Pat
         write_study(request(demo, systems), tmp_path / "study.html")
 
 
+def saved(dataset: WindowDataset, folder: Path, numbers: Sequence[int], marks: Sequence[str] = ("",)) -> Path:
+    """Save windows of a dataset as samples that stand still; returns their folder."""
+    for mark in marks:
+        batch = [dataset[k] for k in numbers]
+        rows = np.stack([item["edge151"].numpy() for item in batch])
+        still = np.repeat(rows[:, :1], rows.shape[1], axis=1)
+        dataset.save_samples(folder, [f"{item['id']}{mark}" for item in batch], still)
+    return folder
+
+
 def test_saved_samples_are_shown_and_not_their_truth(demo: Path, tmp_path: Path) -> None:
+    """The truth beside a sample is its own window, of the dataset too, mirrored and copied as the sample is."""
     test = WindowDataset(demo, "test", fields=("edge151",))
-    batch = [test[k] for k in (0, 2, 4)]
-    rows = np.stack([item["edge151"].numpy() for item in batch])
-    for name, samples in (("same", rows), ("still", np.repeat(rows[:, :1], rows.shape[1], axis=1))):
-        test.save_samples(tmp_path / name, [item["id"] for item in batch], samples)
-    views = {name: ViewRequest(tmp_path / name) for name in ("same", "still")}
-    trials = write_study(StudyRequest(views, songs=3, checks=0), tmp_path / "study.html")
+    views = {
+        "truth": ViewRequest(demo),
+        "gen": ViewRequest(saved(test, tmp_path / "gen", (0, 2, 4), ("", "~mirror"))),
+    }
+    lines: list[str] = []
+    trials = write_study(StudyRequest(views, songs=6, checks=0), tmp_path / "study.html", say=lines.append)
+    assert lines == ["truth: 6 of 6 clips matched", "gen: 6 of 6 clips matched"]
+    assert {trial.clip for trial in trials} == {path.stem for path in (tmp_path / "gen").glob("*.npz")}
     data = json.loads((tmp_path / "study.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
+    ds = dancedata.open(demo)
     for trial in trials:
-        moved = {}
         for member in data["clips"][str(trial.number)]["members"]:
-            figure = member["figure"]
-            moved[getattr(trial, member["part"])] = (figure["frames"], figure["data"])
-        assert moved["same"][0] == moved["still"][0] == 150
-        assert moved["same"][1] != moved["still"][1]
+            sample, is_truth = Samples(ds).require(trial.clip), getattr(trial, member["part"]) == "truth"
+            motion = ds.read(sample.windows[0], "edge151")
+            mirror = ds.fields["edge151"].mirror
+            assert mirror is not None
+            motion = mirror.apply(motion) if is_truth and sample.id.mirrored else motion
+            joints = dancedata.decode(motion, "edge151", fps=ds.fps).joints()
+            joints = joints if is_truth else np.repeat(joints[:1], len(joints), axis=0)
+            shown = unpacked(member["figure"])
+            moved = shown - shown[:1, :1] - (joints - joints[:1, :1])
+            assert np.abs(moved).max() < 0.005
 
 
 def test_studies_without_music_or_clips_in_common(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
