@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     require_rotations,
 )
 from dancedata.datasets.files import MAX_LIST_BYTES, SPLITS
-from dancedata.datasets.published import Folders, Layout, Listing, PublishedDataset
+from dancedata.datasets.published import Folders, Layout, Listing, PairedDataset
 from dancedata.files.regular_file import read_regular
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
@@ -144,7 +144,7 @@ def frames_of(name: str) -> int:
 
 @DATASETS.register("aioz-gdance")
 @dataclass(frozen=True)
-class AiozGdance(PublishedDataset):
+class AiozGdance(PairedDataset):
     """AIOZ-GDANCE, from the published files: each clip is one dancer, each sequence a group.
 
     Attributes
@@ -152,10 +152,6 @@ class AiozGdance(PublishedDataset):
     split
         ``official``: the three lists, which share videos. ``by-video``: a tenth of the videos each is val and test,
         by a hash of their ids; sequences on no list are included.
-    music
-        ``required`` leaves out motions without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     genre_column
         Title of the label files' column with the genre of the music; default: the only one with "genre".
     style_column
@@ -163,12 +159,11 @@ class AiozGdance(PublishedDataset):
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
     genre_column: str = field(default="", metadata={"scan": True})
     style_column: str = field(default="", metadata={"scan": True})
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPL24
     licence: ClassVar[str] = (
         "AIOZ-GDANCE's own licence: one user, non-commercial research only; no distribution, in whole or in part."
     )
@@ -191,10 +186,6 @@ class AiozGdance(PublishedDataset):
     @override
     def unit_of(self, name: str) -> str:
         return name.rsplit("_", 3)[0]  # a YouTube id may contain "_" and begin with "-"
-
-    @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPL24
 
     @override
     def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:

@@ -28,7 +28,7 @@ file. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal, cast
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
-from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, PublishedDataset, Splits
+from dancedata.datasets.published import Folders, Labels, Layout, LeftOut, Listing, PairedDataset, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
 
@@ -80,16 +80,9 @@ def crossmodal_split(name: SequenceName) -> str:
     return "" if held_out else "train"
 
 
-@dataclass(frozen=True)
-class _Copy(Listing):
-    """A copy of AIST++: `songs` are the music ids whose file some sequence uses."""
-
-    songs: frozenset[str] = frozenset()
-
-
 @DATASETS.register("aist++")
 @dataclass(frozen=True)
-class AistPP(PublishedDataset):
+class AistPP(PairedDataset):
     """AIST++, from the published files.
 
     Attributes
@@ -103,20 +96,14 @@ class AistPP(PublishedDataset):
     ignore
         ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
         empty one), else the official list, which is shipped. ``none`` keeps them.
-    music
-        ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio
-        features. With audio features it is an error if there are such sequences.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: str = field(default="crossmodal", metadata={"scan": True})
     split_dir: str | None = field(default=None, metadata={"path": True})
     ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPL24
     may_share_motion: ClassVar[bool] = True
     licence: ClassVar[str] = (
         "Annotations: CC BY 4.0 (Google LLC). The AIST music and video have terms of their own: "
@@ -160,10 +147,6 @@ class AistPP(PublishedDataset):
         return ids
 
     @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPL24
-
-    @override
     def find(self, source: Path) -> Listing:
         folders, motions = self.layout.list_motions(source)
         places = [place / name for place in folders.places for name in self.music_folders]
@@ -172,7 +155,7 @@ class AistPP(PublishedDataset):
         recordings = motions.files.keys() & music.files.keys()
         songs = {self.song_of(name) for name in motions.files if name not in recordings} & music.files.keys()
         layout = "mixed" if recordings and songs else "edge" if recordings else "official"
-        return _Copy(folders, motions, music, layout=layout, songs=frozenset(songs))
+        return Listing(folders, motions, music, layout=layout, labels=Labels(dict.fromkeys(songs, "used")))
 
     @override
     def song_of(self, name: str) -> str:
@@ -190,7 +173,7 @@ class AistPP(PublishedDataset):
     def why_unused(self, name: str, listing: Listing) -> str:
         if parse_name(name):
             return super().why_unused(name, listing)
-        if name in cast(_Copy, listing).songs:
+        if name in listing.labels.of:
             return ""
         danced = name in {self.song_of(sequence) for sequence in listing.motions.files}
         return (
@@ -236,7 +219,7 @@ class AistPP(PublishedDataset):
         first, *others = super().layout_notes(listing)
         names = (listing.relative(folder) for folder in listing.music.folders)
         where = listed("the source folder" if name == "." else f"{name}/" for name in names)
-        n_songs = len(cast(_Copy, listing).songs)
+        n_songs = len(listing.labels.of)
         files = counted(len(listing.motions.files.keys() & listing.music.files.keys()), "file")
         songs, one = counted(n_songs, "song"), "one audio file per"
         yield first.replace(

@@ -69,6 +69,8 @@ def read_frames(arrays: ArrayFile, shapes: Mapping[str, Sequence[Shape]], fix: s
     require_keys(arrays, tuple(shapes))
     read = {key: arrays.read(key) for key in shapes}
     for key, array in read.items():
+        if array.shape == (0,):
+            raise no_frames(path)
         if not array.ndim or array.shape[1:] not in shapes[key]:
             allowed = " or ".join(f"(T, {', '.join(map(str, shape))})" for shape in shapes[key] if shape)
             raise bad_shape(path, key, array.shape, allowed, fix)
@@ -135,17 +137,24 @@ def require_dancer(path: Path, member: int, dancers: int) -> None:
                         found=f"{dancers} dancers")  # fmt: skip
 
 
-def require_matrices(where: str, matrices: Floats, joints: Sequence[str]) -> None:
+def require_matrices(
+    where: str,
+    matrices: Floats,
+    joints: Sequence[str],
+    tolerance: float = _TOLERANCE_MATRIX,
+    fix: str = DOWNLOAD_AGAIN,
+) -> None:
     """Raise DataError, ``bad_rotation`` with frame and joint, unless (T, J, 3, 3) are rotation matrices."""
-    off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1))
-    if not (off <= _TOLERANCE_MATRIX).all():
-        frame, joint = (int(k) for k in np.argwhere(~(off <= _TOLERANCE_MATRIX))[0])
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+        bad = ~(off <= tolerance) | ~(np.linalg.det(matrices) > 0)
+    if bad.any():
+        frame, joint = (int(k) for k in np.argwhere(bad)[0])
         raise DataError("not a rotation matrix", reason="bad_rotation",
                         where=f"{where}, frame {frame}, joint {joints[joint]}",
-                        found=f"deviation {off[frame, joint]:.3g}",
-                        allowed=f"orthonormal, determinant 1, within {_TOLERANCE_MATRIX:g}",
-                        fix=DOWNLOAD_AGAIN)  # fmt: skip
+                        found=f"deviation {off[frame, joint]:.3g}; {int(bad.any(axis=1).sum())} of {len(bad)} frames",
+                        allowed=f"rows of length 1 at right angles within {tolerance:g}, right-handed",
+                        fix=fix)  # fmt: skip
 
 
 def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes: Sequence[str] = ("y", "z")) -> str:

@@ -13,7 +13,7 @@ The files that DanceCamera3D's scripts write, and the lists of its repository:
         split/music_categories.json                          sequences by language, optional
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -28,10 +28,11 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.core.typing import override
-from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, no_frames, require_finite, require_upright
+from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_upright
 from dancedata.datasets.files import MAX_LIST_BYTES
-from dancedata.datasets.published import Layout, Listing, PublishedDataset
+from dancedata.datasets.published import Layout, Listing, PairedDataset
 from dancedata.files.strict_json import read_json
+from dancedata.formats.values import ValueArrays
 
 RATE, BONES = 30, 60
 #: Metres in a unit of MikuMikuDance.
@@ -51,7 +52,7 @@ _BETWEEN = {"spine1": ("pelvis", "spine2"), "spine3": ("spine2", "neck")}
 
 @DATASETS.register("dcm")
 @dataclass(frozen=True)
-class DCM(PublishedDataset):
+class DCM(PairedDataset):
     """DCM, from the pieces that DanceCamera3D's scripts cut, and its lists.
 
     Attributes
@@ -59,15 +60,9 @@ class DCM(PublishedDataset):
     split
         ``official``: train.json, validation.json and test.json, which share sequences. ``by-sequence``: a tenth of
         the sequences each is val and test, by a hash of their names; also for sequences that are not cut.
-    music
-        ``required`` leaves out motions without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: Literal["official", "by-sequence"] = field(default="official", metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
     licence: ClassVar[str] = (
@@ -107,10 +102,6 @@ class DCM(PublishedDataset):
         return super().all_clips([replace(ref, genre=language.get(ref.music, "")) for ref in refs], listing, left_out)
 
     @override
-    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
-        yield ref
-
-    @override
     def load(self, ref: ClipRef) -> Motion:
         """Read the places of the joints, and fit rotations to them.
 
@@ -127,16 +118,12 @@ class DCM(PublishedDataset):
         path = ref.motion_path
         try:
             frames = [frame["Transform"] for frame in read_json(path, MAX_BYTES)["BoneKeyFrameTransformRecord"]]
-            matrices = np.array(frames, dtype=np.float64)
+            arrays = ValueArrays(path, {"Transform": np.array(frames, dtype=np.float64)})
         except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
             raise DataError("the motion file cannot be read", reason="broken_file", where=str(path), found=str(error),
                             allowed='{"BoneKeyFrameTransformRecord": [{"Transform": [...]}, ...]}',
                             fix=DOWNLOAD_AGAIN) from error  # fmt: skip
-        if not len(matrices):
-            raise no_frames(path)
-        if matrices.shape[1:] != (BONES * 16,):
-            raise bad_shape(path, "Transform", matrices.shape, f"(T, {BONES * 16}): matrices of {BONES} bones")
-        require_finite(path, "Transform", matrices, DOWNLOAD_AGAIN)
+        (matrices,) = read_frames(arrays, {"Transform": [(BONES * 16,)]})
         bones = UNIT_M * matrices.reshape(-1, BONES, 16)[:, :, 12:15]
         places = {joint: bones[:, bone] for joint, bone in _BONES.items()}
         places |= {joint: (places[a] + places[b]) / 2 for joint, (a, b) in _BETWEEN.items()}

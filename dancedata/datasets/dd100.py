@@ -32,7 +32,7 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_rotations, spine_of, up_axis, upright
 from dancedata.datasets.files import Files, extra_file, files_by_stem, list_audio, with_music_dir
-from dancedata.datasets.published import OFFICIAL, Layout, Listing, PublishedDataset, Splits
+from dancedata.datasets.published import OFFICIAL, Layout, Listing, PairedDataset, Splits
 from dancedata.files.listing import describe, relative
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import ValueArrays, load_object
@@ -71,7 +71,7 @@ def is_test(pair: str) -> bool:
 
 @DATASETS.register("dd100")
 @dataclass(frozen=True)
-class DD100(PublishedDataset):
+class DD100(PairedDataset):
     """DD100, from the published files: each clip is one dancer, each pair a group of follower and leader.
 
     Attributes
@@ -79,20 +79,15 @@ class DD100(PublishedDataset):
     split
         ``official``: the rule of Duolando's script, which keeps the takes of a choreography together; no val.
         ``by-choreography``: a tenth of the choreographies each is val and test, by a hash of their names.
-    music
-        ``required`` leaves out pairs without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     up
         Axis that is up in the files: ``z`` as published, or ``y``. A file whose heads are elsewhere is set aside.
     """
 
     split: Literal["official", "by-choreography"] = field(default="official", metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
     up: Literal["z", "y"] = "z"
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPLX55
     licence: ClassVar[str] = (
         "S-Lab License 1.0 (Duolando's repository): non-commercial use only; ask the authors about redistribution."
     )
@@ -105,10 +100,6 @@ class DD100(PublishedDataset):
         "dd100", "DD100", _MOTION, ".npy", "all/GENRE_CHOREO_TAKE_00.npy and _01.npy", folder_names=("dd100",)
     )
     unit: ClassVar[str] = "choreography"
-
-    @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPLX55
 
     @override
     def find(self, source: Path) -> Listing:

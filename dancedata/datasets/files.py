@@ -1,7 +1,7 @@
 """Files of a source: the folder of a published dataset, lists of its files, the choice of audio files."""
 
 import unicodedata
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args, get_origin, get_type_hints
@@ -36,15 +36,8 @@ class Files:
     notes: tuple[str, ...] = ()
     folders: tuple[Path, ...] = ()
 
-    def without_motion(
-        self, names: Container[str], source: Path, motion: str, reason: str = "unused_music"
-    ) -> list[Reject]:
-        """Return a reject for each file that is not named like a motion; `motion` is the path of one, {} its name."""
-        return [
-            Reject(reason, file=relative(path, source), detail=f"there is no {motion.format(name)}")
-            for name, path in self.files.items()
-            if name not in names
-        ]
+
+NO_FILES = Files({}, ())
 
 
 def require_folder(dataset: str, source: Path, looked_for: str) -> None:

@@ -24,7 +24,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from dancedata.core.bodies import SMPLX52, SMPLX55, transfer_to
-from dancedata.core.clip import ClipRef, Reject
+from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -35,7 +35,7 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, require_finite, rotations_of
-from dancedata.datasets.files import ALL, files_by_stem
+from dancedata.datasets.files import ALL, extra_file, files_by_stem
 from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder
 from dancedata.files.regular_file import open_regular
@@ -202,8 +202,10 @@ class FineDance(PublishedDataset):
     @override
     def find(self, source: Path) -> Listing:
         listing = super().find(source)
-        labels = files_by_stem(listing.folders.root / LABELS, listing.folders.source, ".json", _id_problem)
-        return replace(listing, beside=labels)
+        labels = files_by_stem(listing.folders.root / LABELS, source, ".json", _id_problem)
+        unused = [name for name in labels.files if name not in listing.motions.files]
+        extra = [extra_file(labels.files[name], source, f"there is no motion/{name}.npy") for name in unused]
+        return replace(listing, beside=replace(labels, rejects=(*extra, *labels.rejects)))
 
     @override
     def splits(self, listing: Listing) -> Splits:
@@ -251,12 +253,6 @@ class FineDance(PublishedDataset):
                    "(no_audio).")  # fmt: skip
         if self.body_model is not None:  # an unusable one raises here, before any clip is loaded
             yield f"Bones: of the body model {self.body_model.name} ({self._skeleton().name})."
-
-    @override
-    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
-        return listing.beside.without_motion(
-            listing.motions.files, listing.folders.source, "motion/{}.npy", "extra_file"
-        )
 
     @override
     def load(self, ref: ClipRef) -> Motion:

@@ -42,7 +42,7 @@ from dancedata.datasets.checks import (
     up_axis,
     upright,
 )
-from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, rejected
+from dancedata.datasets.published import Layout, LeftOut, Listing, PairedDataset, rejected
 from dancedata.formats.values import open_arrays
 from dancedata.kernel import audio_length
 
@@ -56,32 +56,26 @@ Floats = NDArray[np.float64]
 
 @DATASETS.register("i-dancers")
 @dataclass(frozen=True)
-class IDancers(PublishedDataset):
+class IDancers(PairedDataset):
     """I-Dancers, from the files of CoheDancers: each clip is one dancer, each sequence a group.
 
     Attributes
     ----------
     fps
         Frames per second. "auto": the one of 20, 24, 25, 30, 50 and 60 by which motion and music of most sequences
-        are equally long, within 2 %; a sequence in which they then are not is left out: its song goes on, or is cut.
+        are equally long, within 2 %; a sequence in which they then are not, or without music, is left out.
     up
         Axis that is up: "y", "z", or "auto", that along which heads are above pelvises.
-    music
-        ``required`` leaves out sequences without music; ``optional`` keeps them, for recipes without audio features:
-        then `fps` has to be a number.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     trim_frames
         Frames to leave out at both ends, of motion and music; CoheDancers' loader leaves out 15.
     """
 
     fps: str = field(default="auto", metadata={"scan": True})
     up: Literal["auto", "y", "z"] = "auto"
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
     trim_frames: int = field(default=0, metadata={"scan": True})
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPL24
     licence: ClassVar[str] = (
         "I-Dancers: no licence is published with the files. Motion was estimated from videos of third parties, whose "
         "music is not licensed for redistribution."
@@ -107,10 +101,6 @@ class IDancers(PublishedDataset):
     )
     music_folders: ClassVar[tuple[str, ...]] = ("music",)
     official: ClassVar[Mapping[str, str]] = {"train": "train.txt", "test": "test.txt"}
-
-    @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPL24
 
     @override
     def listed_name(self, line: str) -> str:
@@ -149,10 +139,6 @@ class IDancers(PublishedDataset):
                     for member in range(dancers)
                 ]  # fmt: skip
         return clips
-
-    @override
-    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
-        return [ref]
 
     @override
     def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:

@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Literal, cast
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -43,8 +43,8 @@ from dancedata.datasets.checks import (
     up_axis,
     upright,
 )
-from dancedata.datasets.files import ALL, MAX_LIST_BYTES, Files, files_by_stem, read_names
-from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
+from dancedata.datasets.files import ALL, MAX_LIST_BYTES, NO_FILES, files_by_stem, read_names
+from dancedata.datasets.published import Labels, Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder, relative
 from dancedata.files.strict_json import read_json
 from dancedata.formats.values import open_arrays
@@ -83,43 +83,31 @@ _MAX_STYLE_BYTES = 1 << 16
 _STYLE_MAP = "all_style_map.json"
 
 
-@dataclass(frozen=True)
-class Styles:
-    """Styles by name, what could not be read, and notes."""
-
-    of: Mapping[str, str]
-    rejects: tuple[Reject, ...] = ()
-    notes: tuple[str, ...] = ()
-
-    @classmethod
-    def find(cls, root: Path, source: Path, names: Collection[str]) -> "Styles":
-        """Read the styles of some clips; the file of a clip and the map of all have to agree.
-
-        Raises SourceError: for a map that is not one of names to styles.
-        """
-        folder, rejects, differ = root / "styles", [], []
-        styles = _style_map(folder / _STYLE_MAP)
-        for name in sorted(names):
-            path = folder / f"{name}.json"
-            if not path.is_file():
-                continue
-            try:
-                document = read_json(path, _MAX_STYLE_BYTES)
-                style = document.get("style") if isinstance(document, dict) else None
-                if not isinstance(style, str) or not style:
-                    raise ValueError('no text "style"')
-            except (OSError, ValueError) as error:
-                rejects.append(Reject("bad_style", clip=name, file=relative(path, source), detail=str(error)))
-                continue
-            if styles.setdefault(name, style) != style:
-                differ.append(f"{name} ({quoted(style)}, not {quoted(styles[name])})")
-        without = [name for name in sorted(names) if name not in styles]
-        notes = []
-        if differ:
-            notes.append(f"Styles: {len(differ):,} files contradict {_STYLE_MAP}, which counts: {listed(differ, 3)}.")
-        if without:
-            notes.append(f"Styles: none of {len(without):,} clips, whose genre is empty: {listed(without, 3)}.")
-        return cls({name: styles[name] for name in names if name in styles}, tuple(rejects), tuple(notes))
+def read_styles(root: Path, source: Path, names: Collection[str]) -> Labels:
+    """Read the styles of some clips: of a map of all, which counts (SourceError if it is none), and a file each."""
+    folder, rejects, differ = root / "styles", [], []
+    styles = _style_map(folder / _STYLE_MAP)
+    for name in sorted(names):
+        path = folder / f"{name}.json"
+        if not path.is_file():
+            continue
+        try:
+            document = read_json(path, _MAX_STYLE_BYTES)
+            style = document.get("style") if isinstance(document, dict) else None
+            if not isinstance(style, str) or not style:
+                raise ValueError('no text "style"')
+        except (OSError, ValueError) as error:
+            rejects.append(Reject("bad_style", clip=name, file=relative(path, source), detail=str(error)))
+            continue
+        if styles.setdefault(name, style) != style:
+            differ.append(f"{name} ({quoted(style)}, not {quoted(styles[name])})")
+    without = [name for name in sorted(names) if name not in styles]
+    notes = []
+    if differ:
+        notes.append(f"Styles: {len(differ):,} files contradict {_STYLE_MAP}, which counts: {listed(differ, 3)}.")
+    if without:
+        notes.append(f"Styles: none of {len(without):,} clips, whose genre is empty: {listed(without, 3)}.")
+    return Labels(styles, tuple(rejects), tuple(notes))
 
 
 def _style_map(path: Path) -> dict[str, str]:
@@ -150,11 +138,6 @@ LAYOUTS = {
     "fits": _layout(FITS_FOLDER, ".pkl", "9,748 fits", "columns"),
     "columns": _layout(COLUMNS_FOLDER, ".npy", "10,870 files of columns", "fits"),
 }
-
-
-@dataclass(frozen=True)
-class _Listing(Listing):
-    styles: Styles = field(default_factory=lambda: Styles({}))
 
 
 @DATASETS.register("infinitedance")
@@ -209,12 +192,12 @@ class InfiniteDance(PublishedDataset):
     @override
     def find(self, source: Path) -> Listing:
         folders, motions = self.layout.list_motions(source)
-        beside = Files({}, ())
+        beside = NO_FILES
         if self.motion == "columns":  # those of some test clips are in a folder of their own alone
             beside = files_by_stem(folders.root / TEST_FOLDER, source, ".npy", self.layout.name_problem)
             motions = replace(motions, files={**beside.files, **motions.files})
-        styles = Styles.find(folders.root, folders.source, motions.files)
-        return _Listing(folders, motions, Files({}, ()), beside, styles=styles)
+        styles = read_styles(folders.root, folders.source, motions.files)
+        return Listing(folders, motions, NO_FILES, beside, labels=styles)
 
     @override
     def song_of(self, name: str) -> str:
@@ -255,14 +238,12 @@ class InfiniteDance(PublishedDataset):
         fits = files_by_stem(
             listing.folders.root / FITS_FOLDER, listing.folders.source, ".pkl", lambda stem: ""
         ).files
-        origins, styles = _origins_of(refs, fits), cast(_Listing, listing).styles
-        stated = [
-            replace(
-                ref, genre=styles.of.get(ref.id, ""), dancer=aist[1] if (aist := AIST.fullmatch(ref.id)) else "",
-                columns=(("origin", origins[ref.id]),),
-            )
-            for ref in refs
-        ]  # fmt: skip
+        origins, styles = _origins_of(refs, fits), listing.labels.of
+        stated = []
+        for ref in refs:
+            aist = AIST.fullmatch(ref.id)
+            facts = {"genre": styles.get(ref.id, ""), "dancer": aist[1] if aist else ""}
+            stated.append(replace(ref, columns=(("origin", origins[ref.id]),), **facts))
         return super().all_clips(stated, listing, left_out)
 
     @override
@@ -279,13 +260,9 @@ class InfiniteDance(PublishedDataset):
         if twice:
             yield f"Columns: {counted(len(twice), 'clip')} in {TEST_FOLDER}/ as well, not read: {listed(twice, 3)}."
         yield "Music: no audio was published, but files of features."
-        yield from cast(_Listing, listing).styles.notes
+        yield from listing.labels.notes
         if clips:
             yield _origins_note([str(dict(clip.columns)["origin"]) for clip in clips])
-
-    @override
-    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
-        return cast(_Listing, listing).styles.rejects
 
     @override
     def load(self, ref: ClipRef) -> Motion:

@@ -31,15 +31,15 @@ from dancedata.core.typing import override
 from dancedata.datasets.checks import (
     DOWNLOAD_AGAIN,
     bad_shape,
-    lengths_differ,
-    no_frames,
-    require_finite,
+    read_frames,
+    require_keys,
     require_upright,
 )
 from dancedata.datasets.files import files_by_stem, list_audio, require_folder
-from dancedata.datasets.published import Folders, Layout, Listing, PublishedDataset
+from dancedata.datasets.published import Folders, Layout, Listing, PairedDataset
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.files.strict_json import read_json
+from dancedata.formats.values import ValueArrays
 
 RATE = 30
 #: Names of SMPL's joints in the files, in SMPL's order.
@@ -48,6 +48,7 @@ _BONES = (
     "L_Shoulder R_Shoulder L_Elbow R_Elbow L_Wrist R_Wrist L_Hand R_Hand"
 )
 BONES = tuple(_BONES.split())
+_SHAPES: dict[str, list[tuple[int, ...]]] = {"root_positions": [(3,)], "rotations": [(len(BONES), 4)]}
 #: Ten minutes take about 40 MB.
 MAX_BYTES = 1 << 28
 _LOOKED_FOR = "NAME.json, in the source folder or in one folder of it, and NAME.wav"
@@ -61,7 +62,7 @@ Floats = NDArray[np.float64]
 
 @DATASETS.register("phantomdance")
 @dataclass(frozen=True)
-class PhantomDance(PublishedDataset):
+class PhantomDance(PairedDataset):
     """PhantomDance, from the published JSON and audio files.
 
     Attributes
@@ -71,18 +72,13 @@ class PhantomDance(PublishedDataset):
         ``all``: no split.
     motions
         Folder of the JSON files, below the source, if several folders have some.
-    music
-        ``required`` leaves out dances without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
 
     split: Literal["by-song", "all"] = field(default="by-song", metadata={"scan": True})
     motions: str | None = field(default=None, metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPL24_EDGE
     licence: ClassVar[str] = (
         "PhantomDance's repository: MIT (it links the data). Terms of the music are not stated: no redistribution."
     )
@@ -94,10 +90,6 @@ class PhantomDance(PublishedDataset):
     )
 
     @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPL24_EDGE
-
-    @override
     def find(self, source: Path) -> Listing:
         folder = self._folder(source)
         motions = files_by_stem(folder, source, ".json", lambda stem: "")
@@ -106,10 +98,6 @@ class PhantomDance(PublishedDataset):
         music = list_audio(places, source, lambda stem: "", places, self.music_dir)
         beside = [r for r in motions.rejects if not _is_beside(r.file, source, folder)]
         return Listing(Folders(source, folder, ()), replace(motions, rejects=tuple(beside)), music)
-
-    @override
-    def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
-        return [ref]
 
     @override
     def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
@@ -131,14 +119,11 @@ class PhantomDance(PublishedDataset):
             ``broken_file``, ``missing_key``, ``bad_skeleton``, ``bad_shape``, ``empty``, ``length_mismatch``,
             ``nan``, ``bad_rotation`` or ``bad_axes`` (the body does not stand upright).
         """
-        path = ref.motion_path
-        content = _content(path)
+        path, content = ref.motion_path, _content(ref.motion_path)
         order = _order(path, content["bone_name"])
-        places = _array(path, "root_positions", content, (3,))
-        turns = _array(path, "rotations", content, (len(BONES), 4))
-        if len(places) != len(turns):
-            raise lengths_differ(path, "root_positions", len(places), "rotations", len(turns))
-        motion = Motion(places * _MIRROR, _local(path, turns[:, order]), FrameGrid.of(RATE), SMPL24_EDGE)
+        places, turns = read_frames(ValueArrays(path, content), _SHAPES)
+        local = _local(path, turns.reshape(-1, len(BONES), 4)[:, order])
+        motion = Motion(places * _MIRROR, local, FrameGrid.of(RATE), SMPL24_EDGE)
         require_upright(path, motion, "Unity's axes: +X right, +Y up, +Z forward; rotations in the world")
         return motion
 
@@ -186,21 +171,17 @@ def _content(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         raise DataError("the motion file cannot be read", reason="broken_file", where=str(path), found=str(error),
                         allowed=f"JSON of at most {MAX_BYTES:,} bytes", fix=DOWNLOAD_AGAIN) from error  # fmt: skip
-    if isinstance(content, dict) and "name" in content:
+    content = content if isinstance(content, dict) else {}
+    if "name" in content:
         content.setdefault("bone_name", content["name"])  # of the first release
-    keys = ("bone_name", "root_positions", "rotations")
-    missing = [key for key in keys if not isinstance(content, dict) or key not in content]
-    if missing:
-        held = f"keys {listed(content, show=quoted)}" if isinstance(content, dict) else type(content).__name__
-        raise DataError(
-            f"the motion file has no {' and no '.join(missing)}",
-            reason="missing_key",
-            where=str(path),
-            found=held,
-            allowed=f"an object with {', '.join(keys)}",
-            fix="leave files that are not motions out of the folder, or download the file again",
-        )
-    return dict(content)
+    require_keys(ValueArrays(path, content), ("bone_name", *_SHAPES))
+    for key in _SHAPES:
+        try:
+            content[key] = np.asarray(content[key], dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            held = "lists of different lengths, or something other than numbers"
+            raise bad_shape(path, key, held, "numbers") from None
+    return content
 
 
 def _order(path: Path, names: Any) -> list[int]:
@@ -211,22 +192,6 @@ def _order(path: Path, names: Any) -> list[int]:
                         found=listed(bones, show=quoted) or type(names).__name__,
                         allowed=f"{len(BONES)} names: {', '.join(BONES[:4])}, ...", fix=DOWNLOAD_AGAIN)  # fmt: skip
     return [bones.index(name) for name in BONES]
-
-
-def _array(path: Path, key: str, content: dict[str, Any], shape: tuple[int, ...]) -> Floats:
-    try:
-        array = np.asarray(content[key], dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        array = np.empty(0)
-        held = "lists of different lengths, or something other than numbers"
-    else:
-        held = str(array.shape)
-    if array.shape == (0,) and content[key] == []:
-        raise no_frames(path)
-    if array.shape[1:] != shape:
-        raise bad_shape(path, key, held, f"(T, {', '.join(map(str, shape))})")
-    require_finite(path, key, array, DOWNLOAD_AGAIN)
-    return array
 
 
 def _local(path: Path, turns: Floats) -> Floats:

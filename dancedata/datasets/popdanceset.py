@@ -27,7 +27,7 @@ from dancedata.core.rotations import rotation, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.typing import override
 from dancedata.datasets.checks import read_frames, require_matrices, require_rotations
-from dancedata.datasets.published import Layout, Listing, PublishedDataset
+from dancedata.datasets.published import Layout, Listing, PairedDataset
 from dancedata.formats.values import open_arrays
 
 RATE, JOINTS = 30, SMPL24_EDGE.n_joints
@@ -46,7 +46,7 @@ _SHAPES: dict[str, list[tuple[int, ...]]] = {
 
 @DATASETS.register("popdanceset")
 @dataclass(frozen=True)
-class PopDanceSet(PublishedDataset):
+class PopDanceSet(PairedDataset):
     """PopDanceSet, from the published files and the lists of POPDG's repository.
 
     Attributes
@@ -54,21 +54,16 @@ class PopDanceSet(PublishedDataset):
     split
         ``official``: train.txt and test.txt of POPDG's repository; 21 of the 24 test videos are in train as well, and
         there is no val. ``by-video``: a tenth of the videos each is val and test, by a hash of their names.
-    music
-        ``required`` leaves out motions without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     scale
         ``none``: the translation as it is, in metres. ``multiply``: translation x ``pred_camera``, which has no unit,
         one metre up and five forward, as POPDG reads the files.
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
     scale: Literal["multiply", "none"] = field(default="none", metadata={"scan": True})
 
     version: ClassVar[int] = 1
+    body: ClassVar[Skeleton] = SMPL24_EDGE
     licence: ClassVar[str] = (
         "POPDG's code and lists: MIT. Motion was estimated from videos of third parties, whose videos and music "
         "are not licensed for redistribution."
@@ -92,10 +87,6 @@ class PopDanceSet(PublishedDataset):
     @override
     def song_of(self, name: str) -> str:
         return name.rsplit("_Clip_", 1)[0]
-
-    @override
-    def body_of(self, ref: ClipRef) -> Skeleton:
-        return SMPL24_EDGE
 
     @override
     def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any, ClassVar, get_args, get_type_hints
+from typing import Any, ClassVar, Literal, get_args, get_type_hints
 
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.plugins import Dataset
+from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import (
     ALL,
+    NO_FILES,
     SPLITS,
     Files,
     clips_note,
@@ -152,18 +153,29 @@ class Layout:
 
 
 @dataclass(frozen=True)
+class Labels:
+    """Labels by the name of a motion, what of them cannot be used, and notes."""
+
+    of: Mapping[str, Any]
+    rejects: tuple[Reject, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class Listing:
     """Folders of a source, its motion and music files by the name of the sequence.
 
     `beside`: Further files: of each dancer, where a motion is a group of files; labels.
     `layout`: Name of the layout, where the dataset has several.
+    `labels`: What the source states of its motions beside them.
     """
 
     folders: Folders
     motions: Files
     music: Files
-    beside: Files = field(default_factory=lambda: Files({}, ()))
+    beside: Files = NO_FILES
     layout: str = ""
+    labels: Labels = Labels({})
 
     def relative(self, path: Path) -> str:
         """Return a path below the source, for messages."""
@@ -202,8 +214,8 @@ class PublishedDataset(Dataset):
     """Base of published datasets: a folder of motions, folders of music by their names, lists of names.
 
     A reader declares its layout and lists; `clips_of` and `load` say what one motion file is. It is a dataclass with
-    the parameters ``split``, ``music`` and ``music_dir`` that it has. Splits are ``official``: those of its lists;
-    ``by-UNIT``: a tenth of the units each is val and test, by a hash of their names; ``all``: none.
+    the parameter ``split``, if it has one. Splits are ``official``: those of its lists; ``by-UNIT``: a tenth of the
+    units each is val and test, by a hash of their names; ``all``: none.
 
     Attributes
     ----------
@@ -219,6 +231,8 @@ class PublishedDataset(Dataset):
         Folders below the dataset's in which the lists are looked for.
     get_lists
         Where the lists are to be had.
+    body
+        The body of all motions, where it is one.
     """
 
     layout: ClassVar[Layout]
@@ -228,6 +242,7 @@ class PublishedDataset(Dataset):
     recorded: ClassVar[Mapping[str, str]] = {}
     below: ClassVar[tuple[str, ...]] = ("",)
     get_lists: ClassVar[str] = "copy the lists of the dataset into the source"
+    body: ClassVar[Skeleton | None] = None
 
     def __post_init__(self) -> None:
         require_choices(self)
@@ -239,9 +254,16 @@ class PublishedDataset(Dataset):
 
     # What a reader says of its files.
 
-    @abstractmethod
+    @override
+    def body_of(self, ref: ClipRef) -> Skeleton | None:
+        return self.body
+
     def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
-        """Return the clips of a motion file from one with its name, split and music; LeftOut, DataError for none."""
+        """Return the clips of a motion file, by default the one given: it has its name, split and music.
+
+        LeftOut or DataError for none.
+        """
+        return (ref,)
 
     def song_of(self, name: str) -> str:
         """Return the song of a motion by its name: by default the name."""
@@ -265,10 +287,6 @@ class PublishedDataset(Dataset):
 
     def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
         """Return notes of the dataset."""
-        return ()
-
-    def rejects(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[Reject]:
-        """Return further rejects."""
         return ()
 
     # What the base makes of it.
@@ -311,13 +329,8 @@ class PublishedDataset(Dataset):
         return Splits(of, notes, lists, expected, without)
 
     def audio_of(self, name: str, listing: Listing) -> Path | None:
-        """Return the music of a motion; LeftOut if it is missing and required."""
-        path = listing.music.files.get(name)
-        if path is None and self._parameter("music", "optional") == "required":
-            where = f"{self.music_folders[0]}/" if self.music_folders else ""
-            detail = f"no {where}{self.layout.music.format(name)} as wav, flac, mp3 or ogg"
-            raise LeftOut("missing_music", detail, music=self.song_of(name))
-        return path
+        """Return the music of a motion, if there is any."""
+        return listing.music.files.get(name)
 
     @override
     def scan(self, source: Path) -> Scan:
@@ -362,12 +375,8 @@ class PublishedDataset(Dataset):
             *self.notes(listing, clips),
             clips_note(clips, left_out, counted_splits),
         )
-        further = (
-            *self.rejects(listing, clips),
-            *listing.music.rejects,
-            *listing.motions.rejects,
-            *listing.beside.rejects,
-        )
+        parts = (listing.labels, listing.music, listing.motions, listing.beside)
+        further = [reject for part in parts for reject in part.rejects]
         return Scan(listing.layout or self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
 
     def why_unused(self, name: str, listing: Listing) -> str:
@@ -415,6 +424,32 @@ class PublishedDataset(Dataset):
             raise SourceError(f"{self.name}: {what}", where=str(where), found=listed(missing or both, 5),
                               allowed=listed(self.official.values()),
                               fix=self.get_lists + (hashed and f", or set split: {hashed}"))  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairedDataset(PublishedDataset):
+    """Base of published datasets whose motions have music, which may lie elsewhere.
+
+    Attributes
+    ----------
+    music
+        ``required`` leaves out motions without music; ``optional`` keeps them, for recipes without audio features.
+    music_dir
+        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
+    """
+
+    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
+    music_dir: Path | None = field(default=None, metadata={"path": True})
+
+    @override
+    def audio_of(self, name: str, listing: Listing) -> Path | None:
+        """Return the music of a motion; LeftOut if it is missing and required."""
+        path = super().audio_of(name, listing)
+        if path is None and self.music == "required":
+            where = f"{self.music_folders[0]}/" if self.music_folders else ""
+            detail = f"no {where}{self.layout.music.format(name)} as wav, flac, mp3 or ogg"
+            raise LeftOut("missing_music", detail, music=self.song_of(name))
+        return path
 
 
 @contextmanager

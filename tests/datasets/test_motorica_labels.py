@@ -75,7 +75,7 @@ def test_the_end_of_a_text_file_is_inclusive_and_numbers_are_in_order(
     stream: dict[str, Any], published: Path
 ) -> None:
     paths = sorted((published / "label_segment").iterdir(), key=lambda p: int(p.stem.rpartition("_")[2]))
-    segments = read_labels(published).segments[NAME]
+    segments = read_labels(published).of[NAME]
     assert segments == tuple(map(read_text, paths))
     assert [s.label for s in segments] == [f"move {k}" for k in range(5)]
     assert segments[2].end - segments[2].start == Fraction(1, 30)
@@ -141,7 +141,7 @@ def test_chunks_that_disagree_are_no_recording(published: Path, tmp_path: Path) 
     folder = published / "motorica" / "sliced_labels"
     labels = read_labels(folder)
     (reject,) = labels.rejects
-    assert (reject.reason, reject.clip, labels.segments) == ("bad_segment", NAME, {})
+    assert (reject.reason, reject.clip, labels.of) == ("bad_segment", NAME, {})
     with raises_message(DataError, "label", reason="bad_segment"):
         joined({(k, False): folder / f"{NAME}_chunk{k}_label.json" for k in (8, 9)})
 

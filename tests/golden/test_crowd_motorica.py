@@ -63,7 +63,7 @@ def test_ramps_of_chunks(crowd: Path) -> None:
 def test_ramps_of_whole_clips(crowd: Path) -> None:
     """Gaps are segments with a ramp of their own."""
     golden = load(crowd / "stream" / "labels.npz")
-    ((_, segments),) = read_labels(crowd / "inputs" / "motorica_pp").segments.items()
+    ((_, segments),) = read_labels(crowd / "inputs" / "motorica_pp").of.items()
     held = [frames(segment) for segment in segments]
     gaps = [(before[1], after[0]) for before, after in pairwise(held) if before[1] < after[0]]
     assert gaps

@@ -162,18 +162,7 @@ def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
 
 def from_matrices(arrays: ArrayFile, name: str, values: Floats) -> Floats:
     """Return axis-angle rotations (T, J, 3) of matrices (T, J * 9), row by row; DataError (``bad_rotation``)."""
-    matrices = values.reshape(len(values), -1, 3, 3)
-    with np.errstate(over="ignore", invalid="ignore"):
-        off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-1, -2))
-        bad = ~(off <= _TOLERANCE) | ~(np.linalg.det(matrices) > 0)
-    if bad.any():
-        frame, joint = (int(i) for i in np.argwhere(bad)[0])
-        raise DataError(
-            "not a rotation matrix",
-            reason="bad_rotation",
-            where=f"{arrays.path}, {name}, frame {frame}, joint {joint}",
-            found=f"deviation {off[frame, joint]:.3g}; {int(bad.any(axis=1).sum())} of {len(values)} frames",
-            allowed=f"rows of length 1 at right angles within {_TOLERANCE:g}, right-handed",
-            fix="give the array that has rotation matrices (or axis-angle rotations, 3 columns per joint)",
-        )
+    matrices, fix = values.reshape(len(values), -1, 3, 3), "give the array that has rotation matrices, or axis-angle"
+    joints = [str(joint) for joint in range(matrices.shape[1])]
+    checks.require_matrices(f"{arrays.path}, {name}", matrices, joints, _TOLERANCE, fix)
     return rotvec_from_matrix(matrices)

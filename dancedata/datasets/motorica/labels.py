@@ -13,7 +13,7 @@ import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import counted, listed, quoted, shown
+from dancedata.datasets.published import Labels
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
@@ -42,20 +43,8 @@ _MAX_BYTES = 1 << 22
 _STRIDE_S = 1
 
 
-@dataclass(frozen=True)
-class Labels:
-    """Segments by recording, times from its frame 0; and what was not read."""
-
-    segments: Mapping[str, tuple[Segment, ...]]
-    rejects: tuple[Reject, ...]
-    note: str
-
-
 def read_labels(folder: Path) -> Labels:
-    """Read the labels of all recordings; those of whole recordings are preferred to chunks.
-
-    Raises SourceError: if there are no labels.
-    """
+    """Read the segments of recordings, from their frame 0; of chunks where there are no others. SourceError: none."""
     texts: dict[str, dict[int, Path]] = defaultdict(dict)
     chunks: dict[str, dict[tuple[int, bool], Path]] = defaultdict(dict)
     rejects = []
@@ -87,7 +76,7 @@ def read_labels(folder: Path) -> Labels:
     note = f"Labels: Motorica++ of {counted(len(segments), 'recording')}; frame 0 is that of the recording."
     if unused:
         note += f" Chunks are not read where there are whole segments: {listed(unused, 3)}."
-    return Labels(segments, tuple(rejects), note)
+    return Labels(segments, tuple(rejects), (note,))
 
 
 def read_text(path: Path) -> Segment:

@@ -18,8 +18,8 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
 from dancedata.datasets.files import list_audio
-from dancedata.datasets.motorica.labels import FOLDERS, Labels, read_labels
-from dancedata.datasets.published import Layout, Listing, PublishedDataset, Splits
+from dancedata.datasets.motorica.labels import FOLDERS, read_labels
+from dancedata.datasets.published import Labels, Layout, Listing, PairedDataset, Splits
 
 #: Seconds from the first frame of LDA's first take to that of its second.
 _SECOND_TAKE = Fraction(1, 60)
@@ -105,7 +105,7 @@ def shared_songs(names: Iterable[RecordingName]) -> dict[str, list[str]]:
 
 @DATASETS.register("motorica")
 @dataclass(frozen=True)
-class Motorica(PublishedDataset):
+class Motorica(PairedDataset):
     """Motorica Dance, from the published BVH and audio files.
 
     Attributes
@@ -121,10 +121,6 @@ class Motorica(PublishedDataset):
         music begins later. For music from other sources, such as videos.
     fingers
         ``keep`` stores the joints of the fingers; they are captured in some sessions only.
-    music
-        ``required`` leaves out recordings without music; ``optional`` keeps them, for recipes without audio features.
-    music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     takes
         ``both`` makes two clips of each recording, NAME_00 and NAME_01, which begins 1/60 s later: at 30 frames per
         second, LDA's two takes. ``first``: one clip, whose frames are those of NAME_00.
@@ -137,8 +133,6 @@ class Motorica(PublishedDataset):
     trim_s: float = field(default=0, metadata={"scan": True})
     audio_start: Mapping[str, Any] | None = field(default=None, metadata={"scan": True})
     fingers: Literal["drop", "keep"] = "drop"
-    music: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    music_dir: Path | None = field(default=None, metadata={"path": True})
     takes: Literal["first", "both"] = field(default="first", metadata={"scan": True})
     labels: Path | None = field(default=None, metadata={"path": True})
 
@@ -189,7 +183,7 @@ class Motorica(PublishedDataset):
         mixed = [folders.root / "bvh", *folders.places]
         music = list_audio([folders.root / "wav", *mixed], source, lambda stem: "", mixed, self.music_dir)
         extra = tuple(r for r in motions.rejects if PurePath(r.file).suffix.lower() not in AUDIO_SUFFIXES)
-        return Listing(folders, replace(motions, rejects=extra), music)
+        return Listing(folders, replace(motions, rejects=extra), music, labels=self._labels(folders.root))
 
     @override
     def splits(self, listing: Listing) -> Splits:
@@ -237,19 +231,17 @@ class Motorica(PublishedDataset):
     def all_clips(self, refs: Sequence[ClipRef], listing: Listing, left_out: list[Reject]) -> list[ClipRef]:
         """Return the clips with the labels of their recordings, counted from the clip's first frame; two takes."""
         clips = super().all_clips(refs, listing, left_out)
-        labels = self._labels(listing)
-        if labels is not None:
-            names = {clip.id: clip.id.removesuffix(_COPY) for clip in clips}
-            clips = [
-                replace(clip, segments=tuple(
-                    replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
-                    for s in labels.segments.get(names[clip.id], ())
-                ))
-                for clip in clips
-            ]  # fmt: skip
-            detail = "labels of a recording that is left out, or not there"
-            unused = sorted(labels.segments.keys() - set(names.values()))
-            left_out += [*labels.rejects, *(Reject("unused_segments", clip=n, detail=detail) for n in unused)]
+        names, labels = {clip.id: clip.id.removesuffix(_COPY) for clip in clips}, listing.labels.of
+        clips = [
+            replace(clip, segments=tuple(
+                replace(s, start=s.start - (clip.source_start or 0), end=s.end - (clip.source_start or 0))
+                for s in labels.get(names[clip.id], ())
+            ))
+            for clip in clips
+        ]  # fmt: skip
+        detail = "labels of a recording that is left out, or not there"
+        unused = sorted(labels.keys() - set(names.values()))
+        left_out += [Reject("unused_segments", clip=name, detail=detail) for name in unused]
         return [take for clip in clips for take in _takes(clip)] if self.takes == "both" else clips
 
     @override
@@ -269,9 +261,7 @@ class Motorica(PublishedDataset):
         )
         if self.takes == "both":
             yield "Takes: two clips of each recording; NAME_01 begins 1/60 s later than NAME_00."
-        labels = self._labels(listing)
-        if labels is not None:
-            yield labels.note
+        yield from listing.labels.notes
 
     @override
     def load(self, ref: ClipRef) -> Motion:
@@ -290,10 +280,9 @@ class Motorica(PublishedDataset):
         write_example(Path(folder))
         write_labels(Path(folder), EXAMPLE[0][0])
 
-    def _labels(self, listing: Listing) -> Labels | None:
-        root = listing.folders.root
+    def _labels(self, root: Path) -> Labels:
         if self.labels is None and not any((root / name).is_dir() for name in FOLDERS):
-            return None
+            return Labels({})
         return read_labels(root if self.labels is None else Path(self.labels).expanduser())
 
     def _times(self, ref: ClipRef) -> tuple[Fraction, Fraction, Fraction | None]:
