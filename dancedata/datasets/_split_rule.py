@@ -44,11 +44,8 @@ _CLOSE = Fraction(1, 4)
 
 @dataclass(frozen=True)
 class SplitRule:
-    """A rule that assigns clips to splits.
+    """A rule that assigns clips to splits: fractions in [0, 1) of groups, all clips of one `by`; the rest is train.
 
-    `val`, `test`: Fractions of the groups, in [0, 1); the rest is train.
-    `by`: The attribute that defines a group: all clips of one music, dancer or genre are in one split; "clip": each
-        clip is a group.
     `balance`: Whether groups are dealt out by their numbers of clips, and not each by its name alone.
     """
 
@@ -129,12 +126,7 @@ class SplitRule:
         return name or (clip.id if self.by == "music" else "")
 
     def apply(self, clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[str]]:
-        """Return the clips, with a split assigned to those without one, and the notes.
-
-        A clip with a split keeps it, and so does its whole group.
-
-        Raises SourceError: if a clip has no group, a group has two splits, or a requested split is empty.
-        """
+        """Return the clips, all with a split, their group's where they have none, and the notes; SourceError."""
         nameless = [clip.id for clip in clips if not self.group(clip)]
         if nameless:
             raise SourceError(
@@ -217,13 +209,7 @@ class SplitRule:
 
 
 def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:
-    """Find songs with equal samples under several names.
-
-    Whole songs are decoded only where rate, length and beginning are equal.
-
-    Returns: Name of a song -> the first name, by the alphabet, of those that have its samples; without the first
-        ones.
-    """
+    """Return the names of songs with equal samples -> the first name, by the alphabet, of those that have them."""
     names: dict[Path, set[str]] = {}
     for clip in clips:
         if clip.audio_path is not None and clip.music:

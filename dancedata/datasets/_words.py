@@ -34,10 +34,7 @@ def words_of(source: Path) -> list[Path]:
 
 
 def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> StatedWords:
-    """Read the segments that a source states, in words of `language` where they name none.
-
-    Raises SourceError: for a mistake in a file of segments, or if there are two.
-    """
+    """Read the segments that a source states, in `language` where they name none; SourceError for a mistake."""
     ids = {clip.id for clip in clips}
     segments: dict[str, list[Segment]] = defaultdict(list)
     rejects, notes = [], []

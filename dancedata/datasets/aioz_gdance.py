@@ -69,22 +69,15 @@ class Sizes:
 
 
 def read_sizes(path: Path) -> Sizes:
-    """Return the sizes of a sequence.
-
-    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``contradiction``
-        (root rotations twice), ``length_mismatch`` or ``empty``.
-    """
+    """Return the sizes of a sequence; DataError if it has neither form, or its arrays contradict each other."""
     with open_arrays(path) as arrays:
         return _sizes(arrays)
 
 
 def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
-    """Read the motions of some dancers; the pickle is read once.
+    """Read some dancers of a sequence, numbered from 0; the pickle is read once.
 
-    `members`: Numbers of the dancers, from 0.
-    Returns: 30 FPS; rotations (T, 24, 3) axis-angle in radians, hands zero where the file has none; translation (T,
-        3) in metres as in the file, +Y up, in one world; SMPL24.
-    Raises DataError: As `read_sizes`, ``nan`` and ``not_rotations`` with the dancer, or ``missing_dancer``.
+    Returns: 30 FPS; axis-angle (T, 24, 3), hands zero where the file has none; metres, +Y up, in one world; SMPL24.
     """
     with open_arrays(path) as arrays:
         sizes = _sizes(arrays)
@@ -225,11 +218,7 @@ class AiozGdance(PairedDataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        """Write four sequences of six seconds with 2, 3, 5 and 7 dancers, the lists and labels.
-
-        The first video is in train and in test. The third file has the form without a root, the fourth is float64.
-        The first two dancers of the second one swap places.
-        """
+        """Write four sequences of six seconds with 2 to 7 dancers: one without root, one float64."""
         from dancedata.datasets._examples import write_lines, write_pickle, write_song
 
         for k, (name, dancers, _, steps) in enumerate(_SEQUENCES):

@@ -68,10 +68,7 @@ def music_problem(stem: str) -> str:
 
 
 def crossmodal_split(name: SequenceName) -> str:
-    """Return the split of a sequence by the crossmodal rule: "train", "val", "test", or "" for none.
-
-    It agrees with the published lists on all 1,408 names: 980 / 20 / 20, and 388 in no split.
-    """
+    """Return the split by the crossmodal rule, "" for none; as the published lists on all 1,408 names."""
     rule = manifest("aistpp")["crossmodal"]
     choreographies = {rule[f"{split}_choreography"]: split for split in ("val", "test")}
     held_out = choreographies.get(name.choreography, "") if name.situation == rule["situation"] else ""

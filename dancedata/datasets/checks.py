@@ -61,10 +61,7 @@ Shape = tuple[int, ...]
 
 
 def read_frames(arrays: ArrayFile, shapes: Mapping[str, Sequence[Shape]], fix: str = "") -> list[Floats]:
-    """Return arrays (T, n) by key: there, with frames of one of the shapes, equally long, finite.
-
-    Raises DataError: ``missing_key``, ``bad_shape``, ``length_mismatch``, ``empty`` or ``nan``.
-    """
+    """Return arrays (T, n) by key: there, with frames of one of the shapes, equally long, finite; else DataError."""
     fix, path = fix or DOWNLOAD_AGAIN, arrays.path
     require_keys(arrays, tuple(shapes))
     read = {key: arrays.read(key) for key in shapes}
@@ -86,10 +83,7 @@ def read_frames(arrays: ArrayFile, shapes: Mapping[str, Sequence[Shape]], fix: s
 
 
 def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> None:
-    """Check that a motion file has its keys, of which `allowed` tells more than their names.
-
-    Raises DataError: ``missing_key``.
-    """
+    """Raise DataError, ``missing_key``, unless a file has its keys; `allowed` tells more than their names."""
     missing = [key for key in keys if key not in arrays.names]
     if missing:
         raise DataError(f"the motion file has no {' and no '.join(missing)}", reason="missing_key",
@@ -98,11 +92,7 @@ def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> N
 
 
 def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: bool = False) -> None:
-    """Check that an array (T, ...) of a file is finite.
-
-    Raises DataError: ``nan``, with the first frame that is not, and with its column if `columns` are known to the
-        user.
-    """
+    """Raise DataError, ``nan`` with frame, and column if users know `columns`, unless an array (T, ...) is finite."""
     finite = np.isfinite(array.reshape(len(array), -1))
     bad = np.asarray(~finite.all(axis=1))
     if bad.any():
@@ -158,11 +148,9 @@ def require_matrices(
 
 
 def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes: Sequence[str] = ("y", "z")) -> str:
-    """Return the axis that is up in a file.
+    """Return the axis that is up in a file: `up`, or for "auto" the one of `axes` that is along the spine.
 
     `spine`: (3,) vector from pelvis to head in the file's axes, on average.
-    `up`: What the recipe states: one of `axes`, or "auto".
-    `axes`: The axes that are accepted, such as "y" and "-y".
     Raises DataError: ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
     """
     cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
@@ -208,13 +196,9 @@ def upright(motion: Motion, up: str) -> Motion:
 
 
 def require_rotations(path: Path, what: str, rotations: Floats, translation: Floats, parents: Sequence[int]) -> None:
-    """Check that axis-angle rotations are not joint positions or angles in degrees.
+    """Raise DataError, ``not_rotations``, if axis-angle rotations are joint positions or angles in degrees.
 
-    `what`: Name of the array, for messages.
-    `rotations`: (T, J, 3), finite.
-    `translation`: (T, 3) in the file's unit.
-    `parents`: Of the J joints, the first 22 of which are SMPL's; -1 for the first.
-    Raises DataError: ``not_rotations``, with the evidence.
+    `rotations`: (T, J, 3), finite; the first 22 joints are SMPL's. `translation`: (T, 3) in the file's unit.
     """
     step = max(1, len(rotations) // _MAX_FRAMES)
     points, root = rotations[::step], translation[::step]
@@ -294,10 +278,7 @@ def rotations_of(rows: Floats) -> Floats:
 
 
 def check_rows(path: Path, rows: Floats) -> None:
-    """Check that all 6D rotations (T, 52, 6) are two rows of a rotation matrix.
-
-    Raises DataError: ``bad_rotation``.
-    """
+    """Raise DataError, ``bad_rotation``, unless 6D rotations (T, 52, 6) are two rows of a rotation matrix."""
     off = _off_orthonormal(rows[..., :3], rows[..., 3:])
     bad = off > _TOLERANCE_6D
     if not bad.any():

@@ -26,10 +26,7 @@ MAX_NAME = 255
 
 @dataclass(frozen=True)
 class Files:
-    """Files of one kind by their stem, with rejects and notes about the other entries of their folders.
-
-    `folders` are those with at least one audio file.
-    """
+    """Files of one kind by their stem, rejects and notes about other entries; `folders` have audio files."""
 
     files: dict[str, Path]
     rejects: tuple[Reject, ...]
@@ -41,10 +38,7 @@ NO_FILES = Files({}, ())
 
 
 def require_folder(dataset: str, source: Path, looked_for: str) -> None:
-    """Check that `source` is a folder with at least one entry.
-
-    Raises SourceError: if it is missing, a file, unreadable or empty; names the expected and the existing files.
-    """
+    """Raise SourceError, with the expected and the existing files, unless `source` is a folder with an entry."""
     if source.is_dir():
         if list_folder(source):
             return
@@ -61,10 +55,7 @@ def require_folder(dataset: str, source: Path, looked_for: str) -> None:
 
 
 def existing(source: Path, text: str) -> Path:
-    """Return the file or folder below a folder that a path names, if need be in another Unicode form.
-
-    It need not exist.
-    """
+    """Return the path below a folder that a text names, if need be in another Unicode form; it need not exist."""
     found = source
     for part in Path(text).parts:
         if not (found / part).exists() and found.is_dir():
@@ -85,10 +76,7 @@ def absence(path: Path) -> str:
 
 
 def file_problem(path: Path, suffixes: Sequence[str], otherwise: str = "") -> str:
-    """Return why an entry is not a file with one of these suffixes; "" if it is one.
-
-    `otherwise`: The answer for a file with another suffix, in place of a list of the suffixes.
-    """
+    """Return why an entry is not a file with one of these suffixes, in short `otherwise`; "" if it is one."""
     if path.is_dir():
         return "a folder; subfolders are not searched"
     if not path.is_file():
@@ -105,11 +93,7 @@ def extra_file(path: Path, source: Path, problem: str) -> Reject:
 
 
 def files_by_stem(folder: Path, source: Path, suffix: str, name_problem: Callable[[str], str]) -> Files:
-    """List the files of a folder with one suffix; every other entry is an ``extra_file``.
-
-    `folder`: Need not exist.
-    `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
-    """
+    """List the files of a folder with one suffix and a valid name; every other entry is an ``extra_file``."""
     files: dict[str, Path] = {}
     rejects = []
     entries = list_folder(folder) if folder.is_dir() else []
@@ -132,12 +116,9 @@ def list_audio(
     mixed: Sequence[Path] = (),
     music_dir: Path | None = None,
 ) -> Files:
-    """List the audio files with valid names, one for each stem; other entries are ``extra_file``.
+    """List the audio files with valid names, one for each stem, of `music_dir` first; others are ``extra_file``.
 
-    `folders`: In order of preference; they need not exist.
-    `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
-    `mixed`: Folders with files of any kind, of which only audio files are considered.
-    `music_dir`: Folder that comes first, see `with_music_dir`.
+    `folders`: In order of preference; of those that are `mixed` only audio files are considered.
     """
     candidates: list[Path] = []
     rejects = []
@@ -154,13 +135,7 @@ def list_audio(
 
 
 def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_problem: Callable[[str], str]) -> Files:
-    """Return the audio files of a source, those of the folder that a recipe names first.
-
-    `music`: Files of the dataset's own folders; one with the name of a file of `music_dir` is ``unused_music``.
-    `music_dir`: None: there is no such folder.
-    `name_problem`: As for `list_audio`.
-    Raises SourceError: if the folder does not exist, or has no audio file.
-    """
+    """Return the audio files of a source, those of `music_dir` first; SourceError if that has none."""
     if music_dir is None:
         return music
     folder = music_dir.expanduser()
@@ -185,11 +160,7 @@ def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_prob
 
 
 def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reject]) -> Files:
-    """Choose one audio file for each stem; the others are ``unused_music``.
-
-    `candidates`: Audio files, of equal stems the preferred folder first.
-    `rejects`: Of other entries, placed before the new ones.
-    """
+    """Choose one audio file for each stem, of the first folder; others are ``unused_music``, after the `rejects`."""
     by_stem: dict[str, list[Path]] = {}
     for path in candidates:
         by_stem.setdefault(stem_of(path), []).append(path)
@@ -228,12 +199,9 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
 
 
 def read_names(path: Path, *, spaces: bool = False) -> list[str]:
-    """Return the first word of every line of a list of names; empty lines and lines starting with ``#`` are skipped.
+    """Return the first word of every line of a list of names, but of comments (``#``); of JSON the entries of a list.
 
-    The lines of a JSON file are the entries of its list.
-
-    `spaces`: Whether names may hold spaces: the name is then the line, without those at its ends.
-    Raises SourceError: if the file cannot be read, or is not a text, or exceeds the bounds of a list of names.
+    `spaces`: Whether a name is the whole line. SourceError for no such list, or one out of bounds.
     """
     try:
         text = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig")
@@ -267,10 +235,7 @@ def read_lists(
     below: Sequence[str],
     name_of: Callable[[str], str],
 ) -> tuple[dict[str, tuple[str, ...]], Path]:
-    """Return the names on each list that exists, official ones first, and the folder of those.
-
-    They are in `places` or in folders `below` them; `name_of` reads a line.
-    """
+    """Return the names on each list that exists, official ones first, and the folder of those: in a place."""
     if not official and not recorded:
         return {}, root
     within = [place / name for place in places for name in below]

@@ -57,10 +57,7 @@ SHOWN = 40
 
 
 def read_genre(path: Path | None, clip: str) -> str:
-    """Return the genre, ``style2`` of ``label_json/NNN.json``: ``style1`` (coarse) and the song's name are not used.
-
-    Raises LeftOut: ``missing_label``, ``broken_label`` or ``unknown_genre``.
-    """
+    """Return the genre, ``style2`` of a label; LeftOut: ``missing_label``, ``broken_label``, ``unknown_genre``."""
     name = f"label_json/{clip}.json"
     if path is None:
         raise LeftOut("missing_label", f"there is no {name}", fix=WITHOUT_LABELS)
@@ -101,11 +98,7 @@ def listed_in(protocol: str, clip: str) -> str:
 
 
 def lists_of(clip: str) -> tuple[str, ...]:
-    """Return all lists that contain the id: ``cross_genre.train``, ``cross_dancer.val``, ``ignored``, ...
-
-    An id is in a protocol's train list if the protocol neither lists it elsewhere nor ignores it, as in the code of
-    Lodge and FineDance.
-    """
+    """Return all lists that contain the id: ``cross_genre.val``; train has what is neither listed nor ignored."""
     names = []
     for protocol in manifest("finedance")["splits"]:
         split = listed_in(protocol, clip)
@@ -338,10 +331,7 @@ def _clip_notes(clips: Sequence[ClipRef], trim: bool) -> Iterable[str]:
 
 
 def length_note(motion: Path, music: Path) -> str:
-    """Return both lengths if they differ by more than `MAX_DIFFERENCE` frames; "" if not, or if one is unknown.
-
-    The length of an unreadable file is unknown; loading it reports the error.
-    """
+    """Return both lengths if they differ by more than `MAX_DIFFERENCE` frames; "" if not, or if one is unknown."""
     import soundfile
 
     frames = motion_length(motion)
@@ -362,13 +352,7 @@ def length_note(motion: Path, music: Path) -> str:
 def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
 
-    `path`: .npy file. Nothing in it is executed; its header is checked before memory is allocated.
-    `skeleton`: SMPL-X's 55 joints with the bones to use.
-    `trim_start`: First frame of the dance.
-    Returns: 30 FPS; rotations (T, 55, 3) axis-angle, jaw and eyes zero; translation (T, 3) in metres as in the file;
-        +Y up. The 6D columns of the result equal the file's within the precision of float32.
-    Raises DataError: reason ``broken_file``, ``unsafe_pickle``, ``too_large``, ``bad_shape``, ``empty``, ``nan``,
-        ``bad_rotation`` or ``too_short`` (no frame is left after the trim).
+    Returns: 30 FPS, metres, +Y up; axis-angle (T, 55, 3), jaw and eyes zero, from frame `trim_start` on the dance.
     """
     with open_arrays(path) as arrays:
         _length(arrays)

@@ -227,18 +227,10 @@ def shape_of(path: Path) -> tuple[int, int]:
 
 
 def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "auto", trim: int = 0) -> list[Motion]:
-    """Read some dancers of a pickle; read with the allow-list unpickler, so nothing in it is executed.
+    """Read some dancers of a pickle, numbered from 0, without `trim` frames at both ends.
 
-    `members`: Numbers of the dancers, from 0.
-    `rate`: Frames per second.
-    `up`: Axis that is up in the file, "y" or "z"; "auto": that along which heads are above pelvises, on average over
-        all dancers whose numbers are finite.
-    `trim`: Frames to leave out at both ends.
-    Returns: Metres, +Y up, turned about the world's origin, so dancers stay in one world; SMPL24: ``smpl_trans`` is
-        SMPL's translation.
-    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``missing_dancer``, ``bad_shape``,
-        ``empty``, ``nan`` with the dancer, ``bad_rotation`` with frame and joint, or ``bad_axes`` if no axis is
-        clearly up.
+    `up`: Axis that is up, "y" or "z"; "auto": that along which heads are above pelvises, over all finite dancers.
+    Returns: Metres, turned to +Y up about the world's origin, so dancers stay in one world; SMPL24.
     """
     with open_arrays(path) as arrays:
         require_keys(arrays, KEYS)

@@ -327,15 +327,9 @@ def _origins_note(origins: Collection[str]) -> str:
 
 
 def _load_fit(path: Path, up: str = "auto") -> Motion:
-    """Read a fit of SMPL-X's body.
+    """Read a fit of SMPL-X's body, axis `up`, "auto": along which heads are above pelvises, on average.
 
-    `path`: A file of joblib, or a pickle; read with the allow-list unpickler, so nothing in it is executed.
-    `up`: Axis that is up in the file, "y", "z" or "-y" (a camera's axes); "auto": that along which the head is above
-        the pelvis, on average over the frames.
-    Returns: 30 FPS, metres, +Y up; rotations (T, 22, 3) of SMPLX22; ``transl`` is SMPL-X's translation. Of a
-        ``body_pose`` of 69 numbers the last two joints, SMPL's hands, are not used.
-    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``missing_key``, ``bad_shape``, ``length_mismatch``,
-        ``empty``, ``nan``, ``not_rotations``, or ``bad_axes`` if no axis is clearly up.
+    Returns: 30 FPS, metres, +Y up; (T, 22, 3) of SMPLX22. SMPL's hands, the last two of 23 joints, are not used.
     """
     with open_arrays(path) as arrays:
         pose, root, places = read_frames(arrays, _SHAPES)
@@ -346,11 +340,7 @@ def _load_fit(path: Path, up: str = "auto") -> Motion:
 
 
 def load_columns(path: Path) -> Motion:
-    """Read a file of 264 columns as the joints that they hold, with rotations fitted to them.
-
-    Returns: As humanml264 decodes them, 30 FPS: a clip begins at the origin, facing +Z.
-    Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, or ``nan`` with frame and column.
-    """
+    """Read a file of 264 columns as the joints that humanml264 decodes, 30 FPS; rotations are fitted to them."""
     with open_arrays(path) as arrays:
         shape = arrays.shape("") if arrays.names == ("",) else ()
         columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None

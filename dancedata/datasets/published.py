@@ -44,11 +44,7 @@ class LeftOut(Exception):  # noqa: N818 - no error: it says what a scan does wit
 
 @dataclass(frozen=True)
 class Folders:
-    """The source, and the folder with the motion folder: the source or one folder in it.
-
-    `places`: Folders that may hold lists and music folders, in order of preference.
-    `others`: Further folders with a motion folder, which are not read.
-    """
+    """The source, the folder in it with the motions, `places` of lists and music, and `others`, not read."""
 
     source: Path
     root: Path
@@ -93,11 +89,7 @@ class Layout:
         return f"{self.motions}/{self.stem.format(name)}{self.suffix}".lstrip("/")
 
     def find(self, source: Path) -> Folders:
-        """Find the folder that holds the motion folder: the source or one folder directly below it.
-
-        Raises SourceError: if the folder does not exist, or there are several candidates; names the expected and the
-            existing files.
-        """
+        """Return the folder that holds the motion folder, the source or one in it; SourceError for several."""
         require_folder(self.dataset, source, self.expected)
         if (source / self.motions).is_dir():
             return Folders(source, source, (source,))
@@ -137,10 +129,7 @@ class Layout:
         return f"set SOURCE to the folder that contains {self.motions}/"
 
     def list_motions(self, source: Path) -> tuple[Folders, Files]:
-        """Find the motion folder and list its files with valid names; every other entry is an ``extra_file``.
-
-        Raises SourceError: As `find`, or if there are none.
-        """
+        """Return the folders and the motion files by name; other entries are ``extra_file``. SourceError for none."""
         folders = self.find(source)
         folder = folders.root / self.motions
         files = files_by_stem(folder, folders.source, self.suffix, lambda stem: self._problem(stem, self.stem))
@@ -298,10 +287,7 @@ class PublishedDataset(Dataset):
         return Listing(folders, motions, music)
 
     def splits(self, listing: Listing) -> Splits:
-        """Return the split of each motion.
-
-        Raises SourceError: if an official list is missing, or two name the same motions.
-        """
+        """Return the split of each motion; SourceError if an official list is missing, or two share motions."""
         split, names = self._parameter("split", OFFICIAL), listing.motions.files
         if split == ALL:
             return Splits(dict.fromkeys(names, ALL), ("Splits: none.",))

@@ -90,10 +90,7 @@ class Synthetic(Dataset):
 
     @override
     def make_example(self, folder: Path) -> None:
-        """Write four clips of six seconds to two songs: two of train, one of val, one of test.
-
-        `scan` accepts the folder for any size of the corpus, and notes that it is an example.
-        """
+        """Write four clips of six seconds to two songs, which `scan` accepts as an example of any size."""
         write_example(folder, **self._size())
 
     def _size(self) -> dict[str, Any]:

@@ -74,14 +74,9 @@ Floats = NDArray[np.float64]
 class Layout:
     """The layout of a file.
 
-    `name`: "amass" or another layout.
     `body`: "smpl", "smplh", "smplx", "finedance" or "positions": how the columns are read.
-    `poses`: Name of the array with all rotations, "" for an unnamed one; None if each part has its own array.
-    `translation`: Name of its array; None if it is in the same array.
-    `up`, `unit`, `rate`: As defined by the layout, None where it defines nothing.
-    `scaling`: Name of the array that divides the translation.
-    `matrices`: Whether the rotations are matrices, row by row, in place of axis-angle.
-    `keyed`: Whether the recipe names the arrays.
+    `poses`, `translation`, `scaling`: Names of arrays; "" for an unnamed one, None where there is none of its own.
+    `matrices`: Whether the rotations are matrices, row by row. `keyed`: Whether the recipe names the arrays.
     `joints`: Set of joints of positions, as `positions.JOINT_SETS` has them; "" where names decide.
     """
 
@@ -104,11 +99,7 @@ class Layout:
 
 
 def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None = None) -> Layout:
-    """Recognise the layout by names and shapes, and check it against the declared one.
-
-    Raises DataError: ``missing_key`` or ``bad_shape`` for an unknown layout; ``bad_declaration`` if another one was
-        declared.
-    """
+    """Return the layout by names and shapes; DataError for an unknown one, or another than the declared one."""
     names = arrays.names
     if keys is not None and "positions" in keys and keys["positions"] in names:
         layout = Layout("positions", "positions", keys["positions"], None, keyed=True)
@@ -244,11 +235,7 @@ def _as_declared(arrays: ArrayFile, layout: Layout, declared: str) -> Layout:
 
 
 def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
-    """Return translation (T, 3) in the file's unit and rotations (T, J, 3), axis-angle.
-
-    Raises DataError: ``bad_shape``, ``length_mismatch``, ``empty``, ``nan``, ``out_of_range``, ``bad_scaling``,
-        ``bad_rotation`` or ``not_rotations``.
-    """
+    """Return translation (T, 3) in the file's unit and rotations (T, J, 3), axis-angle; DataError."""
     if layout.name == "motionx":
         array = finite(arrays, layout.poses or "")
         body, hands, jaw, place = array[:, :66], array[:, 66:156], array[:, 156:159], array[:, 309:312]

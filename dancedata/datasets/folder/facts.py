@@ -44,11 +44,8 @@ class Fact(Generic[T]):
 
 @dataclass(frozen=True)
 class Declared:
-    """Declarations for one file or for all; None where nothing is declared.
+    """Declarations for one file or for all, as text; None where nothing is declared.
 
-    `fps`: As text, such as "30" or "30000/1001".
-    `unit`: A name in UNITS, "guess", or metres per unit as text.
-    `person`: The file's own name for one of its people.
     `joint_map`: SMPL joint -> name in the BVH, or the name of a producer, as JSON.
     """
 
@@ -138,10 +135,7 @@ def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None
 
 
 def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
-    """Return (1, 1), or (T, 1): what the recipe's key ``scale`` divides the translation by; DataError.
-
-    One number, one per frame, or a weak-perspective camera (T, 3 or 4) whose first column is the scale.
-    """
+    """Return (1, 1) or (T, 1): what divides the translation: numbers, or a camera's first column; DataError."""
     values = arrays.read(name)
     columns = (
         values.reshape(1, 1) if values.size == 1 else values[:, :1] if values.ndim == 2 else values.reshape(-1, 1)

@@ -31,10 +31,7 @@ class Matched:
 
 
 def match_names(source: Path, music_dir: Path | None = None) -> Matched:
-    """List motion and audio files by their names; those of `music_dir` come before the source's own.
-
-    Raises SourceError: if there is no motion.
-    """
+    """List motion and audio by their names, those of `music_dir` first; SourceError if there is no motion."""
     folders = [source / name for name in MOTION_FOLDERS if (source / name).is_dir()]
     apart = bool(folders)
     motion_folder = folders[0] if apart else source

@@ -56,14 +56,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Reading:
-    """Declarations for one file and for all files, which decide how it is read.
-
-    `manifest`: Declarations for this file.
-    `recipe`: Declarations for all files.
-    `joint_map`: SMPL joint -> name in BVH files, or the name of a producer.
-    `body_model`: File or folder; None for the mean body.
-    `keys`, `joints`: The recipe's names of arrays, and of the joints of positions, as in `Folder`.
-    """
+    """Declarations for one file and for all files, which decide how it is read; the others are those of `Folder`."""
 
     manifest: Declared
     recipe: Declared
@@ -74,10 +67,7 @@ class Reading:
 
 
 def load_motion(path: Path, reading: Reading) -> Motion:
-    """Read a motion file: metres, +Y up, radians, exact frame rate.
-
-    Raises DataError: if the file is unusable, or contradicts its declarations.
-    """
+    """Read a motion file: metres, +Y up, radians, exact rate; DataError if it contradicts its declarations."""
     if path.suffix.lower() == ".bvh":
         return _load_bvh(path, reading)
     with open_person(path, reading.manifest.person) as arrays:
@@ -335,10 +325,7 @@ def _check_up(path: Path, joints: Floats, up: Fact[str]) -> None:
 
 
 def wrong_axis(path: Path, mean: Floats, up: Fact[str], why: str) -> DataError | None:
-    """Return the error of a file whose bodies stand along `mean` (3,), +Y up, and not along the axis that is taken.
-
-    None if no axis that can be declared makes them stand.
-    """
+    """Return the error of a file that stands along `mean` (3,), not +Y; None if no axis makes it stand."""
     in_file = mean @ UPRIGHT[up.value]
     better = max(UPRIGHT, key=lambda axis: float((UPRIGHT[axis] @ in_file)[1]))
     if (UPRIGHT[better] @ in_file)[1] < abs(in_file).max():
@@ -375,10 +362,7 @@ def _check_sides(path: Path, joints: Floats, *, toes: bool) -> None:
 
 
 def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFacts]:
-    """Return notes on a file's format and facts, the name of its body ("" for that of a body model), and the facts.
-
-    From the file's header. Raises as `load_motion` does.
-    """
+    """Return notes on a file by its header, the name of its body, "" for a body model's, and the facts."""
     if path.suffix.lower() == ".bvh":
         bvh = read_bvh_header(path)
         facts, rig = bvh_facts(bvh, reading)

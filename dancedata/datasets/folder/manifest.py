@@ -53,14 +53,7 @@ _DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the manifest.
-
-    `line`: Its number, for messages.
-    `values`: The cells that are not empty, by column.
-    `declared`: The declarations for the motion file.
-    `seconds`: The columns of seconds that it has, exactly.
-    `columns`: Its free columns, without the prefix.
-    """
+    """A line of the manifest: its number, the cells that are not empty, declarations, exact seconds, free columns."""
 
     line: int
     values: Mapping[str, str]
@@ -79,10 +72,7 @@ class Row:
 
 
 def read_manifest(path: Path) -> list[Row]:
-    """Read and check a manifest, but not whether its files exist.
-
-    Raises SourceError: for any mistake, with its line.
-    """
+    """Read and check a manifest, but not whether its files exist; SourceError with the line."""
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -123,10 +113,7 @@ def guess_notes(rows: Sequence[Row]) -> list[str]:
 
 
 def inside(source: Path, text: str, manifest: Path, line: int, column: str) -> Path:
-    """Return a path of the manifest below the source folder; it need not exist.
-
-    Raises SourceError: if it is outside the source folder: an absolute path, one with "..", or a symbolic link.
-    """
+    """Return a path of the manifest, which need not exist; SourceError if it is outside the source folder."""
     allowed, fix = "a path below the source folder", "move the file into the source folder"
     try:
         path = existing(source, text)
@@ -323,10 +310,7 @@ def _bad(
 
 
 def part_of(motion: Motion, ref: ClipRef) -> Motion:
-    """Return the frames of a file that are the clip; see `ClipRef.source_start`.
-
-    Raises DataError: ``too_short`` if no frame is left, ``bad_declaration`` if the file ends before the part does.
-    """
+    """Return the frames of a file that are the clip; DataError for none, or more than the file has."""
     if ref.source_start is None and ref.source_end is None:
         return motion
     rate, n = motion.grid.rate, motion.n_frames

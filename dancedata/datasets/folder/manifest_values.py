@@ -66,12 +66,7 @@ def _bad_seconds(bad: Bad, column: str, found: str, why: str, allowed: str) -> S
 
 
 def joint_map(text: str, motion: str, file_of: Callable[[str], Path], bad: Bad) -> str:
-    """Return the joint map of a row as canonical JSON: SMPL joint -> name in the BVH, or the name of a producer.
-
-    `text`: A JSON object, the name of a producer, or the path of a .json file below the source, which `file_of`
-        returns.
-    `motion`: The motion file of the row; only BVH files have names of joints.
-    """
+    """Return the joint map of a BVH's row as JSON: of an object, a producer's name, or the path of a file."""
     producer = f"the name of a producer ({', '.join(producers())})"
     allowed = f'{{"left_hip": "LeftUpLeg", ...}}, the path of a .json file that has it, or {producer}'
     if Path(motion).suffix.lower() != ".bvh":
@@ -96,11 +91,7 @@ def joint_map(text: str, motion: str, file_of: Callable[[str], Path], bad: Bad) 
 
 
 def genre_numbers(rows: Sequence[tuple[str, str, Bad]]) -> dict[str, int]:
-    """Return the number of each genre of rows (genre, genre_id, error); empty without any.
-
-    Raises SourceError: for what is not a whole number from 0 on, a number without a genre, a genre with several
-        numbers or without one, and a number of several genres.
-    """
+    """Return the number of each genre of rows (genre, genre_id, error), one to one; SourceError if it is not."""
     numbers: dict[str, int] = {}
     for genre, text, bad in rows:
         if not text:
@@ -139,13 +130,9 @@ def check_free_names(columns: Sequence[str], bad: Bad) -> None:
 
 
 def typed(rows: Sequence[Mapping[str, Any]], bads: Sequence[Bad], *, written: bool) -> list[dict[str, ColumnValue]]:
-    """Return the free columns of all rows as values; each column has one type.
+    """Return the free columns of all rows, without the prefix, as values; SourceError unless a column has one type.
 
-    `rows`: Values of each row by column, without the prefix; what is empty is left out.
-    `bads`: Errors of each row.
-    `written`: Whether the values are texts, as in CSV: a column is of whole numbers, numbers, true and false, or
-        lists in JSON, if all of its values are; else of texts. In JSONL a value has its own type.
-    Raises SourceError: for values of several types in one column, and for values of none.
+    `written`: Whether values are texts, as in CSV: numbers, truth values or JSON lists if all of the column are.
     """
     found: list[dict[str, ColumnValue]] = [{} for _ in rows]
     for name in sorted({name for row in rows for name in row}):

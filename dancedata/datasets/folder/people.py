@@ -25,11 +25,7 @@ Floats = NDArray[np.float64]
 
 
 def split_people(clips: Sequence[ClipRef], rejects: Sequence[Reject]) -> tuple[list[ClipRef], list[Reject]]:
-    """Make a clip of each person in files that are divided by people: NAME-personID, with the file's own ID.
-
-    Clips of a person that the manifest chooses are unchanged, and those of files that cannot be read, which
-    `load` reports.
-    """
+    """Make a clip NAME-personID of each person in files divided by people, unless the manifest chooses one."""
     people, left_out = [], list(rejects)
     for clip in clips:
         for person in _people_of(clip):
@@ -56,10 +52,7 @@ def _people_of(clip: ClipRef) -> tuple[str, ...]:
 
 @contextmanager
 def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
-    """Open the arrays of one person; None for the only one.
-
-    Raises DataError: As `open_arrays` does; ``several_people`` if none of several is chosen, ``missing_person``.
-    """
+    """Open the arrays of one person, None: the only one; DataError if there are several, or not this one."""
     if not holds_values(path):
         with open_arrays(path) as arrays:
             if person is not None:
@@ -90,11 +83,7 @@ def _missing(path: Path, person: str | None, found: str) -> DataError:
 
 @dataclass(frozen=True)
 class Seen:
-    """Frames of the video in which a person is seen.
-
-    `first`, `stop`: The first frame in which it is seen, and the one after the last.
-    `missing`: Frames between them in which it is not.
-    """
+    """Frames of the video in which a person is seen: the first, one after the last, and how many between are not."""
 
     first: int
     stop: int
@@ -107,10 +96,7 @@ class Seen:
 
 
 def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
-    """Return when the person of a file is seen, and in which frames of the video; None where the file has no frames.
-
-    Raises DataError: ``missing_frames``: not in order, or with longer gaps than MAX_GAP.
-    """
+    """Return when the person is seen, and the numbers of its frames; None without. DataError: ``missing_frames``."""
     frames = arrays.frames if isinstance(arrays, PersonArrays) else None
     if frames is None or not len(frames):
         return None
@@ -130,12 +116,9 @@ def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
 
 
 def on_video_frames(arrays: ArrayFile, translation: Floats, rotations: Floats) -> tuple[Floats, Floats, int]:
-    """Put the rows of a motion on the frames of the video, which begins with its music.
+    """Return a motion (F, 3), (F, J, 3) on the frames of the video, and the frame in which the person appears.
 
     Gaps are interpolated: linear, and along the shortest arc. Before the person appears it keeps its first pose.
-
-    Returns: Translation (F, 3), rotations (F, J, 3), and the frame in which the person is first seen.
-    Raises DataError: ``missing_frames``, ``length_mismatch``.
     """
     span = seen_in(arrays)
     if span is None:

@@ -97,10 +97,7 @@ def _is_positions(arrays: ArrayFile, name: str) -> bool:
 
 
 def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | None) -> tuple[tuple[str, ...], str]:
-    """Return the names of the joints of an array (T, J, 3), and where they come from.
-
-    Raises DataError: ``unknown_joints`` if nothing names them, ``bad_declaration`` if their number differs.
-    """
+    """Return the names of the joints of an array (T, J, 3), and where they come from; DataError if nowhere."""
     count = arrays.shape(name)[1]
     stored = next((names for key in JOINT_NAMES if key in arrays.names and (names := arrays.texts(key))), ())
     names = JOINT_SETS[declared] if isinstance(declared, str) else tuple(declared or stored)
@@ -135,10 +132,7 @@ def _has_proportions(arrays: ArrayFile, name: str, joints: Sequence[str]) -> boo
 
 
 def map_names(path: Path, names: Sequence[str], joint_map: Mapping[str, str] | str | None) -> dict[int, int]:
-    """Return the index in SMPL24 -> index of a joint, by SMPL's names, those of producers, and `joint_map`.
-
-    Raises DataError: ``unknown_joints`` if limbs are missing; ``ambiguous_joint_map`` as for BVH.
-    """
+    """Return index in SMPL24 -> index of a joint, by names of SMPL, of producers, `joint_map`; DataError."""
     chosen, declared = (joint_map, {}) if isinstance(joint_map, str) else ("", dict(joint_map or {}))
     declared = {joint: name for joint, name in declared.items() if not name or name in names}
     of = {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
@@ -215,20 +209,14 @@ def _fill_spine(points: Floats, names: Sequence[str], at: Floats, known: set[int
 def body_at(
     arrays: ArrayFile, name: str, joints: Sequence[str] | str | None, joint_map: Mapping[str, str] | str | None
 ) -> tuple[Floats, list[int]]:
-    """Return positions (T, 24, 3) of SMPL's joints in a file's axes and unit, and the leaves that are not known.
-
-    Raises DataError: As `joint_names` and `map_names` do; ``empty``, ``nan``, ``out_of_range``.
-    """
+    """Return positions (T, 24, 3) in a file's axes and unit, and the leaves of the tree that are not known."""
     names, _ = joint_names(arrays, name, joints)
     rows = finite(arrays, name)
     return _body_positions(rows.reshape(len(rows), -1, 3), names, map_names(arrays.path, names, joint_map))
 
 
 def humanml_at(arrays: ArrayFile) -> tuple[Floats, list[int]]:
-    """Return positions (T, 24, 3) of HumanML3D's columns (T, 263), metres, +Y up, and the leaves that they lack.
-
-    Raises DataError: ``empty``, ``nan``; ``out_of_range``, also for normalised columns.
-    """
+    """Return positions (T, 24, 3) of HumanML3D's columns, metres, +Y up, and the leaves that they lack; DataError."""
     columns = finite(arrays, "")
     height = float(np.median(columns[:, 3]))
     if not _PELVIS_M[0] < height < _PELVIS_M[1]:
@@ -261,10 +249,7 @@ def height_of(at: Floats) -> float:
 
 
 def fit_body(path: Path, at: Floats, unseen: Sequence[int], grid: FrameGrid) -> Motion:
-    """Return the motion of positions (T, 24, 3), metres, +Y up, on SMPL's joints with the bones of the positions.
-
-    Raises DataError: ``bad_skeleton`` for limbs or a trunk without length.
-    """
+    """Return the motion of positions (T, 24, 3), metres, +Y up, on their own bones; DataError: ``bad_skeleton``."""
     lengths = _bone_lengths(at)
     size = height_of(at)
     trunk = float(np.linalg.norm(at[:, 12] - at[:, 0], axis=-1).mean())

@@ -34,15 +34,7 @@ audio: {{librosa35: {{}}}}
 
 @dataclass(frozen=True)
 class Prepared:
-    """A folder that is ready for `build`, or whose manifest has rows to look at.
-
-    `manifest`, `recipe`: The files.
-    `clips`, `added`, `filled`: Number of rows, of new ones, and of cells that were empty before.
-    `guessed`: Clips with a guess that nobody has confirmed.
-    `without_music`: Clips without a song.
-    `unused`: Songs that no clip has.
-    `offsets`: What was found of offsets, as text; "" where they were not estimated.
-    """
+    """A folder that is ready for `build`, or whose manifest has rows to look at: counts, names of clips and songs."""
 
     manifest: Path
     recipe: Path
@@ -86,10 +78,7 @@ class Prepared:
 def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
     """Write manifest.csv and recipe.yaml of a folder; of a manifest that is there, only empty cells are filled.
 
-    `folder`: Motion files and songs, in any folders below it.
-    `out`: Where to write. Default: `folder`.
-    Raises SourceError: if the folder has no motion, or its manifest has mistakes.
-    Raises StoreError: if a file cannot be written.
+    SourceError without motion or for a manifest with mistakes, StoreError if a file cannot be written.
     """
     source = Path(folder).expanduser()
     target = source if out is None else Path(out).expanduser()

@@ -95,14 +95,7 @@ class Name:
 
 @dataclass(frozen=True)
 class ProposedRow:
-    """A row of a proposed manifest.
-
-    `id`, `motion`, `audio`: As in a manifest; paths below the source, "" without music.
-    `fps`, `up`, `unit`: What the file does not state.
-    `guessed`: Columns that are guesses.
-    `evidence`: How each was found.
-    `motion_s`, `audio_s`: Lengths, seconds; None if unknown.
-    """
+    """A row of a proposed manifest, the columns that are guesses, how each was found, lengths in seconds."""
 
     id: str
     motion: str
@@ -127,12 +120,7 @@ class ProposedRow:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed manifest.
-
-    `rows`: A clip each.
-    `unused`: Music that no clip has.
-    `others`: Files whose arrays are no motion, such as the shape of a subject.
-    """
+    """A proposed manifest: a row per clip, music that no clip has, files whose arrays are no motion."""
 
     rows: tuple[ProposedRow, ...]
     unused: tuple[str, ...] = field(default=())
@@ -160,10 +148,7 @@ class Proposal:
 
 
 def propose(source: Path) -> Proposal:
-    """Propose a manifest; reads every motion file, and the lengths of music.
-
-    Raises SourceError: if the folder does not exist or has no motion files.
-    """
+    """Propose a manifest; reads every motion file, and the lengths of music. SourceError without motion."""
     source = Path(source)
     require_folder("folder", source, "motion files and music")
     motions, songs = _files(source, MOTION_SUFFIXES), _files(source, AUDIO_SUFFIXES)
@@ -260,10 +245,7 @@ def _paired(path: Path, name: str, source: Path, lengths: dict[Path, float | Non
 
 
 def _songs_of(path: Path, lengths: Iterable[Path]) -> tuple[list[Path], str]:
-    """Return the songs that may be a motion's, and the word that they share if names are not alike.
-
-    Those of the nearest folder count, among them those of equal name before those of a similar one.
-    """
+    """Return songs that may be a motion's: the nearest of equal or similar name; or by a word, which is returned."""
     stem, name = stem_of(path), Name.of(path.stem)
     equal = [song for song in lengths if stem_of(song) == stem]
     near = [song for song in lengths if song not in equal and Name.of(song.stem).near(name)]

@@ -221,10 +221,7 @@ class Folder(Dataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints.
-
-        A BVH is retargeted to SMPL's 24 joints with its own bone lengths, see `formats.bvh.retarget`.
-        """
+        """Read one clip: metres, +Y up, radians; on SMPL's, SMPL-H's or SMPL-X's joints, a BVH with its own bones."""
         return part_of(load_motion(ref.motion_path, self._reading(ref)), ref)
 
     @override
@@ -361,10 +358,7 @@ def _check_keys(keys: Mapping[str, str] | None) -> None:
 def _file_notes(
     clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]
 ) -> tuple[list[ClipRef], list[str], list[Reject]]:
-    """Return the clips with notes on their files and their bodies, a summary of the kinds of files, and rejects.
-
-    The rejects are of clips whose up axis is wrong, as other files show; they are no longer among the clips.
-    """
+    """Return the clips with notes and bodies, a summary of kinds of files, rejects of those that lie."""
     counts: Counter[str] = Counter()
     described, first = [], dict[str, str]()
     axes = []

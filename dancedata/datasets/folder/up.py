@@ -27,14 +27,8 @@ Floats = NDArray[np.float64]
 class Stance:
     """How the body of a file is, if its up axis is the one that is taken.
 
-    Attributes
-    ----------
-    mean
-        (3,) direction from the feet to the head, on average; +Y up.
-    certain
-        1 for one that certainly stands, -1 for one that certainly stands along another axis, else 0.
-    lies
-        Whether it lies for the whole clip.
+    `mean`: (3,) direction from the feet to the head, on average; +Y up.
+    `certain`: 1 for one that certainly stands, -1 for one that certainly stands along another axis, else 0.
     """
 
     mean: Floats
@@ -80,11 +74,7 @@ def wrong_files(stances: Mapping[str, Stance]) -> tuple[set[str], Floats]:
 def judge_up(files: Sequence[tuple[ClipRef, Reading, Fact[str], str]]) -> list[Reject]:
     """Return the rejects of clips whose up axis is wrong, as other files of their folder show.
 
-    Parameters
-    ----------
-    files
-        Each clip with its declarations, its up axis, and its format: files of one format and axis are judged
-        together, those whose axis the manifest declares not at all.
+    Files of one format and axis are judged together, those whose axis the manifest declares not at all.
     """
     groups: dict[tuple[str, str, str], list[tuple[ClipRef, Reading]]] = {}
     facts = {}

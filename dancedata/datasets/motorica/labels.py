@@ -80,10 +80,7 @@ def read_labels(folder: Path) -> Labels:
 
 
 def read_text(path: Path) -> Segment:
-    """Read a text file: one segment, its `end` the last frame.
-
-    Raises DataError: ``bad_segment``.
-    """
+    """Read a text file: one segment, its `end` the last frame; DataError ``bad_segment``."""
     stated: dict[str, str] = {}
     for line in _read(path).splitlines():
         key, colon, value = line.partition(":")
@@ -100,20 +97,14 @@ def read_text(path: Path) -> Segment:
 
 
 def read_chunk(path: Path) -> list[Segment]:
-    """Read a JSON file: the segments of a chunk, times from its first frame, in the order of the file.
-
-    Raises DataError: ``bad_segment``.
-    """
+    """Return the segments of a chunk, from its first frame, in the order of the file; DataError ``bad_segment``."""
     return [segment for _, segment in _chunk(path)[1]]
 
 
 def joined(chunks: Mapping[tuple[int, bool], Path]) -> list[Segment]:
-    """Return the segments of a recording from those of its chunks, which overlap.
+    """Return the segments of a recording from those of its chunks, which overlap; DataError ``bad_segment``.
 
-    Parts of one segment in successive chunks are joined where they touch; a part that a chunk cut off does not say
-    where the segment begins or ends, another chunk does.
-
-    Raises DataError: ``bad_segment``, also where two chunks state different labels for a frame.
+    Parts in successive chunks are joined where they touch: a part that is cut off states no begin or end.
     """
     parts: dict[tuple[Any, ...], list[tuple[Fraction, Fraction, Segment]]] = defaultdict(list)
     frames: dict[Fraction, tuple[Any, Path]] = {}

@@ -36,13 +36,9 @@ def seconds_of(path: Path) -> Fraction | None:
 
 
 def load_motion(path: Path, *, fingers: bool, start: Fraction | None = None, end: Fraction | None = None) -> Motion:
-    """Read a recording: 120 FPS, metres, radians, +Y up, the file's own joints and bones.
+    """Read a recording from `start` to `end`, seconds: 120 FPS, metres, +Y up, the file's own joints and bones.
 
-    `fingers`: Keep joints beyond the 21 of MOTORICA21.
-    `start`, `end`: Part of the recording, seconds; None: from the beginning, to the end.
-    Returns: translation (T, 3) is the position of the hips; rotations (T, J, 3).
-    Raises DataError: Those of `read_bvh`, and ``bad_rate`` (not 120 FPS), ``bad_skeleton``, ``bad_unit``,
-        ``missing_channels``, ``too_short`` (no frame is left).
+    Returns: translation (T, 3) is the position of the hips; rotations (T, J, 3) of MOTORICA21, and of `fingers`.
     """
     bvh = read_bvh(path)
     _check_rate(bvh)

@@ -59,11 +59,8 @@ _OTHER = re.compile(r"s[A-Z]{2}|c[A-Z][a-z]+|sngl|ch[0-9]+")
 class RecordingName:
     """What the name of a recording states; a name in any form is a valid one.
 
-    `song`: Recordings with one song have one value: its slug; without one the code of the music with its number
-        ("mLH4"); else the whole name.
-    `genre`: One of GENRES' values, or "".
-    `dancer`: Session and dancer, "kthjazz_d02"; "" if the name has no dancer. Numbers of different sessions need not
-        be the same people.
+    `song`: The slug, else the music's code with its number ("mLH4"), else the whole name.
+    `dancer`: Session and dancer, "kthjazz_d02", as numbers of sessions need not be the same people; or "".
     """
 
     id: str
