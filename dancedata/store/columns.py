@@ -32,10 +32,7 @@ Array = npt.NDArray[Any]
 
 
 class Texts(Sequence[str]):
-    """Texts of a mapped column, each decoded on access: (N,) bytes of fixed length, or offsets (N + 1,) into bytes.
-
-    `where` names file and column in errors.
-    """
+    """Texts, decoded on access: (N,) bytes of fixed length, or offsets (N + 1,) into bytes."""
 
     def __init__(self, values: Array, offset: Array | None = None, where: str = "") -> None:
         self._values, self.offset, self._where = values, offset, where
@@ -205,10 +202,7 @@ def kind_of(column: Column) -> str:
 
 
 def free_kind(values: Sequence[Any]) -> str:
-    """Return the kind of a free column by its values that are there.
-
-    Raises StoreError: for values of several kinds, or of none that tables hold.
-    """
+    """Return the kind of a free column by its values that are there; StoreError for several kinds, or for none."""
     kinds = dict.fromkeys(map(_kind, values))
     kinds.pop("empty", None)
     if set(kinds) in ({"int", "float"}, {"ints", "floats"}):

@@ -296,7 +296,6 @@ class Store(SegmentQueries):
                              fix=REBUILD) from error  # fmt: skip
 
     def _stored_scaler(self, f: Field) -> Scaler:
-        """Return the min-max scaler of a field that stats.json holds."""
         if f.codebook is not None:
             raise UsageError("codes have no scaler: they are never normalised", where=str(self.path),
                              found=f"field {f.name}, codes of {f.codebook.name}",

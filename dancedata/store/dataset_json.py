@@ -39,10 +39,7 @@ MAX_LINES_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class ShardEntry(FileEntry):
-    """The entry of a shard in dataset.json.
-
-    `fields` are first byte and number of rows by field; the byte is None where rows are read through h5py.
-    """
+    """A shard in dataset.json: first byte (None where rows are read through h5py) and number of rows by field."""
 
     split: str
     clips: int
@@ -311,7 +308,6 @@ def _file(entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _check_shards(description: Description) -> None:
-    """Raise ValueError for shards that do not state the rows of every field, or splits that are not in one piece."""
     names = {f.name for f in description.fields}
     for shard in description.shards:
         if set(shard.fields) != names:

@@ -34,7 +34,6 @@ def _column(name: str, kind: str, clips: list[ClipRecord]) -> FreeColumn:
 
 
 def _entries(value: Any) -> Iterator[Any]:
-    """Yield a value, or the different entries of a list."""
     if isinstance(value, tuple):
         yield from dict.fromkeys(value)
     else:

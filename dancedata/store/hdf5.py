@@ -101,11 +101,7 @@ def create_file(target: SparseFile) -> Iterator[Any]:
 
 @contextmanager
 def open_file(path: Path, require: Callable[[int], None] | None = None) -> Iterator[Any]:
-    """Open a shard for reading, without file locks (network file systems).
-
-    `require` is called with the descriptor of the open file. StoreError for a file that is not valid HDF5, or lacks a
-    requested object.
-    """
+    """Open a shard without file locks (network file systems), and pass its descriptor to `require`."""
     try:
         with h5py.File(path, "r", locking=False) as file:
             if require is not None:
@@ -121,11 +117,7 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
 
 
 def find_object(file: Any, name: str, opened: dict[str, Any] | None = None) -> Any:
-    """Return the identifier of a group or dataset of a file; None if there is none of this name.
-
-    `opened` remembers those of the same file, by path. StoreError if it is reached by a link, which may lead out of
-    the file, or in a circle.
-    """
+    """Return the identifier of a group or dataset, None without; StoreError for links. `opened` remembers them."""
     # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
     path, item, opened = "", file.id, {} if opened is None else opened
     for part in name.strip("/").split("/"):
@@ -146,11 +138,7 @@ def _child(parent: Any, name: bytes, where: str) -> Any:
 
 
 def find_dataset(file: Any, name: str, opened: dict[str, Any] | None = None) -> Any:
-    """Return a dataset of a file, if its size is plausible for the size of the file; `opened` as in `find_object`.
-
-    StoreError if it is missing or not a dataset, is a link or in another file, holds anything except numbers and
-    fixed-length text, is larger than the file, or has a filter that this HDF5 lacks.
-    """
+    """Return a dataset of numbers or fixed-length texts that lies in the file and fits its size; else StoreError."""
     filename = file.filename
     where = f"{filename}, /{name.strip('/')}"
     identifier = find_object(file, name, opened)
@@ -236,13 +224,10 @@ def write_attributes(item: Any, **attributes: str | int) -> None:
 
 
 def wrong_attributes(item: Any, needed: Iterable[str], **expected: str | int) -> Iterator[str]:
-    """Yield how attributes differ from those that `write_attributes` writes; only `needed` ones have to be there.
-
-    Texts of variable length are not read: a damaged heap of them would make HDF5 hang.
-    """
+    """Yield how attributes differ from those that `write_attributes` writes; only `needed` ones have to be there."""
     for name, value in expected.items():
         stated: object = None
-        if name in item.attrs:
+        if name in item.attrs:  # of variable length are not read: a damaged heap of them makes HDF5 hang
             kind = item.attrs.get_id(name).dtype.kind
             stated = item.attrs[name] if kind in "Siu" else f"of type {item.attrs.get_id(name).dtype}"
             stated = stated.decode(errors="replace") if isinstance(stated, bytes) else stated

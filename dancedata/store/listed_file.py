@@ -50,10 +50,7 @@ class FileId:
 
 
 class ListedFile:
-    """A file that dataset.json lists, as it was when the dataset was opened.
-
-    With `fetched` it belongs to a dataset of an address; without `status` it is fetched when it is first opened.
-    """
+    """A file as dataset.json listed it when the dataset was opened; without `status` it is fetched later."""
 
     def __init__(
         self, path: Path, size: int, sha256: str, status: os.stat_result | None, *, fetched: bool = False
@@ -203,11 +200,7 @@ def rebuilt_error(folder: Path, detail: str) -> StoreError:
 
 
 def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
-    """Read dataset.json and find shards, tables and segments, by name, all of the same dataset.
-
-    StoreError if there is no finished dataset, its dataset.json was changed after the build, or a shard is missing or
-    of another size.
-    """
+    """Read dataset.json and find shards, tables and segments, by name, all of the same dataset; else StoreError."""
     for _ in range(_TRIES):
         before = _identity(folder / DATASET_FILE)
         try:

@@ -38,11 +38,7 @@ def require_field(tables: Tables, row: int, f: Field) -> None:
 
 
 def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
-    """Find first row and number of rows of a window; any one within its clip is allowed.
-
-    `row` is that of the clip, `grid` that of the store's frames. UsageError for a window that extends beyond its clip
-    or the field's rows, or is not a whole number of rows.
-    """
+    """Return first row and number of rows of any window within its clip, which is in a row of the table of clips."""
     n_frames = int(tables.n_frames[row])
     if window.start < 0 or window.length < 1 or window.start + window.length > n_frames:
         raise UsageError("a window extends beyond its clip", where=f"clip {window.clip}",
@@ -50,12 +46,9 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
                          allowed=f"0 to {n_frames}")  # fmt: skip
     frames, rows = grid.common_period(f.grid)
     if window.start % frames or window.length % frames:
-        raise UsageError(
-            f"a window is not a whole number of rows of field {f.name}",
-            where=f"clip {window.clip}",
-            found=f"start {window.start}, length {window.length} frames",
-            allowed=f"multiples of {frames} frames (rows at {f.rate} per second)",
-        )
+        raise UsageError(f"a window is not a whole number of rows of field {f.name}", where=f"clip {window.clip}",
+                         found=f"start {window.start}, length {window.length} frames",
+                         allowed=f"multiples of {frames} frames (rows at {f.rate} per second)")  # fmt: skip
     require_field(tables, row, f)
     first, length = int(window.start) // frames * rows, int(window.length) // frames * rows
     spans = tables.spans[f.name]
@@ -73,11 +66,7 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
 def locate_windows(
     tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid
 ) -> tuple[Whole, npt.NDArray[np.bool_]]:
-    """Find the first rows of many windows of a split, as `locate_view` does for one.
-
-    `row` (W,) are the rows of their clips. Returns (W,) each window's first row in its clip's shard, and whether the
-    store does not have it.
-    """
+    """Return the first row of each window in its clip's shard, (W,), and whether the store does not have it."""
     length, spans, n_frames = int(windows.length[0]), tables.spans[f.name], tables.n_frames
     is_small = (spans.first + spans.available).max(initial=0) < 2**31  # half the memory of a million clips
     first: Whole = np.empty(len(row), dtype=np.int32) if is_small else np.empty(len(row), dtype=np.int64)

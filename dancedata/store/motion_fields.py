@@ -28,12 +28,7 @@ def _entry(recipe: object, field: str) -> dict[str, Any]:
 
 
 def stored_representation(recipe: object, field: str, columns: Columns) -> Representation:
-    """Return the plug-in that made the columns of a motion field, with the parameters of the dataset's recipe.
-
-    Without an entry for the field, PLUGIN or PLUGIN.NAME, the plug-in has its default parameters. `columns` are those
-    that are stored: a dataset may come from elsewhere. UsageError if no installed plug-in makes them, with the
-    reason.
-    """
+    """Return the plug-in that made stored columns, by the dataset's recipe; UsageError if none installed does."""
     parameters = {key: value for key, value in _entry(recipe, field).items() if key not in _NOT_OF_PLUGIN}
     try:
         representation = REPRESENTATIONS.make(REPRESENTATIONS.split(field)[0], parameters)

@@ -166,12 +166,10 @@ class RowQueries:
 
     @cached_property
     def _tables(self) -> Tables:
-        """The tables of the dataset, read on first use; StoreError if they do not fit it."""
         return read_tables(self._files[TABLES_FILE], self._description)
 
     @cached_property
     def _segment_table(self) -> SegmentTable | None:
-        """Columns of the segments, read on first use; None without any."""
         file = self._files.get(SEGMENTS_FILE)
         return None if file is None else read_segments(file, self._tables.n_clips, self._description)
 
@@ -182,7 +180,6 @@ class RowQueries:
         return self._description.splits[split]
 
     def _shards(self, split: str) -> tuple[ShardReader, ...]:
-        """Return the readers of a split's shards."""
         return self._shard_readers[self._rows_of_split(split).shards]
 
     def _row(self, clip_id: str) -> int:
@@ -237,7 +234,6 @@ class RowQueries:
         stride_s: float | str | Fraction | None = None,
         stride: int | None = None,
     ) -> WindowGrid:
-        """Return length and stride of windows in frames, as `windows` cuts them; arguments as there."""
         return requested_grid(self._description, length_s, length, stride_s, stride)
 
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
@@ -248,12 +244,7 @@ class RowQueries:
     def _starts(
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:
-        """Return every first frame that a window of `length` frames can have in a clip.
-
-        `fields` and `trim` are those of `windows`.
-
-        Raises UsageError: for an unknown clip.
-        """
+        """Return every first frame that a window of `length` frames can have in a clip."""
         window_fields = [self.field(name) for name in fields or self._fields]
         tables, row = self._tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))
@@ -276,11 +267,7 @@ class RowQueries:
         return out
 
     def _locate(self, window: Window, field: str) -> RowSpan:
-        """Find the shard and the rows of a window, for readers that map files themselves.
-
-        Raises UsageError: for an unknown clip or field, a window that is not a whole number of rows or extends beyond
-            its clip, and anything except a Window.
-        """
+        """Return the shard and the rows of a window; UsageError for one that the store does not have."""
         row, f, tables = self._row_of(window), self.field(field), self._tables
         first, length = locate_view(tables, row, window, f, self.grid)
         return RowSpan(self._shard_readers[int(tables.shard_of(row))], first, length)
@@ -295,11 +282,7 @@ class RowQueries:
         return self._row(window.clip)
 
     def _window_rows(self, windows: WindowList, field: str) -> WindowRows:
-        """Find a field's rows of many windows of equal length at once, for readers that copy from mapped files.
-
-        Raises UsageError, StoreError: As `_locate`, for the first window that the store does not have; if there are
-            no windows.
-        """
+        """Return the reader of a field's rows of many windows of one length; errors as those of `_locate`."""
         f = self.field(field)
         if not len(windows):
             raise UsageError("there are no windows to read", where=str(self.path), found=f"field {field}")

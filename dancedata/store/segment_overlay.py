@@ -25,10 +25,7 @@ class SegmentOverlay:
     def read(
         cls, files: Sequence[Path], self_sha256: str, length_of: Callable[[str], Fraction | None]
     ) -> "SegmentOverlay":
-        """Read files of segments for a dataset; `length_of` returns the seconds of a clip, None without one.
-
-        Raises SourceError: for a mistake in a file, and clips or partners that the dataset does not have.
-        """
+        """Read files of segments; `length_of` returns the seconds of a clip. SourceError for a mistake in a file."""
         from dancedata.core.sided_words import with_mirrored_words  # few datasets are opened with files
         from dancedata.files.segment_files import read_segment_file
 

@@ -96,7 +96,6 @@ class SegmentQueries(RowQueries):
         return [PlacedRow.of_table(table, k, self.layers, tables.ids, window) for k in rows]
 
     def _require_layer(self, layer: str | None) -> None:
-        """Raise UsageError, with the closest name, if there is no layer of this name."""
         names = sorted({stored.name for stored in self.layers})
         if layer is not None and layer not in names:
             raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))

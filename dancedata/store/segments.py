@@ -54,10 +54,7 @@ class SegmentedClip(NamedTuple):
 def segment_rows(
     clips: Sequence[SegmentedClip], first: int, numbers: Mapping[Layer, int], grid: FrameGrid
 ) -> tuple[list[SegmentRow], Counter[int]]:
-    """Return the rows of a split's clips, in the order of the table, and how many of a layer cover no frame.
-
-    `first` is the row of the split's first clip in the table of clips.
-    """
+    """Return the sorted rows of a split's clips, from row `first` on, and how many cover no frame, by layer."""
     row_of = {clip.id: row for row, clip in enumerate(clips, start=first)}
     rows, empty = [], Counter[int]()
     for number, clip in enumerate(clips, start=first):
@@ -183,10 +180,7 @@ def segments_of(
 def quality_segments(
     flags: Sequence[Mapping[str, Any]], clips: Mapping[str, int], grid: FrameGrid
 ) -> dict[str, list[Segment]]:
-    """Return quality flags as segments, by clip; `clips` are the numbers of frames.
-
-    StoreError for a flag of a clip that the store does not have.
-    """
+    """Return quality flags as segments, by clip; `clips` are the numbers of frames."""
     segments: dict[str, list[Segment]] = {}
     for flag in flags:
         clip = flag["clip"]

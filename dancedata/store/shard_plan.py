@@ -31,14 +31,7 @@ class Span:
 
 @dataclass
 class ShardPlan:
-    """One shard to be written: its clips in order, and their rows. Clips are added one by one.
-
-    `rows`: Rows so far, per field.
-    `motion`: Per motion field: the span of every clip.
-    `audio`: Per field that clips share: the span of every clip.
-    `blocks`: Per field that clips share: block key -> (first row, array), each stored once.
-    `first_bytes`: Per field: where its rows begin in the file; known when the shard is written.
-    """
+    """One shard to be written: its clips, rows so far by field, spans of clips, and timelines, each stored once."""
 
     header: StoreHeader
     split: str
@@ -47,6 +40,7 @@ class ShardPlan:
     rows: dict[str, int] = field(default_factory=dict)
     motion: dict[str, list[Span]] = field(default_factory=dict)
     audio: dict[str, list[Span]] = field(default_factory=dict)
+    #: First row and array of each timeline, by field and key.
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
     first_bytes: dict[str, int] = field(default_factory=dict)
 
@@ -121,11 +115,7 @@ class WindowTable:
 
 
 def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:
-    """Distribute the clips among shards: splits in their fixed order, clips in the store's order; loads no array.
-
-    A shard takes units, which are groups and single dancers, while its rows stay within `shard_bytes`; it has at
-    least one. StoreError for clips that the format cannot hold, and if there are no windows.
-    """
+    """Distribute clips among shards, groups undivided, each within `shard_bytes` or of one unit; loads no array."""
     header.check()
     if shard_bytes < 1:
         raise StoreError("the size of a shard is not a positive number of bytes", found=shard_bytes)

@@ -104,10 +104,7 @@ class WindowRows:
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """Place of a field's rows in a shard: first byte, number of rows, columns, dtype, name in the file.
-
-    The first byte is None where rows are not one piece of the file: chunked or compressed.
-    """
+    """Place of a field's rows in a shard; the first byte is None where they are chunked or compressed."""
 
     offset: int | None
     n_rows: int
@@ -122,10 +119,7 @@ class FieldLayout:
 
 
 class ShardReader:
-    """One shard of a store, safe under threads and fork; holds at most one file descriptor, opened late.
-
-    Whenever it is opened, it has to be the file that dataset.json listed when the store was opened.
-    """
+    """One shard of an open store, safe under threads and fork; holds at most one file descriptor, opened late."""
 
     def __init__(self, file: ListedFile, entry: ShardEntry, fields: tuple[Field, ...]) -> None:
         """Nothing is opened yet."""
@@ -151,7 +145,6 @@ class ShardReader:
         return self._layout[field]
 
     def _stated_layout(self, f: Field) -> FieldLayout:
-        """Return the place of a field's rows as dataset.json states it."""
         first, n_rows = self._entry.fields[f.name]
         layout = FieldLayout(first, n_rows, f.columns.width, f.disk_dtype, f"/{f.path}")
         if first is not None and first + n_rows * layout.row_bytes > self._entry.size:
@@ -243,8 +236,6 @@ class ShardReader:
 
 
 class _File:
-    """A file descriptor read by position."""
-
     def __init__(self, file: ListedFile) -> None:
         self.path = file.path
         self.pid = os.getpid()

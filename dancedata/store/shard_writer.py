@@ -47,7 +47,6 @@ def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> I
 
 
 def _make_field(file: Any, plan: ShardPlan, f: Field) -> int:
-    """Create a field's dataset and return its first byte in the file."""
     dataset = hdf5.create_dataset(file, f.path, (plan.rows[f.name], f.columns.width), f.disk_dtype)
     hdf5.write_attributes(dataset, rate=str(f.rate))
     return int(dataset.id.get_offset() or 0)
@@ -97,7 +96,6 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
 
 
 def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:
-    """Yield pieces with their arrays, and load the next one in the meantime."""
     each = ((piece, loading.submit(np.asarray, piece.array)) for piece in pieces)
     begun = next(each, None)
     while begun is not None:

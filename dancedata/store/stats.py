@@ -43,12 +43,7 @@ OpenShard = Callable[[int], AbstractContextManager[Callable[[int, int], npt.NDAr
 
 
 def covered(shards: Iterable[ShardRows], length: int) -> list[Block]:
-    """Find the rows of a field that windows cover; each counts once, however many do.
-
-    `shards`: Clips or timelines of one key have equal rows in all shards, and are counted in the first.
-    `length`: Rows of a window.
-    Returns: One for each key, in order of appearance: the same for any sizes of shards.
-    """
+    """Return the rows that windows of `length` rows cover, each once; those of one key in its first shard."""
     found: dict[Hashable, Block] = {}
     for number, (starts, n_rows, keyed) in enumerate(shards):
         begun, ended = (np.bincount(rows, minlength=n_rows + 1) for rows in (starts, starts + length))
@@ -60,14 +55,7 @@ def covered(shards: Iterable[ShardRows], length: int) -> list[Block]:
 
 
 def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, Any]:
-    """Compute statistics over every row that a train window covers, of shards that were written.
-
-    Each row counts once, even if several windows cover it or several shards hold its timeline.
-
-    Returns: stats.json: per field n and, per column, mean, std (ddof 0), min, max and EDGE's min-max scaler; of codes
-        n, min, max and counts alone. Without train windows: no fields, and a note; an optional field that no train
-        clip has is left out.
-    """
+    """Return stats.json: statistics over every row that a train window covers, of shards that were written."""
     train = [p for p in plans if p.split == "train" and any(c.starts for c in p.clips)]
     n_windows = sum(len(c.starts) for p in train for c in p.clips)
     result: dict[str, Any] = {"format": 1, "split": "train", "windows": n_windows, "fields": {}}
@@ -203,10 +191,7 @@ def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, A
 
 
 def _code_stats(blocks: Iterable[npt.NDArray[Any]], codebook: Codebook) -> dict[str, Any]:
-    """Return the counts of the codes of each column; rows without a code do not count to min and max.
-
-    Above 65,536 codes their counts are left out.
-    """
+    """Return the counts of the codes of each column; rows without a code do not count to min and max."""
     n, counts = 0, [np.zeros(size, dtype=np.int64) for size in codebook.sizes]
     for rows in blocks:
         n += len(rows)

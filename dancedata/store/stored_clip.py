@@ -96,7 +96,6 @@ def _check_columns(where: str, shape: tuple[int, ...], f: Field) -> None:
 
 
 def _check_end(header: StoreHeader, clip: StoredClip, f: Field, available: int, where: str) -> None:
-    """Check that every window begins at a whole row and ends within the available rows."""
     for k, start in enumerate(clip.starts):
         if not header.grid.is_whole(start, of=f.grid):
             raise StoreError("a window begins between two rows", where=f"{where}, window {k}",

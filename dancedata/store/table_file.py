@@ -135,10 +135,7 @@ _KINDS = {"text": "text", "texts": "texts", "int32": "int", "float": "float", "b
 
 
 def read_tables(listed: ListedFile, description: Description) -> Tables:
-    """Read the tables of a dataset.
-
-    StoreError for columns that are missing or of another type, and clips whose rows lie outside their field.
-    """
+    """Read the tables of a dataset; StoreError for missing columns, and clips whose rows lie outside their field."""
     shards, where = description.shards, str(listed.path)
     shard_begin = np.cumsum([0, *(shard.clips for shard in shards)]).astype(np.int64)
     n_clips, n_windows = int(shard_begin[-1]), sum(shard.windows for shard in shards)

@@ -115,7 +115,6 @@ class Tables:
 
     @cached_property
     def _by_id(self) -> IntArray:
-        """(N,) rows sorted by id."""
         return np.argsort(self._id_values, kind="stable")
 
     def split_of(self, row: int) -> str:
@@ -194,10 +193,7 @@ class Tables:
         return np.arange(*self.clip_begin[clip : clip + 2].tolist())
 
     def has_rows(self, f: Field) -> npt.NDArray[np.bool_]:
-        """Return which clips (N,) have rows of a field: every clip, unless the field is optional.
-
-        This alone decides it: a clip without an optional field has no rows of it in its shard.
-        """
+        """Return which clips (N,) have rows of a field: every clip, unless the field is optional."""
         return self.spans[f.name].available > 0 if f.optional else np.ones(self.n_clips, dtype=np.bool_)
 
     def rows_of(self, f: Field, grid: FrameGrid) -> IntArray:
@@ -224,10 +220,7 @@ def check_references(tables: Tables, n_licences: int, where: str) -> Tables:
 def check_spans(
     f: Field, first: IntArray, available: IntArray, offset: IntArray | None = None, *, n_rows: IntArray, where: str
 ) -> FieldSpans:
-    """Check that clips lie within the rows of a field: readers allocate as many rows as a clip has.
-
-    `n_rows` (N,) are the rows of the field in each clip's shard.
-    """
+    """Check that clips lie within the rows of a field, `n_rows` (N,) in their shards: readers allocate as many."""
     begin = first if offset is None else first - offset
     # As unsigned numbers, those below 0 are the largest.
     bad = (begin.view(np.uint64) > _FARTHEST) | (available < 0) | (available > n_rows - first)

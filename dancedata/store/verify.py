@@ -156,10 +156,7 @@ def _check_stats(path: Path, description: Description) -> Iterator[Problem]:
 
 
 def _check_numbers(store: Store, numbers: Mapping[str, Mapping[str, Any]]) -> Iterator[Problem]:
-    """Compare the numbers of stats.json with those of the rows; means and deviations but for the last digits.
-
-    How often rows that clips share count is not stored: of those the bounds are compared.
-    """
+    """Compare stats.json with the rows; of rows that clips share, how often each counts is not stored."""
     for name, stated in store.stats["fields"].items():
         compared = numbers[name] if store.field(name).per_clip else ("min", "max", "scaler")
         computed = {key: value for key, value in numbers[name].items() if key in compared}
@@ -226,7 +223,6 @@ def _check_stride(store: Store) -> Iterator[Problem]:
 
 
 def _check_copies(folder: Path, records: Sequence[ClipRecord]) -> Iterator[Problem]:
-    """Find clips that occur more than once, and copies in another split than their clip."""
     times = Counter(r.id for r in records)
     for clip in (c for c, n in times.items() if n > 1):
         splits = sorted({r.split for r in records if r.id == clip})

@@ -89,10 +89,7 @@ def verify_shard(store: Store, description: Description, number: int) -> Iterato
 def verify_values(
     store: Store, f: Field, shards: Sequence[int], problems: list[Problem]
 ) -> Iterator[npt.NDArray[Any]]:
-    """Yield the rows of a field that train windows cover, a piece at a time; add values that are wrong to `problems`.
-
-    `shards` are the numbers of those that are read, ascending.
-    """
+    """Yield the rows of a field that train windows cover; add values that are wrong to `problems`."""
     masks = train_masks(store, f)
     for number in shards:
         reader, is_train = store._shard_readers[number], store._description.shards[number].split == "train"
@@ -113,7 +110,6 @@ def verify_values(
 
 
 def _check_layout(reader: ShardReader, description: Description, entry: ShardEntry) -> Iterator[str]:
-    """Check names, dtypes, shapes, contiguity and alignment of every dataset of a shard."""
     with reader.opened() as file:
         yield from hdf5.wrong_attributes(
             file, ("format",), format=FORMAT, split=entry.split, fps=str(description.fps)
@@ -141,7 +137,6 @@ def _check_place(dataset: Any, path: str) -> Iterator[str]:
 
 
 def _check_attributes(store: Store, description: Description) -> Iterator[str]:
-    """Check what readers without dataset.json take rows by."""
     with hdf5.open_file(store.path / TABLES_FILE) as file:
         yield from hdf5.wrong_attributes(file, ("format", "fps"), format=FORMAT, fps=str(description.fps))
         yield from hdf5.wrong_attributes(file["windows"], ("length",), length=description.length)
@@ -175,7 +170,6 @@ def _check_references(tables: Tables) -> Iterator[str]:
 
 
 def _check_columns(tables: Tables) -> Iterator[str]:
-    """Check that the offsets of texts and lists ascend, and that all texts are UTF-8."""
     for table, columns in (("clips", tables.columns), ("groups", tables.groups), ("songs", tables.songs)):
         for name, column in columns.items():
             yield from _check_column(f"/{table}/{name}", column)
@@ -306,7 +300,6 @@ def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
 
 
 def _check_rows(tables: Tables, f: Field, description: Description) -> str:
-    """Check the first rows of all windows: inside the clip's span and the field."""
     length = description.grid.rows_down(description.length, of=f.grid)
     clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
     spans = tables.spans[f.name]

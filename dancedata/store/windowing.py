@@ -61,12 +61,7 @@ def cut_windows(
     fields: Sequence[Field],
     trim: bool = False,
 ) -> WindowList:
-    """Return windows of any length and stride, which end where the clip ends, or the first of `fields`.
-
-    They begin with the clip, or with the first whole row that the last of `fields` has; with `trim` at the clip's
-    trim_start, or at the next frame that is a whole row of every field. UsageError if length or stride is not a whole
-    number of rows of a field.
-    """
+    """Return windows of any length and stride within their clip and all of `fields`; `trim` skips its begin."""
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
             if not description.grid.is_whole(frames, of=f.grid):

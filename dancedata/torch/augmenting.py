@@ -25,12 +25,7 @@ _WHETHER, _WHAT = 0, 1
 
 @dataclass(frozen=True)
 class Augmenter:
-    """Changes samples. It has no state: any thread, worker and rank gets the same sample for (seed, epoch, index).
-
-    `fields`: The fields of samples.
-    `steps`: The augmentations, in their order.
-    `droppable`: Names of the fields that may be masked.
-    """
+    """Changes samples, without state: any thread, worker and rank gets the same sample for (seed, epoch, index)."""
 
     fields: tuple[SampleField, ...]
     steps: tuple[Step, ...]
@@ -48,13 +43,7 @@ class Augmenter:
         mirrored: bool = False,
         allow_crop: bool = True,
     ) -> Augmenter:
-        """Make an augmenter for samples with some fields of a store.
-
-        `steps`: As `steps_of` makes them of what a caller names.
-        `mirrored`: Whether samples are mirrored by other means already.
-        `allow_crop`: Whether windows other than the stored ones may be read.
-        Raises UsageError: for an unknown augmentation or parameter, and for one that cannot change these samples.
-        """
+        """Make an augmenter for samples with some fields; UsageError for an augmentation that cannot change them."""
         sample_fields = tuple(sample_field(store, name) for name in names)
         steps = tuple(numbered(steps))
         for step in steps:
@@ -154,7 +143,6 @@ def check_step(step: Step, sample_fields: Sequence[SampleField], store: Store) -
 
 
 def _check_windows(step: Step, store: Store, allow_crop: bool) -> None:
-    """Raise UsageError if an augmentation cannot choose windows here."""
     augmentation = step.augmentation
     if augmentation.chooses_windows and not allow_crop:
         raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",

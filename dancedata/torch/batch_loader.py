@@ -160,8 +160,6 @@ class BatchLoader:
 
 
 class _Iteration(Iterator[dict[str, Any]]):
-    """One iteration: the requested batches, in order, and the threads that read them."""
-
     def __init__(self, loader: BatchLoader) -> None:
         self._process = os.getpid()
         self._pending: deque[tuple[Buffer, Future[dict[str, Any]]]] = deque()

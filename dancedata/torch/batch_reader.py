@@ -108,13 +108,7 @@ def _in_memory_file(array: npt.NDArray[Any]) -> torch.UntypedStorage | None:
 
 @dataclass(frozen=True)
 class BatchPlan:
-    """The windows of a batch.
-
-    `places`: (B,) positions in the dataset's windows.
-    `mirrored`: (B,) whether each of them is mirrored.
-    `shifts`: (B,) frames by which the windows that are read begin later than those of the list; negative: earlier.
-    `epoch`: Epoch that decides augmentations and the bias of primitives.
-    """
+    """A batch: places in the dataset's windows, whether mirrored, frames by which each begins later, the epoch."""
 
     places: tuple[int, ...]
     mirrored: tuple[bool, ...]

@@ -108,7 +108,6 @@ def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:
-    """Return the rows of each field, and a batch of everything else."""
     if not samples:
         raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
     fields = [name for name, value in samples[0].items() if _is_rows(name, value)]

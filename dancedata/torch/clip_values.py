@@ -38,14 +38,7 @@ def chosen_clips(
 def require_columns(
     store: Store, columns: Sequence[str], clips: Sequence[str] = (), *, lists: bool = False
 ) -> tuple[str, ...]:
-    """Return the free columns that samples have.
-
-    `columns`: Their names, "x/<name>".
-    `clips`: Ids of the clips that are read: whole numbers and truth values have no value for "none", so that each of
-        these clips needs one.
-    `lists`: Whether a sample has a list of values, which may hold None.
-    Raises UsageError: for an unknown column, and clips without a value.
-    """
+    """Return the free columns that samples have; UsageError for unknown ones, and `clips` without a number."""
     names = (columns,) if isinstance(columns, str) else tuple(columns)
     types = store.free_types
     for name in names:

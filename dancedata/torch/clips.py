@@ -154,11 +154,9 @@ class ClipDataset(SplitDataset):
         return int(frames or 0)
 
     def _period(self) -> int:
-        """Return the least number of frames that is a whole number of rows of every field."""
         return whole_period(self.store._description, [self.store.field(name) for name in self.fields])
 
     def _long_enough(self, spans: WindowList, rejects: tuple[Reject, ...]) -> tuple[WindowList, tuple[Reject, ...]]:
-        """Return the clips that hold a crop, with a reject for each of the others."""
         least = self.crop_frames or 1
         short = [span for span in spans if span.length < least]
         too_short = [
@@ -191,7 +189,6 @@ class ClipDataset(SplitDataset):
         return np.array([of_clip[nth] for of_clip, nth in zip(beats, choices, strict=True)], dtype=np.int64)
 
     def _labels(self, plan: BatchPlan, nth: int) -> dict[str, torch.Tensor]:
-        """Return the labels of beats of a sample; empty if no field has them."""
         labels = beat_labels(self.store, self.fields)
         if labels is None:
             return {}

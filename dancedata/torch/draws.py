@@ -25,7 +25,6 @@ def uniform(seed: int, key: int, epoch: int, places: Sequence[int]) -> npt.NDArr
 
 @lru_cache(maxsize=16)
 def _stream_key(seed: int, key: int, epoch: int) -> tuple[int, int]:
-    """Return the key by which numpy's Philox makes a stream."""
     state = np.random.SeedSequence(seed, spawn_key=(key, epoch)).generate_state(2, np.uint64)
     return int(state[0]), int(state[1])
 

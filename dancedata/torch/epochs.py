@@ -79,10 +79,7 @@ class EpochDataset(Dataset[dict[str, Any]]):
         return place % len(self)
 
     def _drawn_epoch(self, epoch: int | None) -> int:
-        """Return the number that decides what happens to samples: an epoch, or one from torch's generator.
-
-        A DataLoader seeds that generator in each of its workers, from that of the process that iterates.
-        """
+        """Return the number that decides what happens to samples: an epoch, or one from torch's generator."""
         epoch = self.epoch if epoch is None else whole("epoch", epoch)
         if epoch is None:
             # Without random changes the generator keeps its state.
@@ -91,7 +88,6 @@ class EpochDataset(Dataset[dict[str, Any]]):
 
 
 def _shared_number(value: int) -> torch.Tensor:
-    """Return a tensor (1,) int64 in memory that this process and its workers share."""
     number = torch.tensor([value], dtype=torch.int64)
     number.share_memory_()  # type: ignore[no-untyped-call]
     return number

@@ -107,7 +107,6 @@ def rotation_6d(matrix: Tensor) -> Tensor:
 
 
 def _inverse_length(vectors: Tensor) -> Tensor:
-    """Return 1 / length of vectors (3, ...), finite for all of them."""
     return (vectors * vectors).sum(0).clamp_min(_TINY).rsqrt()
 
 

@@ -196,7 +196,6 @@ class Mix(EpochDataset):
         return {name: number for number, name in enumerate(sorted(numbers))}
 
     def _about(self, number: int, sample_id: str, genre: str) -> dict[str, Any]:
-        """Return the values that a sample of a source has in a mix."""
         source = self.sources[number]
         genre_id = self.genre_ids.get(genre, -1)
         return {"id": f"{safe_name(source)}={sample_id}", "genre_id": genre_id, "source": source, "source_id": number}
@@ -293,7 +292,6 @@ def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
 def _shares(
     sources: tuple[str, ...], sizes: Sequence[int], weights: Sequence[float] | Mapping[str, float] | None
 ) -> list[Fraction]:
-    """Return the share of each source in an epoch, exact."""
     if weights is None:
         return [Fraction(size, max(sum(sizes), 1)) for size in sizes]
     if isinstance(weights, Mapping):
@@ -345,7 +343,6 @@ def _joint(scalers: Sequence[Scaler]) -> Scaler:
 
 
 def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:
-    """Raise UsageError that lists all in which datasets differ from the first."""
     (first_name, first), *others = by_name.items()
     expected, problems = _properties(first), []
     for name, dataset in others:
@@ -362,7 +359,6 @@ def _require_alike(by_name: Mapping[str, SplitDataset]) -> None:
 
 
 def _properties(dataset: SplitDataset) -> dict[str, str]:
-    """Return what samples of one batch have in common."""
     store = dataset.store
     recipe = store.info.get("recipe") or {}
     properties = {

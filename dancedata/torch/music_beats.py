@@ -23,10 +23,7 @@ LABELS: tuple[str, ...] = get_args(StartAt)
 
 @dataclass(frozen=True)
 class BeatLabels:
-    """The field of samples that has beats and downbeats.
-
-    `columns`: Column of each of `LABELS` in the field.
-    """
+    """The field of samples that has beats and downbeats, and the column of each of `LABELS` in it."""
 
     field: str
     columns: tuple[int, ...]
@@ -49,10 +46,7 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
 def windows_at(
     store: Store, windows: WindowList, spacing: Mapping[str, Any], *, at: StartAt, fields: Sequence[str], trim: bool
 ) -> tuple[WindowList, tuple[Reject, ...]]:
-    """Return windows of the clips of `windows` that begin at beats, and the clips that have no such window.
-
-    `spacing` is length and stride as `Store._window_grid` takes them; starts are at least a stride apart.
-    """
+    """Return windows that begin at beats, starts at least a stride apart, and a reject for each clip without one."""
     grid = store._window_grid(**spacing)
     rejects: list[Reject] = []
     clip: list[int] = []

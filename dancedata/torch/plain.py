@@ -51,7 +51,6 @@ def _item(entry: Any) -> Item:
 
 
 def _value_of(cls: type[Value], plain: Any) -> Value:
-    """Return the value of a mapping of parameters; UsageError for unknown and missing ones."""
     parameters = {f.name: f for f in fields(cls)}
     if not isinstance(plain, Mapping):
         raise UsageError(f"{cls.__name__} takes a mapping of its parameters", found=shown(plain),

@@ -45,11 +45,7 @@ class PrimitiveSpec:
 def primitive_spec(
     store: Store, fields: Sequence[str], length: int, asked: Primitives, scaled: Sequence[str]
 ) -> PrimitiveSpec:
-    """Return the fields and lengths for primitives of windows of `length` frames, and check them.
-
-    UsageError if no motion field at the store's rate is read, the store does not hold key motions, or their field is
-    one of `scaled` that cannot be.
-    """
+    """Return the fields of primitives of windows of `length` frames; UsageError where they cannot be computed."""
     motion = [f.name for f in map(store.field, fields) if f.kind == "motion" and f.rate == store.fps]
     if not motion:
         raise UsageError(

@@ -33,10 +33,7 @@ class SampleItems:
 
     @classmethod
     def of(cls, store: Store, items: Sequence[Item] | str | None) -> SampleItems:
-        """Sort the entries; None: edge151 and librosa35, else all fields.
-
-        UsageError for fields that the dataset does not have, and for entries that a sample has only once.
-        """
+        """Sort the entries, by default edge151 and librosa35, else all fields; UsageError if they do not fit."""
         if items is None:
             items = _USUAL if set(_USUAL) <= set(store.fields) else tuple(store.fields)
         items = tuple(items) if isinstance(items, Iterable) and not isinstance(items, str) else (items,)

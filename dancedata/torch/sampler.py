@@ -47,7 +47,6 @@ def set_epoch_of(source: object, epoch: int) -> None:
 
 
 def _may_be_dataset(part: object) -> bool:
-    """Return whether an object may be a dataset, or a collection of them."""
     return hasattr(type(part), "__getitem__") and not isinstance(part, str | bytes | np.ndarray | torch.Tensor)
 
 
@@ -315,7 +314,6 @@ def permutation(n: int, seed: int, *key: int) -> npt.NDArray[np.int64]:
 
 
 def _rank_and_world_size(rank: int | None, world_size: int | None) -> tuple[int, int]:
-    """Fill in torch.distributed's numbers and check them."""
     if (rank is None) != (world_size is None):
         raise UsageError("rank and world_size belong together", found=f"rank={rank}, world_size={world_size}",
                          fix="give both, or neither to take them from torch.distributed")  # fmt: skip

@@ -23,11 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | None) -> dict[str, Scaler]:
-    """Return the scalers that the caller names, by field.
-
-    UsageError for a scaler of a field that is not read, of other columns or of another dataset, or a reader without
-    one.
-    """
+    """Return the scalers that the caller names, by field; UsageError for those of other columns or datasets."""
     if scaler is None:
         return {}
     by_field: Mapping[str, Scaler | str | Path]
@@ -99,10 +95,7 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
 
 
 def root_columns(store: Store, relative: Sequence[str], scaled: Sequence[str]) -> dict[str, slice]:
-    """Return the columns of the root's translation of the fields that are `relative`.
-
-    UsageError for a field that has no translation, or is scaled.
-    """
+    """Return the columns of the translation of `relative` fields; UsageError for those without, or scaled."""
     columns = {}
     for name in relative:
         if "translation" not in store.fields[name].names:

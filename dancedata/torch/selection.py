@@ -33,19 +33,7 @@ _NO_DOWNBEATS = (
 
 @dataclass(frozen=True)
 class WindowQuery:
-    """Criteria for windows.
-
-    `fields`: Fields that windows must be within.
-    `windows`: Length and stride as `Store.windows` takes them.
-    `trim`: Whether windows begin at their clip's trim_start.
-    `ignore`: Lists whose clips are left out; with a protocol also the list "ignored.<protocol>". "LAYER:LABEL" leaves
-        out windows that overlap such a segment, as "mark:reject" of the viewer.
-    `protocol`: Name of lists "<protocol>.<split>" that define the clips of a split; without such lists the stored
-        splits do.
-    `filter`: Which windows are kept.
-    `start_at`: What windows begin with: "beat" or "downbeat"; None: where the stride puts them.
-    `where`: Values that clips may have, by column of the table of clips.
-    """
+    """Criteria for windows: those of `Windows` and `Select`, checked, and the fields that windows lie within."""
 
     fields: tuple[str, ...]
     windows: Mapping[str, Any] = field(default_factory=dict)
@@ -66,10 +54,7 @@ class SelectedWindows:
 
 
 def select(store: Store, split: str, choice: WindowQuery) -> SelectedWindows:
-    """Select the windows of a split.
-
-    UsageError for a split that neither the lists nor the store have, or windows that the store cannot provide.
-    """
+    """Select the windows of a split; UsageError for an unknown split, or windows that the store cannot provide."""
     marked = [name.partition(":") for name in choice.ignore if ":" in name]
     choice = replace(choice, ignore=tuple(name for name in choice.ignore if ":" not in name))
     windows, rejects = _windows(store, split, choice)
@@ -134,17 +119,13 @@ def _members(store: Store, split: str, protocol: str | None) -> npt.NDArray[np.b
 
 
 def _listed(store: Store, protocol: str | None) -> tuple[str, ...]:
-    """Return the names of the lists of a protocol."""
     return tuple(name for name in list_names(store) if protocol is not None and name.startswith(f"{protocol}."))
 
 
 def _unmarked(
     store: Store, windows: WindowList, layer: str, label: str
 ) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
-    """Return which windows no segment of a layer with a label overlaps, (W,), and a reject for each of the others.
-
-    UsageError for an unknown layer.
-    """
+    """Return which windows no segment with a label overlaps, (W,), and a reject for each of the others."""
     store._require_layer(layer)
     keep = np.ones(len(windows), dtype=np.bool_)
     rejects = []
@@ -162,10 +143,7 @@ def list_names(store: Store) -> set[str]:
 
 
 def require_lists(store: Store, asked: Select) -> None:
-    """Check the lists and the protocol that the caller names: misspelt ones would leave out nothing.
-
-    UsageError for those that no clip is in; a part of a dataset may lack the lists of ignored clips.
-    """
+    """Raise UsageError for lists and protocols that no clip is in: misspelt ones would leave out nothing."""
     lists = list_names(store)
     protocols = sorted({name.rpartition(".")[0] for name in lists} - {"", "ignored"})
     if asked.protocol is not None and asked.protocol not in protocols:
@@ -188,7 +166,6 @@ def _without_window(store: Store, record: ClipRecord, choice: WindowQuery) -> Re
 
 
 def _filtered(store: Store, windows: WindowList, plugin: WindowFilter) -> tuple[npt.NDArray[np.bool_], list[Reject]]:
-    """Return which windows the filter keeps, (W,), and a reject for each of the others."""
     filtered_field = store.field(plugin.field)
     plugin.check(filtered_field.columns)
     passes = np.ones(len(windows), dtype=np.bool_)
@@ -226,10 +203,7 @@ def no_window_error(store: Store, split: str, rejects: Sequence[Reject], at: Sta
 
 
 def window_filter(choice: FilterLike) -> WindowFilter | None:
-    """Return a window filter from a plug-in, or from its name and parameters, as in a recipe.
-
-    UsageError for an unknown filter or parameter.
-    """
+    """Return a window filter from a plug-in, or from its name and parameters, as in a recipe."""
     if choice is None:
         return None
     if isinstance(choice, FILTERS.base):

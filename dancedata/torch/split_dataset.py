@@ -121,7 +121,6 @@ class SplitDataset(EpochDataset):
         return SelectedWindows(joined, tuple(reject for part in parts for reject in part.rejects))
 
     def _splits_named(self, split: str | Sequence[str]) -> tuple[str, ...]:
-        """Return the splits to read: one, several, or "all"."""
         if split == "all" and self._asked.protocol is not None:
             lists = list_names(self.store)
             prefix = f"{self._asked.protocol}."
@@ -427,7 +426,6 @@ class SplitDataset(EpochDataset):
     def _segment_values(
         self, plan: BatchPlan, windows: Iterable[tuple[str, int, int]], mirrored: Sequence[bool]
     ) -> dict[str, list[Any]]:
-        """Return the segments, or the text, of the windows that were read."""
         if self._words is None:
             return {}
         return self._words.values(self.store, list(starmap(Window, windows)), mirrored, plan.epoch, plan.places)

@@ -211,7 +211,6 @@ class WindowDataset(SplitDataset):
         return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
 
     def _bias(self, place: int, epoch: int | None = None) -> int:
-        """Return the shift, -2 .. 2 frames, of a sample's primitives in an epoch, or in the current one."""
         return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
 
     def _plan(self, indices: Sequence[int], epoch: int | None = None) -> BatchPlan:
@@ -250,7 +249,6 @@ class WindowDataset(SplitDataset):
         return read
 
     def _batch_reader(self) -> BatchReader:
-        """Return the reader of batches, which each process makes when it first needs it."""
         if self._cached_reader is None:
             self._cached_reader = self._new_reader()
         return self._cached_reader
@@ -263,7 +261,6 @@ class WindowDataset(SplitDataset):
         return BatchReader(self.store, fields, self._augmenter, labels, spec, keys, self._bias)
 
     def _field_reader(self, name: str, windows: WindowList) -> FieldReader:
-        """Return the reader of a field of some windows."""
         rows = self.store._window_rows(windows, name)
         if rows.unmapped and self.store._mapped:
             _log.warning("field %s is not read from mapped files: %s", name, rows.unmapped)
