@@ -16,9 +16,9 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.locate import require_field
 from dancedata.store.schema import Field
 from dancedata.store.segment_queries import SegmentQueries
+from dancedata.store.windowing import require_field
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -186,13 +186,13 @@ class Store(SegmentQueries):
 
     def free_columns(self) -> tuple[FreeColumn, ...]:
         """Return the free columns of the table of clips in numbers, by name."""
-        from dancedata.store.free_columns import free_columns
+        from dancedata.store.numbers import free_columns
 
         return free_columns(self, self.clips())
 
     def layer_numbers(self) -> tuple[LayerNumbers, ...]:
         """Return the numbers of each layer of segments, in the order of `layers`."""
-        from dancedata.store.segment_numbers import layer_numbers
+        from dancedata.store.numbers import layer_numbers
 
         return layer_numbers(self)
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,6 @@ from dancedata.store.dataset_json import (
     json_stats,
 )
 from dancedata.store.listed_file import ListedFile, read_listed
-from dancedata.store.locate import RowSpan, locate_view, locate_windows
 from dancedata.store.schema import (
     LOCAL_FILE,
     REJECTS_FILE,
@@ -47,6 +46,8 @@ from dancedata.store.tables import Tables
 from dancedata.store.window_list import Whole, WindowList
 from dancedata.store.windowing import (
     cut_windows,
+    locate_view,
+    locate_windows,
     requested_grid,
     stored_windows,
     whole_clips,
@@ -59,6 +60,14 @@ T = TypeVar("T")
 _REMEMBERED = 1 << 14
 #: Largest local.json: a path.
 _MAX_LOCAL = 1 << 16
+
+
+class RowSpan(NamedTuple):
+    """Rows [first, first + length) of a field in a shard."""
+
+    shard: ShardReader
+    first: int
+    length: int
 
 
 class RowQueries:

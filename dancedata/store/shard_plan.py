@@ -165,8 +165,8 @@ def _plan_split(header: StoreHeader, split: str, clips: list[StoredClip], limit:
     return plans
 
 
-#: What the dancers of a group have in common.
-_SHARED = ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "audio_start", "starts")
+#: What the dancers of a group have in common, beside their windows.
+SHARED = ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "audio_start")
 
 
 def _check_group(unit: Sequence[StoredClip]) -> None:
@@ -179,7 +179,7 @@ def _check_group(unit: Sequence[StoredClip]) -> None:
     if not first.group and first.member != -1:
         raise StoreError("a dancer without a group has a number", where=f"clip {first.id}", found=first.member)
     for clip in unit[1:]:
-        for name in _SHARED:
+        for name in (*SHARED, "starts"):
             one, two = getattr(first, name), getattr(clip, name)
             if one != two:
                 raise StoreError(f"the dancers of a group differ in {name}", where=where,

@@ -1,13 +1,11 @@
-"""Songs of clips: by name, and by their samples."""
+"""Songs of clips, by name and by their samples, and the numbers of a split."""
 
-from collections.abc import Iterable, Sequence
-from typing import TypeVar
+from collections.abc import Iterable, Mapping, Sequence
 
 from dancedata.core.clip import union_find
+from dancedata.core.grid import FrameGrid
 from dancedata.core.text import listed
 from dancedata.store.clip_columns import ClipRecord
-
-T = TypeVar("T")
 
 #: Digits of a hash of `ClipRecord.made_of`; those of a clip without music are zeros.
 _DIGITS = 12
@@ -42,3 +40,19 @@ def songs_of(clips: Sequence[ClipRecord]) -> dict[str, str]:
         label = f"{first} (also {listed(others, 3)})" if others else first
         names |= dict.fromkeys(group, label)
     return {clip: names[of_clip[0]] for clip, of_clip in keys.items() if of_clip}
+
+
+def split_counts(
+    clips: Sequence[ClipRecord], n_windows: int, songs: Mapping[str, str], grid: FrameGrid
+) -> dict[str, int | float]:
+    """Return the numbers of a split; `hours` count each dancer of a group, `scene_hours` each group once."""
+    frames, groups = sum(clip.n_frames for clip in clips), {clip.group for clip in clips if clip.group}
+    counts: dict[str, int | float] = {
+        "clips": len(clips), "windows": n_windows, "frames": frames,
+        "hours": float(grid.seconds(frames) / 3600),
+        "songs": len({songs[clip.id] for clip in clips if clip.id in songs}),
+    }  # fmt: skip
+    if groups:
+        scenes = sum({clip.group or clip.id: clip.n_frames for clip in clips}.values())
+        counts |= {"groups": len(groups), "scene_hours": float(grid.seconds(scenes) / 3600)}
+    return counts

@@ -27,7 +27,7 @@ from dancedata.store.schema import (
     is_shard_name,
     shard_name,
 )
-from dancedata.store.songs import songs_of
+from dancedata.store.songs import songs_of, split_counts
 from dancedata.store.stats import row_stats
 from dancedata.store.verify_shard import Problem, verify_shard, verify_tables, verify_values
 
@@ -198,16 +198,8 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
     where = str(folder / DATASET_FILE)
     songs = songs_of(records)
     for split, counts in description.meta["splits"].items():
-        clips = [r for r in records if r.split == split]
-        frames = sum(r.n_frames for r in clips)
-        actual = {
-            "clips": len(clips),
-            "windows": sum(s.windows for s in description.shards if s.split == split),
-            "frames": frames,
-            "hours": float(description.grid.seconds(frames) / 3600),
-            "songs": len({songs[r.id] for r in clips if r.id in songs}),
-            **({"groups": len({r.group for r in clips if r.group})} if any(r.group for r in clips) else {}),
-        }
+        n_windows = sum(shard.windows for shard in description.shards if shard.split == split)
+        actual = split_counts([r for r in records if r.split == split], n_windows, songs, description.grid)
         for name, value in actual.items():
             if counts.get(name) != value:
                 yield Problem("error", where, f"splits: {split} has {value} {name}, not {counts.get(name)}")

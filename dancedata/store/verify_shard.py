@@ -16,9 +16,12 @@ from dancedata.store.dataset import Store
 from dancedata.store.dataset_json import Description, ShardEntry
 from dancedata.store.schema import ALIGNMENT, FORMAT, TABLES_FILE, Field
 from dancedata.store.segments import QUALITY
+from dancedata.store.shard_plan import SHARED
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.stats import train_masks
 from dancedata.store.tables import Tables
+from dancedata.store.window_list import WindowList
+from dancedata.store.windowing import locate_windows
 
 #: Most characters of a path and of a message.
 _MAX_WHERE, _MAX_MESSAGE = 4400, 3000
@@ -210,7 +213,7 @@ def _check_groups(tables: Tables) -> Iterator[str]:
         if sorted(set(members)) != members or members[0] < 0 or int(tables.groups["n_source"][group]) < count:
             yield f"{name}: dancers {listed(members, _SHOWN)} of {int(tables.groups['n_source'][group])}"
         starts = [tables.window_start[tables.positions_of(row)].tolist() for row in rows]
-        for what in ("music", "song", "n_frames", "trim_start", "source_rate", "lists", "audio_start"):
+        for what in SHARED:
             if len({getattr(record, what) for record in records}) > 1:
                 yield f"{name}: dancers differ in {what}"
         if any(of_member != starts[0] for of_member in starts):
@@ -293,22 +296,11 @@ def _check_windows(tables: Tables, description: Description) -> Iterator[str]:
     later = (clip[1:] > clip[:-1]) | ((clip[1:] == clip[:-1]) & (start[1:] > start[:-1]))
     if not later.all():
         yield f"/windows: not by clip and start: windows {_places(np.append(False, ~later), tables, clip)}"
-    for f in description.fields:
-        message = _check_rows(tables, f, description)
-        if message:
-            yield message
-
-
-def _check_rows(tables: Tables, f: Field, description: Description) -> str:
-    length = description.grid.rows_down(description.length, of=f.grid)
-    clip, start = np.asarray(tables.window_clip, dtype=np.int64), np.asarray(tables.window_start, dtype=np.int64)
-    spans = tables.spans[f.name]
-    inside, whole = description.grid.rows_of_all(start, of=f.grid)
-    bad = (~whole | (inside + length > spans.available[clip])) & tables.has_rows(f)[clip]
-    if spans.offset is not None:
-        bad |= inside + spans.offset[clip] < 0
-    problem = f"/windows: rows of {f.name} are outside the field, in windows "
-    return problem + _places(bad, tables, clip) if bad.any() else ""
+    windows = WindowList.equally_long("", tables.ids, clip, start, description.length)
+    for f in description.fields if len(clip) else ():
+        bad = locate_windows(tables, clip, windows, f, description.grid)[1] & tables.has_rows(f)[clip]
+        if bad.any():
+            yield f"/windows: rows of {f.name} are outside the field, in windows {_places(bad, tables, clip)}"
 
 
 def _value_problem(tables: Tables, number: int, f: Field, begin: int, rows: npt.NDArray[Any]) -> str:

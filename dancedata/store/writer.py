@@ -28,7 +28,7 @@ from dancedata.store.schema import (
 from dancedata.store.segments import quality_segments
 from dancedata.store.shard_plan import ShardPlan, plan_shards
 from dancedata.store.shard_writer import written_shard
-from dancedata.store.songs import songs_of
+from dancedata.store.songs import songs_of, split_counts
 from dancedata.store.stats import compute_stats
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.table_writer import TablePlan, write_tables
@@ -141,29 +141,12 @@ def _describe(header: StoreHeader, plans: Sequence[ShardPlan], tables: TablePlan
 
 
 def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[str, int | float]]:
-    counts: dict[str, dict[str, int | float]] = {}
     songs = songs_of([c for p in plans for c in p.clips])
+    counts = {}
     for split in dict.fromkeys(p.split for p in plans):
         clips = [c for p in plans if p.split == split for c in p.clips]
-        frames = sum(c.n_frames for c in clips)
-        counts[split] = {
-            "clips": len(clips),
-            "windows": sum(len(c.starts) for c in clips),
-            "frames": frames,
-            "hours": float(header.grid.seconds(frames) / 3600),
-            "songs": len({songs[c.id] for c in clips if c.id in songs}),
-            **_count_groups(header, clips),
-        }
+        counts[split] = split_counts(clips, sum(len(c.starts) for c in clips), songs, header.grid)
     return counts
-
-
-def _count_groups(header: StoreHeader, clips: Sequence[StoredClip]) -> dict[str, int | float]:
-    """Return the numbers of a split with groups: `hours` count each dancer, `scene_hours` each group once."""
-    frames = {clip.group or clip.id: clip.n_frames for clip in clips}
-    groups = len({clip.group for clip in clips if clip.group})
-    return (
-        {"groups": groups, "scene_hours": float(header.grid.seconds(sum(frames.values())) / 3600)} if groups else {}
-    )
 
 
 def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
