@@ -247,9 +247,7 @@ def test_an_output_that_cannot_be_written_is_named(run_build: Any, corpus: Path,
     assert file.read_text() == "mine"
 
 
-def test_an_output_without_permission_is_named(
-    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_an_output_without_permission_is_named(run_build, corpus, out, monkeypatch):
     def refuse(self: Path, *args: Any, **options: Any) -> None:
         raise PermissionError(13, "Permission denied", str(self))
 

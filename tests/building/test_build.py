@@ -79,9 +79,7 @@ def test_the_second_time_nothing_is_done(run_build: Any, corpus: Path, built_cop
     assert {p: (p.stat().st_mtime_ns, p.stat().st_ino) for p in built_copy.iterdir()} == before
 
 
-def test_another_recipe_is_refused_with_the_difference(
-    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes
-):
+def test_another_recipe_is_refused_with_the_difference(run_build, corpus, built_copy, hashes):
     before = hashes(built_copy)
     with raises_message(StoreError, "different", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
@@ -101,9 +99,7 @@ def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, so
 
 
 @pytest.mark.parametrize("through_a_link", [False, True])
-def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(
-    run_build: Any, corpus: Path, built_copy: Path, through_a_link: bool
-):
+def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(run_build, corpus, built_copy, through_a_link):
     link = built_copy.parent.parent / "link"
     link.symlink_to(built_copy)
     assert run_build(corpus, link if through_a_link else built_copy, set=["windows.stride_s=1"], overwrite=True).built
@@ -114,9 +110,7 @@ def test_overwrite_puts_the_new_dataset_in_the_place_of_the_old(
         assert [w.start for w in ds.windows("val")] == [0, 30]
 
 
-def test_overwrite_that_fails_leaves_the_old_dataset(
-    run_build: Any, corpus: Path, built_copy: Path, hashes: Hashes, monkeypatch: pytest.MonkeyPatch
-):
+def test_overwrite_that_fails_leaves_the_old_dataset(run_build, corpus, built_copy, hashes, monkeypatch):
     def fail(folder: Path, *args: Any, **options: Any) -> None:
         (folder / "stats.json").write_text("half")
         raise StoreError("the disk is full")
@@ -138,9 +132,7 @@ def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_the_rest_of_a_killed_build_is_replaced(
-    run_build: Any, corpus: Path, built: Path, out: Path, hashes: Hashes, overwrite: bool
-):
+def test_the_rest_of_a_killed_build_is_replaced(run_build, corpus, built, out, hashes, overwrite):
     out.mkdir(parents=True)
     if overwrite:
         shutil.copytree(built, out, dirs_exist_ok=True)
@@ -157,9 +149,7 @@ def test_the_rest_of_a_killed_build_is_replaced(
 
 
 @pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
-def test_cached_units_are_not_computed_again(
-    run_build: Any, built: Path, source: Path, out: Path, monkeypatch: pytest.MonkeyPatch, scope: str, extract: str
-):
+def test_cached_units_are_not_computed_again(run_build, built, source, out, monkeypatch, scope, extract):
     loads = count_calls(monkeypatch, AistPP, "load")
     extracts = count_calls(monkeypatch, Librosa35, extract)
     # Equal content in another folder, cut differently where windows do not affect the results.
@@ -168,9 +158,7 @@ def test_cached_units_are_not_computed_again(
     assert (loads, extracts) == ([], [])
 
 
-def test_another_parameter_of_the_audio_recomputes_no_motion(
-    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_another_parameter_of_the_audio_recomputes_no_motion(run_build, built, corpus, out, monkeypatch):
     loads = count_calls(monkeypatch, AistPP, "load")
     extracts = count_calls(monkeypatch, Librosa35, "extract")
     run_build(corpus, out, set=["audio.librosa35.tightness=1"])
@@ -182,9 +170,7 @@ def test_another_parameter_of_the_audio_recomputes_no_motion(
         assert not np.array_equal(new[clip].read("librosa35"), old[clip].read("librosa35"))
 
 
-def test_another_contact_rule_recomputes_no_audio(
-    run_build: Any, built: Path, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_another_contact_rule_recomputes_no_audio(run_build, built, corpus, out, monkeypatch):
     extracts = count_calls(monkeypatch, Librosa35, "extract")
     run_build(corpus, out, set=["motion.edge151.contacts.velocity.max_speed_m_s=1"])
     assert extracts == []
@@ -193,9 +179,7 @@ def test_another_contact_rule_recomputes_no_audio(
     assert (contacts[0] > contacts[1]).any()
 
 
-def test_a_damaged_entry_of_the_cache_is_made_again(
-    run_build: Any, corpus: Path, built: Path, cache: Path, out: Path, tmp_path: Path, hashes: Hashes
-):
+def test_a_damaged_entry_of_the_cache_is_made_again(run_build, corpus, built, cache, out, tmp_path, hashes):
     damaged = shutil.copytree(cache, tmp_path / "cache")
     paths = list(damaged.rglob("*.npy")) + list(damaged.rglob("*.json"))
     assert len(paths) > 10
@@ -221,9 +205,7 @@ def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: A
 
 
 @pytest.mark.parametrize(("recipe", "windows"), [("aist++", 3), ("aist++-edge-exact", 2)])
-def test_music_that_ends_within_the_last_frame_of_a_window(
-    run_build: Any, source: Path, out: Path, recipe: str, windows: int
-):
+def test_music_that_ends_within_the_last_frame_of_a_window(run_build, source, out, recipe, windows):
     """A window needs music at its last instant, 5.967 s here; a slice for 6 s of samples, as EDGE's."""
     for song in (source / "wavs").glob("*.wav"):
         samples, rate = soundfile.read(song, dtype="int16")
@@ -234,9 +216,7 @@ def test_music_that_ends_within_the_last_frame_of_a_window(
     assert ("as EDGE counts" in describe_store(out)) == (windows == 2)
 
 
-def test_two_clips_of_one_id_are_named_before_anything_is_computed(
-    run_build: Any, corpus: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_two_clips_of_one_id_are_named_before_anything_is_computed(run_build, corpus, out, monkeypatch):
     plain = AistPP.scan
 
     def scan(self: AistPP, source: Path) -> Any:

@@ -155,9 +155,7 @@ def _naming_a_file(named: Path) -> str:
 @pytest.mark.parametrize(
     ("registry", "name"), [(TRANSFORMS, "moving-average"), (ANNOTATORS, "leaps"), (FIELDS, "apart")]
 )
-def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed(
-    tmp_path: Path, registry: Any, name: str, changed: str
-) -> None:
+def test_a_plugin_is_another_one_if_its_code_or_a_file_that_it_names_has_changed(tmp_path, registry, name, changed):
     """Transforms whatever their key."""
     named = tmp_path / "number.txt"
     text = _naming_a_file(named).replace(

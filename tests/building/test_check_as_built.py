@@ -94,9 +94,7 @@ def test_the_recipe_of_a_prepared_folder_is_the_default(mixed: Path, tmp_path: P
 
 
 @pytest.mark.parametrize("recipe", [None, RECIPE])
-def test_lengths_of_motion_and_music_stand_side_by_side(
-    mixed: Path, tmp_path: Path, recipe: dict[str, Any] | None
-) -> None:
+def test_lengths_of_motion_and_music_stand_side_by_side(mixed, tmp_path, recipe):
     for name in ("mixamo.bvh", "mixamo.wav", "brief_song.wav"):
         shutil.copy(mixed / name, tmp_path)
     rows = "id,motion,audio,unit\na,mixamo.bvh,mixamo.wav,cm\nb,mixamo.bvh,brief_song.wav,cm\n"

@@ -158,9 +158,7 @@ def test_statistics_of_codes_are_counts(build: Callable[..., Store], tmp_path: P
     assert "file.tokens" in (tmp_path / "report" / "page.html").read_text(encoding="utf-8")
 
 
-def test_rows_without_a_code_are_not_counted(
-    source: Path, build: Callable[..., Store], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rows_without_a_code_are_not_counted(source, build, monkeypatch):
     rows = np.full((ROWS, WIDTH), -1)
     rows[:4, 1] = [FIRST[1] + 5, -1, FIRST[1] + 5, FIRST[1] + 2]
     for clip in RECORDS:
@@ -224,9 +222,7 @@ def test_windows_of_a_group_are_those_that_all_files_reach(source: Path, build: 
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_a_plan_counts_what_a_build_stores(
-    source: Path, build: Callable[..., Store], cache: Path, scope: str
-) -> None:
+def test_a_plan_counts_what_a_build_stores(source, build, cache, scope):
     save(source, "a", ROWS - 2)
     keys = {"transforms": SCOPES[scope], "dataset": {"coded": {"clips": ["a"]}}}
     changes = {"tolerance_s": "1/2"}

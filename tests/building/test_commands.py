@@ -44,9 +44,7 @@ def test_build_prints_its_result(demo: Any) -> None:
         assert (ds.path, ds.info["licence"]) == (demo.path, Synthetic.licence)
 
 
-def test_python_and_the_command_line_make_the_same_dataset(
-    demo: Any, tmp_path: Path, hashes: Callable[[Path], dict[str, str]]
-) -> None:
+def test_python_and_the_command_line_make_the_same_dataset(demo, tmp_path, hashes):
     out = tmp_path / "demo"
     words = [word for text in SET for word in ("--set", text)]
     source = demo.path.with_name("demo-source")

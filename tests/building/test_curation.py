@@ -93,9 +93,7 @@ def test_windows_that_touch_a_span_are_left_out(build: Any, plain: Store) -> Non
 
 
 @pytest.mark.parametrize("rates", [(24, 30), (25, 60), (50, 30)])
-def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out(
-    build: Any, rates: tuple[int, int]
-) -> None:
+def test_windows_with_rows_between_a_faulty_frame_and_its_neighbour_are_left_out(build, rates):
     of_source, fps = rates
     dataset = {"folder": {**DOCUMENT["dataset"]["folder"], "fps": of_source}}
     keys = {"dataset": dataset, "fps": fps, "windows": {"length_frames": 7, "stride_frames": 1}}
@@ -164,9 +162,7 @@ def test_what_was_repaired_is_flagged_and_the_original_is_kept(build: Any, plain
     assert load_recipe(store.info["recipe"]).sha256 == recipe_hash(store.info["recipe"])
 
 
-def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_build(
-    build: Any, plain: Store, source: Path, tmp_path: Path
-) -> None:
+def test_without_the_original_and_for_clean_clips_bytes_are_those_of_a_plain_build(build, plain, source, tmp_path):
     store = build(transforms=[{"repair": {"spikes": True, "original": False}}])
     assert list(store.fields) == ["edge151"]
     for clip in ("clean", "held", "sinks"):

@@ -162,9 +162,7 @@ def test_wrong_values_are_named(value: Any) -> None:
         parse_recipe(document(annotators=value))
 
 
-def test_check_names_words_that_facts_do_not_show(
-    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_check_names_words_that_facts_do_not_show(tmp_path, cache, monkeypatch):
     english = Layer("description", language="en-GB")
 
     def says(start: float, end: float, *texts: str, layer: Layer = english) -> Segment:

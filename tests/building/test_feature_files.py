@@ -136,9 +136,7 @@ BETWEEN = np.minimum(np.arange(N) * 25 / 30, 149)[:, None] + np.arange(3) / 10
     ],
     ids=["nearest", "between", "fewer"],
 )  # fmt: skip
-def test_rows_at_another_rate(
-    source: Path, build: Callable[..., Store], feature: dict[str, Any], file: np.ndarray, expected: np.ndarray
-) -> None:
+def test_rows_at_another_rate(source, build, feature, file, expected):
     np.save(source / "muq" / "a.npy", file)
     store = build(feature)
     rows = store["a"].read("file.muq")
@@ -147,9 +145,7 @@ def test_rows_at_another_rate(
 
 
 @pytest.mark.parametrize(("begins", "offset"), [("music", 30), ("clip", 0)])
-def test_files_of_songs_that_begin_before_the_clip(
-    source: Path, build: Callable[..., Store], begins: str, offset: int
-) -> None:
+def test_files_of_songs_that_begin_before_the_clip(source, build, begins, offset):
     np.save(source / "muq" / "m.npy", ramp(300))
     feature = {"path": "muq/{music}.npy", "rate": 30, "begins": begins, "tolerance_s": None}
     store = build(feature, {"start": "1", "clips": ["a", "b"]})
@@ -173,9 +169,7 @@ def test_a_clip_between_two_rows_needs_a_rule(source: Path, build: Callable[...,
 
 
 @pytest.mark.parametrize(("origin", "starts"), [("-1/3", [0, 30, 60, 90]), ("1/2", [30, 60, 90, 120])])
-def test_windows_outside_the_rows_are_left_out(
-    source: Path, build: Callable[..., Store], origin: str, starts: list[int]
-) -> None:
+def test_windows_outside_the_rows_are_left_out(source, build, origin, starts):
     np.save(source / "muq" / "a.npy", ramp(180))
     store = build({"rate": 30, "origin_s": origin})
     assert [w.start for w in store.windows("train")] == starts
@@ -218,9 +212,7 @@ def test_what_sets_a_clip_aside(source: Path, build: Callable[..., Store], case:
 
 @pytest.mark.parametrize("scope", ["track", "window"])
 @pytest.mark.parametrize(("seconds", "rows", "starts"), [(5, 150, [0, 30, 60, 90]), (6, 125, [0, 30, 60, 90])])
-def test_beside_a_feature_of_music(
-    source: Path, build: Callable[..., Store], cache: Path, scope: str, seconds: int, rows: int, starts: list[int]
-) -> None:
+def test_beside_a_feature_of_music(source, build, cache, scope, seconds, rows, starts):
     (source / "song.wav").write_bytes(
         wav_bytes(synthesise_song("mBR0", length_s=seconds, sample_rate=24_000, n_channels=1).pcm, 24_000)
     )

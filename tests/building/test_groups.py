@@ -160,9 +160,7 @@ def test_a_group_lacks_no_dancer_silently(tmp_path: Path, cache: Path) -> None:
 
 
 @pytest.mark.parametrize(("shorter", "frames"), [(4, 178), (20, None)])
-def test_dancers_are_cut_to_the_shortest_within_a_tolerance(
-    tmp_path: Path, cache: Path, shorter: int, frames: int | None
-) -> None:
+def test_dancers_are_cut_to_the_shortest_within_a_tolerance(tmp_path, cache, shorter, frames):
     source = tmp_path / "source"
     write(source, "a", 2, lengths=np.array([360, 360 - shorter]))
     write(source, "b", 2)
@@ -192,9 +190,7 @@ def test_copies_are_of_one_world(tmp_path: Path, cache: Path, augmentation: str)
 
 
 @pytest.mark.parametrize("changes", ["rows", "motion"])
-def test_copies_of_a_group_say_what_they_change(
-    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, changes: str
-) -> None:
+def test_copies_of_a_group_say_what_they_change(tmp_path, cache, monkeypatch, changes):
     write(tmp_path / "source", "a", 2)
     monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "acts_on", None)
     monkeypatch.setattr(AUGMENTATIONS.get("yaw"), "changes", changes)

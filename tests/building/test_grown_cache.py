@@ -33,9 +33,7 @@ def fresh(songs: Path, run_build: Callable, hashes: Callable, tmp_path_factory: 
 @pytest.mark.parametrize(
     "first", ["another stride", pytest.param("shorter windows", marks=pytest.mark.nightly), "fewer clips", "killed"]
 )
-def test_a_cache_filled_by_other_processes(
-    songs: Path, fresh: dict, run_build: Callable, hashes: Callable, tmp_path: Path, first: str
-) -> None:
+def test_a_cache_filled_by_other_processes(songs, fresh, run_build, hashes, tmp_path, first):
     cache = tmp_path / "cache"
     if first == "another stride":
         run_build(songs, tmp_path / "before", RECIPE, ["windows.stride_s=1.5"], cache=cache)

@@ -134,9 +134,7 @@ def test_what_train_shares_leaks(splits_of: tuple[str, str], is_leak: bool) -> N
     assert AlikeSongs(("blue", "azul"), (one, two), 0.9, 0.0).leaks == is_leak
 
 
-def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(
-    write: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_five_seconds_are_enough_and_too_many_pairs_are_not_compared(write, monkeypatch):
     noise, other = (np.random.default_rng(seed).normal(size=(150, 35)).astype("f4") for seed in (0, 1))
     path = write({"train": {"first": noise, "third": other}, "test": {"second": noise}}, n_frames=150)
     with open_store(path) as store:

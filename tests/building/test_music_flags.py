@@ -49,9 +49,7 @@ def test_songs_without_sound_are_flagged_and_counted(source: Path, tmp_path: Pat
 
 
 @pytest.mark.skipif(not ffmpeg_version(), reason="without ffmpeg")
-def test_a_song_is_decoded_again_by_another_ffmpeg(
-    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_song_is_decoded_again_by_another_ffmpeg(source, tmp_path, monkeypatch):
     wav, cache = (source / "good.wav").read_bytes(), Cache(tmp_path / "cache")
     (tmp_path / "a.wav").write_bytes(wav[:40] + bytes(4) + wav[44:])  # of length 0: ffmpeg reads it
     (tmp_path / "b.wav").write_bytes(wav)

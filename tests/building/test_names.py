@@ -80,9 +80,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsysbinary: pytest.CaptureFixture[byt
     return ran
 
 
-def test_names_that_are_not_text_are_rejected(
-    run: Run, make_source: Source, recipe: Path, out: Path, rejects: Callable[[Path], Any]
-) -> None:
+def test_names_that_are_not_text_are_rejected(run, make_source, recipe, out, rejects):
     source = make_source(b"source")
     good = source / "motions" / "smpl.npz"
     for name in NAMES:
@@ -110,9 +108,7 @@ def test_names_that_are_not_text_are_rejected(
 
 
 @pytest.mark.parametrize("jobs", [pytest.param(1, marks=pytest.mark.nightly), 2])
-def test_folders_whose_names_are_not_text(
-    run: Run, make_source: Source, recipe: Path, tmp_path: Path, jobs: int
-) -> None:
+def test_folders_whose_names_are_not_text(run, make_source, recipe, tmp_path, jobs):
     """The source, the output and the cache; and the same bytes as from a source with a plain name."""
     source = make_source(b"so\xffurce")
     out, cache = beside(tmp_path / "x", b"o\xffut"), beside(tmp_path / "x", b"c\xffache")
@@ -134,9 +130,7 @@ def test_a_cache_in_a_folder_with_an_umlaut(run: Run, make_source: Source, recip
     run("build", recipe, source, "--out", tmp_path / "out", "--cache", tmp_path / "für", "--jobs", 2)
 
 
-def test_half_a_character_in_a_pickle(
-    run: Run, make_source: Source, recipe: Path, out: Path, rejects: Callable[[Path], Any]
-) -> None:
+def test_half_a_character_in_a_pickle(run, make_source, recipe, out, rejects):
     source = make_source(b"source")
     (source / "motions" / "half.pkl").write_bytes(HALF_A_CHARACTER)
     run("build", recipe, source, "--out", out, "--jobs", 1)
@@ -161,9 +155,7 @@ def test_control_characters_in_lists_of_names(run: Run, corpus: Path, tmp_path: 
     assert r"sequence gone\x9b1m is in two splits" in text
 
 
-def test_clips_of_a_plug_in_with_invalid_texts(
-    make_source: Source, recipe: Path, out: Path, rejects: Callable[[Path], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_clips_of_a_plug_in_with_invalid_texts(make_source, recipe, out, rejects, monkeypatch):
     """A reader that passes on what it finds: no clip of it reaches the store, the others do."""
     scan = Folder.scan
 

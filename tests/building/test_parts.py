@@ -31,9 +31,7 @@ def test_texts_of_parts():
 
 
 @pytest.mark.parametrize("name", ["aist++", "aist++-edge-exact"])
-def test_parts_leave_all_that_a_build_computes_in_the_cache(
-    run_build: Any, corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-):
+def test_parts_leave_all_that_a_build_computes_in_the_cache(run_build, corpus, out, tmp_path, monkeypatch, name):
     recipe, cache = load_recipe(name), tmp_path / "cache"
     results = [build_part(recipe, corpus, Part(k, 3), cache=cache) for k in (1, 2, 3)]
     # Two songs: one part has nothing to do, which is not an error.
@@ -48,9 +46,7 @@ def test_parts_leave_all_that_a_build_computes_in_the_cache(
     assert run_build(corpus, out, name, cache=cache).built
 
 
-def test_a_part_repairs_the_same_entries_as_a_build(
-    corpus: Path, out: Path, tmp_path: Path, run_build: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_part_repairs_the_same_entries_as_a_build(corpus, out, tmp_path, run_build, monkeypatch):
     """As jukebox fixes its precision and the hash of its weights."""
     monkeypatch.setattr(Librosa35, "resolved", lambda self, hash_file: replace(self, tightness=7.0), raising=False)
     build_part(load_recipe("aist++"), corpus, Part(1, 1), cache=tmp_path)

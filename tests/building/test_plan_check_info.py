@@ -225,9 +225,7 @@ def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize("scope", RECIPES)
-def test_features_like_a_dataset_are_the_rows_that_it_holds(
-    built_in: dict[str, Path], corpus: Path, tmp_path: Path, scope: str
-):
+def test_features_like_a_dataset_are_the_rows_that_it_holds(built_in, corpus, tmp_path, scope):
     with dancedata.open(built_in[scope]) as ds:
         clips = [clip for clip in ds if TRAIN in (clip.id, clip.slice_of)]
         bpm = clips[0].tempo_bpm

@@ -69,9 +69,7 @@ def test_mirrored_arrays_are_flagged(mirrored: Path, tmp_path: Path) -> None:
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
 
 
-def test_a_cache_entry_that_was_not_inspected(
-    mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cache_entry_that_was_not_inspected(mirrored, tmp_path, monkeypatch):
     cache = tmp_path / "cache"
     with monkeypatch.context() as before:
         before.setattr(vitals.Vitals, "version", 0)
@@ -89,9 +87,7 @@ def test_a_cache_entry_that_was_not_inspected(
 @pytest.mark.parametrize(
     ("field", "kind"), [("edge151", "implausible_elbows"), ("joints", "implausible_up"), ("humanml263", "")]
 )
-def test_check_finds_it_in_a_dataset_without_flags(
-    mirrored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, field: str, kind: str
-) -> None:
+def test_check_finds_it_in_a_dataset_without_flags(mirrored, tmp_path, monkeypatch, field, kind):
     if kind == "implausible_up":
         (mirrored / "manifest.csv").write_text("motion,up\ntake.npz,-y\n")
     monkeypatch.setattr(vitals, "quality_flags", lambda motion: [])

@@ -2,7 +2,6 @@
 
 import pickle
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +75,7 @@ def spare(source: Path) -> None:
         (spare, ["unused_music, only now: mHO5.wav"]),
     ],
 )
-def test_another_source_is_shown(
-    run_build: Any, source: Path, built_copy: Path, hashes: Any, change: Callable[[Path], None], lines: list[str]
-):
+def test_another_source_is_shown(run_build, source, built_copy, hashes, change, lines):
     before = hashes(built_copy)
     change(source)
     with raises_message(StoreError, "rebuild", where="outs/out") as caught:

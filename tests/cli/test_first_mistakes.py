@@ -356,9 +356,7 @@ def test_features_that_fail_leave_nothing_behind(corpus: Path, tmp_path: Path, s
     assert not (tmp_path / "new").exists()
 
 
-def test_features_that_fail_late_leave_nothing_of_their_own(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_features_that_fail_late_leave_nothing_of_their_own(corpus, tmp_path, monkeypatch):
     real, calls = Librosa35.extract, []
 
     def extract(self: Librosa35, *args: Any, **options: Any) -> Any:
@@ -411,9 +409,7 @@ def test_features_replace_no_foreign_file(corpus: Path, tmp_path: Path, name: st
 
 
 @pytest.mark.parametrize("key", ["splits", "recipe"])
-def test_a_dataset_json_that_lacks_something_is_a_clear_error(
-    corpus: Path, built_copy: Path, tmp_path: Path, key: str
-):
+def test_a_dataset_json_that_lacks_something_is_a_clear_error(corpus, built_copy, tmp_path, key):
     path = built_copy / "dataset.json"
     document = json.loads(path.read_text())
     del document[key]

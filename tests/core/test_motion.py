@@ -114,9 +114,7 @@ def test_a_part_keeps_what_is_left_of_the_trim(trim: int, start: int, stop: int,
         (120, 7, 14),
     ],
 )
-def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(
-    rate: int, trim: int, expected: int
-) -> None:
+def test_the_trim_of_another_rate_is_the_first_frame_at_or_after_its_instant(rate, trim, expected):
     assert replace(make(20), trim_start=trim).resampled(FrameGrid.of(rate)).trim_start == expected
 
 

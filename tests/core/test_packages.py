@@ -107,9 +107,7 @@ def without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], 
 
 
 @pytest.mark.parametrize(("extra", "missing"), [(e, m) for e in COMMANDS for m in MODULES[e]])
-def test_commands_name_what_is_missing(
-    without: Callable[[str], None], source: Path, extra: str, missing: str
-) -> None:
+def test_commands_name_what_is_missing(without, source, extra, missing):
     if extra == "spark" and not all(find_spec(name) for name in MODULES[extra]):
         pytest.skip("the extra spark is not installed")
     without(missing)

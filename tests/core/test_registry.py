@@ -26,9 +26,7 @@ from tests.messages import raises_message
 ALL = (DATASETS, REPRESENTATIONS, CONTACTS, FEATURES)
 
 
-def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(tmp_path, monkeypatch):
     package = tmp_path / "slow_plugins"
     package.mkdir()
     (package / "__init__.py").touch()
@@ -46,9 +44,7 @@ def test_threads_that_ask_while_one_loads_wait_for_all_plug_ins(
     assert found == [("late",)] * 4
 
 
-def test_a_module_that_cannot_be_imported_is_an_error_every_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_module_that_cannot_be_imported_is_an_error_every_time(tmp_path, monkeypatch):
     make_package(tmp_path, "broken_plugins", broken="import no_such_module_here")
     monkeypatch.syspath_prepend(tmp_path)
     registry = Registry("thing", "broken_plugins", Plugin)
@@ -101,9 +97,7 @@ for ask in (lambda: CONTACTS.get("velocity"), lambda: "velocity" in CONTACTS, CO
     ],
     ids=["the name of a shipped one", "cannot be imported"],
 )
-def test_a_plug_in_of_another_distribution_never_takes_the_place_of_a_shipped_one(
-    tmp_path: Path, module: str, message: str
-) -> None:
+def test_a_plug_in_of_another_distribution_never_takes_the_place_of_a_shipped_one(tmp_path, module, message):
     info = tmp_path / "mine-1.0.dist-info"
     info.mkdir()
     (tmp_path / "mine.py").write_text(module)

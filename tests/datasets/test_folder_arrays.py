@@ -462,9 +462,7 @@ SMALL = {suffix: _small(suffix) for suffix in (".npz", ".npy", ".pkl")}
     changes=st.lists(st.tuples(st.floats(0, 1), st.binary(max_size=6), st.integers(0, 8)), min_size=1, max_size=4),
     keep=st.one_of(st.just(1.0), st.floats(0, 1)),
 )
-def test_any_damage_is_a_data_error_or_a_motion(
-    tmp_path: Path, suffix: str, changes: list[tuple[float, bytes, int]], keep: float
-) -> None:
+def test_any_damage_is_a_data_error_or_a_motion(tmp_path, suffix, changes, keep):
     data = SMALL[suffix]
     for where, new, length in changes:
         at = int(where * len(data))

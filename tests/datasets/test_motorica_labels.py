@@ -71,9 +71,7 @@ def test_a_segment_past_the_end_is_kept_exactly(published: Path) -> None:
     assert last.end == Fraction(200, 30)
 
 
-def test_the_end_of_a_text_file_is_inclusive_and_numbers_are_in_order(
-    stream: dict[str, Any], published: Path
-) -> None:
+def test_the_end_of_a_text_file_is_inclusive_and_numbers_are_in_order(stream, published):
     paths = sorted((published / "label_segment").iterdir(), key=lambda p: int(p.stem.rpartition("_")[2]))
     segments = read_labels(published).of[NAME]
     assert segments == tuple(map(read_text, paths))

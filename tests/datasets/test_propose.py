@@ -75,9 +75,7 @@ def test_what_cannot_be_read_is_named(rows: dict[str, ProposedRow]) -> None:
 
 
 @pytest.mark.parametrize("confirmed", [False, True])
-def test_it_is_read_as_a_manifest_and_names_its_guesses(
-    source: Path, tmp_path: Path, rows: dict[str, ProposedRow], confirmed: bool
-) -> None:
+def test_it_is_read_as_a_manifest_and_names_its_guesses(source, tmp_path, rows, confirmed):
     text = propose(source).to_csv()
     if confirmed:
         text = Proposal(tuple(replace(row, guessed=()) for row in rows.values())).to_csv()
@@ -157,9 +155,7 @@ def test_the_rate_of_arrays_that_do_not_state_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("clips", "songs", "by"), [(2, 2, None), (3, 2, "clip"), (3, 3, "music")])
-def test_splits_that_would_leave_one_empty_are_not_proposed(
-    clips: int, songs: int, by: str | None, tmp_path: Path
-) -> None:
+def test_splits_that_would_leave_one_empty_are_not_proposed(clips, songs, by, tmp_path):
     captures(tmp_path, {f"a{k}.npz": 2 for k in range(clips)}, {f"a{k}.wav": 2 for k in range(songs)})
     as_json("init", tmp_path)
     split = load_recipe(tmp_path / "recipe.yaml").dataset.split
@@ -199,13 +195,7 @@ def captures(folder: Path, motions: dict[str, float], songs: dict[str, float]) -
         (("zo\u00eb.npz",), {"zoe\u0308.wav": 2}, ("zoe\u0308.wav",), (False,)),
     ],
 )
-def test_songs_of_folders(
-    tmp_path: Path,
-    motions: tuple[str, ...],
-    songs: dict[str, float],
-    audio: tuple[str, ...],
-    guessed: tuple[bool, ...],
-) -> None:
+def test_songs_of_folders(tmp_path, motions, songs, audio, guessed):
     rows = captures(tmp_path, dict.fromkeys(motions, 2.0), songs)
     assert tuple(rows[name].audio for name in motions) == audio
     assert tuple("audio" in rows[name].guessed for name in motions) == guessed

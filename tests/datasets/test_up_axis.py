@@ -77,9 +77,7 @@ WRONG: list[tuple[Any, dict[str, str], tuple[str, float]]] = [
 
 
 @pytest.mark.parametrize(("write", "declared", "turn"), WRONG)
-def test_certain_files_decide_for_those_that_show_no_floor(
-    tmp_path: Path, parts: list[Motion], write: Any, declared: dict[str, str], turn: tuple[str, float]
-) -> None:
+def test_certain_files_decide_for_those_that_show_no_floor(tmp_path, parts, write, declared, turn):
     motions = [turned(part, *turn) for part in parts]
     reader, scan = scan_of(tmp_path, write, motions, **declared)
     assert scan.clips == ()

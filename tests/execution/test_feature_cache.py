@@ -68,9 +68,7 @@ def test_ranks_that_ask_at_once_compute_once(own: FeatureCache, song: Path, call
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])
-def test_results_of_a_build_are_found_and_equal(
-    built_in: dict[str, Path], cache: Path, song: Path, calls: Callable[[], int], scope: str
-):
+def test_results_of_a_build_are_found_and_equal(built_in, cache, song, calls, scope):
     with dancedata.open(built_in[scope]) as ds:
         bpm = next(c.tempo_bpm for c in ds if c.original == VAL)
         features = FeatureCache(cache)
@@ -85,9 +83,7 @@ def test_results_of_a_build_are_found_and_equal(
     assert calls() == {"track": 0, "window": 1}[scope]
 
 
-def test_a_build_reuses_results_of_a_training_job(
-    run_build: Any, corpus: Path, out: Path, own: FeatureCache, built: Path, calls: Callable[[], int]
-):
+def test_a_build_reuses_results_of_a_training_job(run_build, corpus, out, own, built, calls):
     with dancedata.open(built) as ds:
         asked = {(c.music, c.tempo_bpm) for c in ds}
     for music, bpm in asked:
@@ -168,9 +164,7 @@ def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path)
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-def test_the_dataset_of_the_page(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, calls: Callable[[], int]
-):
+def test_the_dataset_of_the_page(corpus, tmp_path, monkeypatch, calls):
     torch = pytest.importorskip("torch")
     blocks = re.findall(r"^```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
     code = next(block for block in blocks if "class OnTheFly" in block)
@@ -191,9 +185,7 @@ def test_the_dataset_of_the_page(
     assert calls() == 2
 
 
-def test_a_feature_is_made_ready_as_in_a_build(
-    own: FeatureCache, song: Path, calls: Callable[[], int], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_feature_is_made_ready_as_in_a_build(own, song, calls, monkeypatch):
     """As jukebox fixes its precision and the hash of its weights."""
     own(song, "librosa35", tightness=7)
     monkeypatch.setattr(Librosa35, "resolved", lambda self, hash_file: replace(self, tightness=7.0), raising=False)

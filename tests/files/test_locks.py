@@ -147,9 +147,7 @@ def no_file_beside(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "open", refuse)
 
 
-def test_the_folder_is_locked_if_no_file_can_be_created_next_to_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_folder_is_locked_if_no_file_can_be_created_next_to_it(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     no_file_beside(monkeypatch)
     with (

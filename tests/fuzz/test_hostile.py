@@ -23,9 +23,7 @@ CPU_S, ADDRESS_SPACE = 120, 6 << 30
 
 
 @pytest.mark.parametrize(("target", "kind"), [("pickle", "PICKLES"), ("torch_zip", "TORCH"), ("wav", "SOUNDS")])
-def test_each_is_refused_by_name(
-    hunt: ModuleType, hostile: ModuleType, tmp_path: Path, target: str, kind: str
-) -> None:
+def test_each_is_refused_by_name(hunt, hostile, tmp_path, target, kind):
     made = getattr(hostile, kind)
     files = [tmp_path / name for name in made]
     for path, make in zip(files, made.values(), strict=True):

@@ -66,9 +66,7 @@ def test_equals_a_data_loader_epoch_after_epoch(mixed_store: Store, mode: str) -
 
 @pytest.mark.parametrize("drop_last", [False, True])
 @pytest.mark.parametrize(("threads", "prefetch"), [(1, 1), (3, 1), (2, 5), (1, 40)])
-def test_equals_it_with_any_threads_and_prefetch(
-    mixed_store: Store, drop_last: bool, threads: int, prefetch: int
-) -> None:
+def test_equals_it_with_any_threads_and_prefetch(mixed_store, drop_last, threads, prefetch):
     ours, theirs = dataset_of(mixed_store), dataset_of(mixed_store)
     sampler = EpochSampler(ours, seed=1, rank=1, world_size=2)
     loader = BatchLoader(ours, 7, sampler=sampler, drop_last=drop_last, threads=threads, prefetch=prefetch)

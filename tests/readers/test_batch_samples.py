@@ -201,9 +201,7 @@ def test_shared_copies(array: Any, without: str, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.parametrize("without", ["", "torch", "system"])
 @pytest.mark.parametrize("strategy", ["file_descriptor", "file_system"])
-def test_workers_send_batches_however_memory_is_shared(
-    mixed_store: Store, without: str, strategy: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_send_batches_however_memory_is_shared(mixed_store, without, strategy, monkeypatch):
     sharing: Any = torch.multiprocessing
     if strategy not in sharing.get_all_sharing_strategies():
         pytest.skip(f"torch has no {strategy} here")

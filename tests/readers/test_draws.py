@@ -133,9 +133,7 @@ def by_slow(ways: dict[str, Any]) -> list[Any]:
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("way", by_slow(FRESH))
-def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_seed(
-    train: WindowDataset, way: str
-) -> None:
+def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_seed(train, way):
     if "Accelerate" in way:
         pytest.importorskip("accelerate")
     if "Lightning" in way:
@@ -168,9 +166,7 @@ def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_se
         for part in ("whole", "halves", "concat")
     ],
 )
-def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(
-    train: WindowDataset, way: str, part: str
-) -> None:
+def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(train, way, part):
     if "BatchLoader" in way and part != "whole":
         pytest.skip("a BatchLoader reads a WindowDataset itself")
     data = {"whole": train, "halves": halves(train), "concat": concat(train)}[part]

@@ -45,9 +45,7 @@ def seen(loader: DataLoader[Any]) -> list[tuple[int, bool]]:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epoch(
-    store_path: Path, method: str
-) -> None:
+def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epoch(store_path, method):
     dataset = WindowDataset(store_path, windows=Windows(stride=3), scale=None, augment={"mirror": 0.5}, seed=9)
     assert len(dataset) >= 1000
     # Read here as well before the workers start: a file handle opened here must not reach them.

@@ -167,9 +167,7 @@ def test_a_field_that_does_not_lie_where_the_description_says(tmp_path: Path, st
             read()
 
 
-def test_a_file_system_that_maps_nothing(
-    store: Store, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_system_that_maps_nothing(store, caplog, monkeypatch):
     def refuse(*_: Any, **__: Any) -> None:
         raise OSError(19, "No such device")
 

@@ -163,14 +163,7 @@ def assert_equal(found: Rows, wanted: Rows) -> None:
 
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
-def test_a_reader_keeps_its_open_files_or_stops(
-    out: Path,
-    overwrite: Overwrite,
-    truth: Rows,
-    reader: Callable[..., Callable[[], Rows]],
-    options: dict[str, Any],
-    goes_on: bool,
-) -> None:
+def test_a_reader_keeps_its_open_files_or_stops(out, overwrite, truth, reader, options, goes_on):
     read = reader(out, **options)
     assert_equal(read(), truth)
     overwrite(out, 2)
@@ -186,9 +179,7 @@ def test_a_reader_keeps_its_open_files_or_stops(
 
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
-def test_a_first_read_after_an_overwrite_stops(
-    out: Path, overwrite: Overwrite, reader: Callable[..., Callable[[], Rows]], options: dict[str, Any], goes_on: bool
-) -> None:
+def test_a_first_read_after_an_overwrite_stops(out, overwrite, reader, options, goes_on):
     read = reader(out, **options)
     overwrite(out, 2)
     with pytest.raises(StoreError, match=BUILT_AGAIN):
@@ -196,14 +187,7 @@ def test_a_first_read_after_an_overwrite_stops(
 
 
 @pytest.mark.parametrize(("reader", "options", "goes_on"), KINDS)
-def test_a_dataset_that_is_written_over_in_place_stops_its_readers(
-    out: Path,
-    write: Overwrite,
-    tmp_path: Path,
-    reader: Callable[..., Callable[[], Rows]],
-    options: dict[str, Any],
-    goes_on: bool,
-) -> None:
+def test_a_dataset_that_is_written_over_in_place_stops_its_readers(out, write, tmp_path, reader, options, goes_on):
     write(tmp_path / "other", 2)
     read = reader(out, **options)
     read()

@@ -14,7 +14,6 @@ pytest.importorskip("torch")
 
 import torch
 
-from dancedata.store.dataset import Store
 from dancedata.testing.stores import write_random_store
 from dancedata.torch import EpochSampler, WindowDataset
 from tests.groups_store import write_groups
@@ -51,9 +50,7 @@ debug_launcher(run, (Path(sys.argv[1]),), num_processes=2)
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
-def test_code_of_the_page_runs(
-    store_path: Path, beats_store: Store, tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch, capsys
-) -> None:
+def test_code_of_the_page_runs(store_path, beats_store, tmp_path, cache, monkeypatch, capsys):
     write_groups(tmp_path / "data" / "groups")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("DANCEDATA_CACHE", str(cache))

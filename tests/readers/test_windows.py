@@ -6,7 +6,6 @@ import pickle
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -157,9 +156,7 @@ def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("split", ["train", "val"])
 @pytest.mark.parametrize(("options", "normal"), [({}, MOTION), ({"scale": Scale(fields=(AUDIO,))}, AUDIO)])
-def test_the_named_fields_are_normalised_else_motion_alone(
-    store: Store, split: str, options: dict[str, Any], normal: str
-) -> None:
+def test_the_named_fields_are_normalised_else_motion_alone(store, split, options, normal):
     raw, found = (WindowDataset(store, split, **given)[7] for given in ({"scale": None}, options))
     (plain,) = {MOTION, AUDIO} - {normal}
     assert torch.equal(raw[plain], found[plain])

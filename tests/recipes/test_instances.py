@@ -49,9 +49,7 @@ def test_fields_documents_and_keys_carry_the_full_name() -> None:
 
 
 @pytest.mark.parametrize("transforms", ["[]", "[{slices: {length_s: 2}}]"])
-def test_instances_are_built_together(
-    transforms: str, corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_instances_are_built_together(transforms, corpus, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     made = recipe(f"transforms={transforms}")
     build(made, corpus, tmp_path / "out", cache=tmp_path / "cache")

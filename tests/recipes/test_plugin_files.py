@@ -137,9 +137,7 @@ def test_workers_use_the_file_that_was_loaded(corpus: Path, tmp_path: Path, chan
     assert np.array_equal(values(built(recipe, corpus, tmp_path, jobs=2, overwrite=True)), old)
 
 
-def test_reading_needs_the_file_that_the_dataset_was_built_with(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_reading_needs_the_file_that_the_dataset_was_built_with(corpus, tmp_path, monkeypatch):
     file = tmp_path / "my.py"
     file.write_text(REPRESENTATION)
     text = RECIPE.replace("./loudness.py", "my.py").replace("edge151", "my_motion").replace("loudness: {}, ", "")

@@ -73,9 +73,7 @@ def test_forked_workers(bucket: str, published: Path) -> None:
         assert torch.equal(a["pose"], b["pose"])
 
 
-def test_forked_workers_execute_nothing_of_the_working_folder(
-    bucket: str, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_forked_workers_execute_nothing_of_the_working_folder(bucket, published, tmp_path, monkeypatch):
     """The processes that fetch for them are started there, where modules may have the names of Python's own."""
     for name in ("json", "ssl", "dancedata"):
         (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w')\n", encoding="utf-8")

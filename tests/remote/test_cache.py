@@ -16,7 +16,7 @@ from dancedata.pages.write import write_report
 from dancedata.remote.pull import pull
 from dancedata.torch import GroupDataset
 from tests.groups_store import write_groups
-from tests.remote.servers import Hub, Server, cut
+from tests.remote.servers import Server, cut
 
 
 def _run(*args: object, code: int = 0) -> Any:
@@ -66,9 +66,7 @@ def test_parts_are_pruned_too(server: Server, own_cache: Path, published: Path) 
     assert not list(own_cache.rglob("*.part"))
 
 
-def test_exports_and_evaluations_name_the_commit(
-    hub: Hub, built: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_exports_and_evaluations_name_the_commit(hub, built, tmp_path, monkeypatch):
     hub.commits = {"a" * 40: built}
     address = f"hf://datasets/org/name@{'a' * 40}"
     exported = dancedata.export("hf://datasets/org/name", "npz", tmp_path / "npz", progress=False)

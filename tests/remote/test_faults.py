@@ -158,9 +158,7 @@ def test_a_slow_server(server: Server, address: str, published: Path, monkeypatc
     free.set()
 
 
-def test_a_server_that_sends_single_bytes(
-    server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_that_sends_single_bytes(server, address, published, monkeypatch):
     monkeypatch.setattr(source, "STALL_S", 0.02)
 
     def drip(handler: Any, data: bytes) -> bool:
@@ -326,9 +324,7 @@ def test_a_gated_repository(hub: Hub) -> None:
         local_folder("hf://datasets/org/name")
 
 
-def test_a_token_that_expires(
-    hub: Hub, published: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], own_cache: Path
-) -> None:
+def test_a_token_that_expires(hub, published, monkeypatch, capfd, own_cache):
     """A private repository: the token goes to the hub, and nowhere else; once it is refused, what is there stays."""
     hub.token = SECRET
     monkeypatch.setenv("HF_TOKEN", SECRET)
@@ -344,9 +340,7 @@ def test_a_token_that_expires(
     assert _whole(pull("hf://datasets/org/name", progress=False).path, published)
 
 
-def test_the_token_stays_with_the_hub(
-    hub: Hub, server: Server, published: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_token_stays_with_the_hub(hub, server, published, monkeypatch):
     hub.token = SECRET
     monkeypatch.setenv("HF_TOKEN", SECRET)
     name = _shard(published)

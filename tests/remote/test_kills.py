@@ -50,9 +50,7 @@ def hub_environment(hub: UploadHub, cache: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("places", PLACES)
-def test_pushes_that_are_killed(
-    places: int, small: Path, tmp_path: Path, processes: Any, own_cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pushes_that_are_killed(places, small, tmp_path, processes, own_cache, monkeypatch):
     """What is there then is absent or whole; the same call goes on, and does not send what is there."""
     monkeypatch.setenv("HF_TOKEN", TOKEN)
     expected, total, sizes = None, 0, []
@@ -121,9 +119,7 @@ def watched(small: Path) -> Iterator[WatchedServer]:
 
 
 @pytest.mark.parametrize("places", PLACES)
-def test_pulls_that_are_killed(
-    places: int, small: Path, watched: WatchedServer, tmp_path: Path, processes: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_pulls_that_are_killed(places, small, watched, tmp_path, processes, monkeypatch):
     """Files in the cache are whole, and the same call goes on from the bytes that are there."""
     address = f"{watched.url}/{small.name}"
     expected = {p.name: p.read_bytes() for p in small.iterdir() if p.name != "README.md"}

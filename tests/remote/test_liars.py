@@ -162,9 +162,7 @@ LIES: dict[str, Fault] = {
 
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("way", WAYS)
-def test_lies_about_a_shard(
-    server: Server, published: Path, way: str, lie: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lies_about_a_shard(server, published, way, lie, monkeypatch):
     address = f"{server.url}/store"
     name = next(p.name for p in sorted(published.iterdir()) if p.name.startswith("train-00000-of"))
     server.fault(name, *[LIES[lie]] * 99)
@@ -208,9 +206,7 @@ NAMES = ("../x-00000-of-00001.h5", "/etc/passwd", "a/b.h5", "..", "dataset.json"
 
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(("key", "value"), [*(("size", size) for size in SIZES), *(("file", name) for name in NAMES)])
-def test_sizes_that_are_none_and_names_that_lead_out(
-    server: Server, published: Path, tmp_path: Path, way: str, key: str, value: object
-) -> None:
+def test_sizes_that_are_none_and_names_that_lead_out(server, published, tmp_path, way, key, value):
     _changed(published, tmp_path / "site", lambda d: d["shards"][0].update({key: value}))
     server.folder = tmp_path / "site"
     with pytest.raises(StoreError):

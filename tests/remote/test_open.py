@@ -182,9 +182,7 @@ def _rank(rank: int, world: int, address: str, file: str, cache: str, results: A
     torch.distributed.destroy_process_group()
 
 
-def test_ranks_see_each_window_once_and_fetch_once(
-    server: Server, published: Path, tmp_path: Path, own_cache: Path
-) -> None:
+def test_ranks_see_each_window_once_and_fetch_once(server, published, tmp_path, own_cache):
     """Two processes of torch.distributed on one node."""
     context = torch.multiprocessing.get_context("forkserver")
     results = context.Queue()

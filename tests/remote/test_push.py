@@ -60,9 +60,7 @@ def test_one_commit_has_all_files_and_reads_as_the_local_dataset(uploads: Upload
     assert not [p for p in dancedata.check(pushed.address) if "README" in p.message]
 
 
-def test_push_without_its_packages_is_an_error_before_anything_is_read(
-    published: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_push_without_its_packages_is_an_error_before_anything_is_read(published, monkeypatch):
     monkeypatch.setattr("dancedata.core.packages._is_installed", lambda module: module != "huggingface_hub")
     with pytest.raises(MissingPackageError, match="push needs huggingface_hub"):
         push(published)
@@ -174,9 +172,7 @@ def of_dataset(random_store: Callable[..., Any], out: Path, name: str, *, music:
 
 
 @pytest.mark.parametrize("name", [name for name in DATASETS.names() if name != "synthetic"])
-def test_sources_that_forbid_it(
-    name: str, random_store: Callable[..., Any], tmp_path: Path, uploads: UploadHub
-) -> None:
+def test_sources_that_forbid_it(name, random_store, tmp_path, uploads):
     store = of_dataset(random_store, tmp_path / "store", name)
     with raises_message(UsageError, "terms", where="store") as caught:
         run.push(store, WHERE, progress=False)
@@ -205,17 +201,13 @@ def test_sources_that_allow_it(random_store: Callable[..., Any], tmp_path: Path,
         ([Licence("", "Ann 2025"), Licence("CC0")], ["motion and features of music (librosa35): {}"]),
     ],
 )  # fmt: skip
-def test_terms_of_clips(
-    relabelled_random: Callable[[list[Licence]], Path], terms: list[Licence], what: list[str]
-) -> None:
+def test_terms_of_clips(relabelled_random, terms, what):
     with open_store(relabelled_random(terms)) as store:
         expected = [text.format(DATASETS.get("folder").licence) for text in what]
         assert list(map(str, restrictions(store))) == expected
 
 
-def test_no_token_and_no_signature_anywhere(
-    uploads: UploadHub, published: Path, caplog: pytest.LogCaptureFixture, tmp_path: Path, own_cache: Path
-) -> None:
+def test_no_token_and_no_signature_anywhere(uploads, published, caplog, tmp_path, own_cache):
     caplog.set_level(logging.DEBUG)
     seen = [command("push", published, WHERE, "--rights", RIGHTS).output]
     echo = f"your token {TOKEN} may not; see http://h/x?X-Amz-Signature=s1gn4tur3"
@@ -243,9 +235,7 @@ def test_no_token_and_no_signature_anywhere(
         assert "s1gn4tur3" not in text
 
 
-def test_without_a_token(
-    uploads: UploadHub, published: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_without_a_token(uploads, published, monkeypatch, tmp_path):
     monkeypatch.delenv("HF_TOKEN")
     monkeypatch.setattr("huggingface_hub.constants.HF_TOKEN_PATH", str(tmp_path / "none"))
     with raises_message(UsageError, "HF_TOKEN", where="hf://datasets/org/name@main"):
@@ -359,9 +349,7 @@ def test_offline(published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         push(published)
 
 
-def test_a_damaged_dataset_is_not_published(
-    uploads: UploadHub, random_store: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_a_damaged_dataset_is_not_published(uploads, random_store, tmp_path):
     out = random_store(tmp_path / "store").path
     shard = next(out.glob("train-0*.h5"))
     data = bytearray(shard.read_bytes())
@@ -372,9 +360,7 @@ def test_a_damaged_dataset_is_not_published(
     assert not uploads.log
 
 
-def test_names_that_lead_out_of_the_folder(
-    uploads: UploadHub, random_store: Callable[..., Any], tmp_path: Path
-) -> None:
+def test_names_that_lead_out_of_the_folder(uploads, random_store, tmp_path):
     """dataset.json of others that names a file of this machine: it is not uploaded."""
     from dancedata.core.hashing import json_sha256, sha256_bytes
 
@@ -390,9 +376,7 @@ def test_names_that_lead_out_of_the_folder(
     assert not uploads.storage
 
 
-def test_a_dataset_that_is_replaced_during_the_upload(
-    uploads: UploadHub, published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dataset_that_is_replaced_during_the_upload(uploads, published, tmp_path, monkeypatch):
     store = tmp_path / "store"
     shutil.copytree(published, store)
     real = hub.HubUpload._commit
@@ -409,9 +393,7 @@ def test_a_dataset_that_is_replaced_during_the_upload(
     assert "dataset.json" not in uploads.files()
 
 
-def test_a_dataset_that_is_replaced_before_the_upload(
-    uploads: UploadHub, published: Path, random_store: Callable[..., Any], tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_a_dataset_that_is_replaced_before_the_upload(uploads, published, random_store, tmp_path, monkeypatch):
     other, store = random_store(tmp_path / "other", seed=3).path, tmp_path / "store"
     shutil.copytree(published, store)
     real = contents._card

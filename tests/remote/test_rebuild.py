@@ -88,9 +88,7 @@ def change(source: Path) -> Path:
     return motion
 
 
-def test_finedance_in_a_clean_process(
-    published_fine: UploadHub, fine: Path, fine_source: Path, tmp_path: Path
-) -> None:
+def test_finedance_in_a_clean_process(published_fine, fine, fine_source, tmp_path):
     text = in_new_process("build", WHERE, fine_source, "--out", tmp_path / "again", "--jobs", 1)
     assert f"the same bytes as {WHERE}@" in text
     for file in {*fine.iterdir()} - {fine / LOCAL_FILE}:
@@ -105,9 +103,7 @@ def test_the_demo_in_a_clean_process(uploads: UploadHub, tmp_path: Path, cache: 
     assert (tmp_path / "again/dataset.json").read_bytes() == (tmp_path / "demo/dataset.json").read_bytes()
 
 
-def test_which_clip_differs(
-    published_fine: UploadHub, fine_source: Path, tmp_path: Path, cache: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_which_clip_differs(published_fine, fine_source, tmp_path, cache, capsys):
     source = shutil.copytree(fine_source, tmp_path / "source")
     change(source)
     result = run(
@@ -121,9 +117,7 @@ def test_which_clip_differs(
     assert again["result"]["rebuilt"] is False
 
 
-def test_a_missing_file_and_another_recipe(
-    published_fine: UploadHub, fine_source: Path, tmp_path: Path, cache: Path
-) -> None:
+def test_a_missing_file_and_another_recipe(published_fine, fine_source, tmp_path, cache):
     source = shutil.copytree(fine_source, tmp_path / "source")
     motion = sorted((source / "motion").glob("*.npy"))[0]
     motion.unlink()
@@ -132,9 +126,7 @@ def test_a_missing_file_and_another_recipe(
     assert rebuild(WHERE, fine_source, tmp_path / "b", cache, **changed).rebuilt is False
 
 
-def test_a_folder_and_a_whole_dataset(
-    as_folder: Path, fine: Path, fine_source: Path, tmp_path: Path, cache: Path
-) -> None:
+def test_a_folder_and_a_whole_dataset(as_folder, fine, fine_source, tmp_path, cache):
     for k, place in enumerate((as_folder, fine)):
         assert rebuild(place, fine_source, tmp_path / str(k), cache).rebuilt is True
 
@@ -211,9 +203,7 @@ def bomb(as_folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         {"audio": {"hf.mert": {"model": "evil/model"}}},
     ],
 )
-def test_what_a_published_recipe_may_not_have(
-    bomb: Path, recipe: dict[str, Any], fine_source: Path, out: Path
-) -> None:
+def test_what_a_published_recipe_may_not_have(bomb, recipe, fine_source, out):
     with edited(bomb) as document:
         document["dataset"]["recipe"] |= recipe
     with raises_message(RecipeError, "executed", where="fetched"):
@@ -221,9 +211,7 @@ def test_what_a_published_recipe_may_not_have(
     assert not out.exists()
 
 
-def test_local_plugins(
-    uploads: UploadHub, corpus: Path, tmp_path: Path, cache: Path, own_cache: Path, out: Path
-) -> None:
+def test_local_plugins(uploads, corpus, tmp_path, cache, own_cache, out):
     plugin = tmp_path / "loudness.py"
     text = (TEMPLATES / "feature.py").read_text()
     plugin.write_text(text.replace("TemplateName", "Loudness").replace("template_name", "loudness"))
@@ -272,9 +260,7 @@ def test_publications_that_lie(as_folder: Path, lie: Callable[[Any], Any], fine_
 @pytest.mark.parametrize(
     "content", [b"[", b"{}\n", b'{"id": 1}\n', b"\xff", b'{"id": [], "made_of": {}, "lists": 3}\n']
 )
-def test_clips_that_are_damaged(
-    as_folder: Path, fine_source: Path, tmp_path: Path, cache: Path, content: bytes
-) -> None:
+def test_clips_that_are_damaged(as_folder, fine_source, tmp_path, cache, content):
     from dancedata.core.hashing import sha256_bytes
 
     (as_folder / "clips.jsonl").write_bytes(content)
@@ -286,9 +272,7 @@ def test_clips_that_are_damaged(
         rebuild(as_folder, source, tmp_path / "again", cache)
 
 
-def test_gigantic_lengths(
-    as_folder: Path, server: Any, fine_source: Path, tmp_path: Path, cache: Path, own_cache: Path
-) -> None:
+def test_gigantic_lengths(as_folder, server, fine_source, tmp_path, cache, own_cache):
     with edited(as_folder) as document:
         document["files"]["clips.jsonl"]["size"] = 1 << 70
     server.folder = as_folder.parent

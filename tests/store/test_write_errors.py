@@ -64,9 +64,7 @@ PAIRS: dict[str, tuple[Callable[[StoredClip, StoredClip], dict[str, Any]], str, 
 
 
 @pytest.mark.parametrize(("change", "word", "where"), PAIRS.values(), ids=PAIRS)
-def test_two_clips_that_cannot_be_stored_together(
-    make_store: Any, out: Path, change: Any, word: str, where: str
-) -> None:
+def test_two_clips_that_cannot_be_stored_together(make_store, out, change, word, where):
     made = make_store(clips={"train": 2}, clips_per_song=1)
     one, two = made.clips
     with raises_message(StoreError, word, where=where):
