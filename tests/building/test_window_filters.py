@@ -1,17 +1,22 @@
-"""Window filters that are not the movement filter, at building and at reading."""
+"""Window filters that are not the movement filter, at building and at reading; windows of a song."""
 
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import dancedata
+from dancedata.building.fields.music import MusicField
 from dancedata.building.plan import make_plan
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns
 from dancedata.core.errors import RecipeError, UsageError
-from dancedata.core.grid import FrameGrid
+from dancedata.core.grid import FrameGrid, WindowGrid, WindowSpec
 from dancedata.core.plugins import WindowFilter
 from dancedata.core.registry import FILTERS
 from dancedata.recipes.parse import load_recipe
@@ -73,8 +78,8 @@ def test_any_filter_at_building_and_at_reading(corpus: Path, run_build, tmp_path
     # A clip of which no window is left is one reject more.
     lost = {clip for clip, _ in counts} - {clip for clip, start in counts if (clip, start) not in few}
     assert {r["clip"] for r in rejects if "window" not in r} == lost
-    for given in ({"minima": {"least": least}}, Minima(least)):
-        read = WindowDataset(everything, fields=("edge151",), select=Select(filter=given), scale=None)
+    for asked in ({"minima": {"least": least}}, Minima(least)):
+        read = WindowDataset(everything, fields=("edge151",), select=Select(filter=asked), scale=None)
         assert {(r.clip, r.window) for r in read.rejects} == few
         assert {r.reason for r in read.rejects} == {"filtered"}
     with raises_message(UsageError, "rotation_6d"):
@@ -91,3 +96,24 @@ def test_filters_in_recipes() -> None:
     ):  # fmt: skip
         with raises_message(RecipeError, "problem", where="aist++"):
             load_recipe("aist++", (*SMALL, f"rules={wrong}"))
+
+
+RATES = ["30", "29.97", "30000/1001", "60", "25", "1/7", "997/13"]
+
+
+@given(
+    st.sampled_from(RATES).map(FrameGrid.of), st.builds(WindowGrid, st.integers(1, 40), st.integers(1, 20)),
+    st.sampled_from([7, 50, 997, 8000]), st.integers(0, 9000),
+)  # fmt: skip
+def test_windows_are_those_with_all_their_samples(grid: FrameGrid, windows: WindowGrid, rate: int, n: int) -> None:
+    feature: Any = SimpleNamespace()
+    field = MusicField("f", grid, feature, windows=WindowSpec(windows.length, windows.stride, grid))
+    starts, length = field.slices(n, rate)
+    stride = windows.stride / grid.rate * rate
+    assert length == int(windows.length / grid.rate * rate)
+    expected = []
+    while length and len(expected) < 30 and int(len(expected) * stride) + length <= n:
+        expected.append(int(len(expected) * stride))
+    assert starts[:30].tolist() == expected
+    if len(starts):
+        assert starts[-1] + length <= n < int(len(starts) * Fraction(stride)) + length

@@ -1,4 +1,4 @@
-"""Text from files: truncated, printable, and fast to make for any value."""
+"""Text from files: truncated, printable, fast to make for any value; and the name that was meant."""
 
 import json
 import pickle
@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, SourceError
+from dancedata.core.errors import DataError, SourceError, closest, did_you_mean
 from dancedata.core.text import is_unicode, json_text, printable, shown
 from dancedata.store import Problem
 
@@ -118,3 +119,37 @@ def test_findings_of_a_check_can_be_printed() -> None:
     problem = Problem("error", f"/x/{HOSTILE}", HOSTILE)
     assert str(problem) == f"error: /x/{SAFE}: {SAFE}"
     problem.to_json()["message"].encode()
+
+
+RECIPES = ("aist++-60", "aist++-edge-exact", "aist++-lodge", "aist++", "demo", "finedance")
+KEYS = ("store", "windows", "windows.stride_s", "store.shard_mb", "audio.librosa35.tightness")
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("edge", "aist++-edge-exact"), ("EDGE", "aist++-edge-exact"), ("edge-exact", "aist++-edge-exact"),
+        ("AIST++", "aist++"), ("Aist", "aist++"), ("aistpp", "aist++"), ("lodge", "aist++-lodge"),
+        ("finedanc", "finedance"), ("dmo", "demo"), ("zzz", None), ("", None), ("++", None),
+    ],
+)  # fmt: skip
+def test_recipes(name: str, meant: str | None) -> None:
+    assert closest(name, RECIPES) == meant
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("stride_s", "windows.stride_s"),
+        ("shard", "store.shard_mb"),
+        ("tightness", "audio.librosa35.tightness"),
+        ("window", "windows"),
+    ],
+)
+def test_keys_by_their_last_part(name: str, meant: str) -> None:
+    assert closest(name, KEYS) == meant
+
+
+def test_a_long_list_is_cut() -> None:
+    message = did_you_mean("zzz", [f"clip{number}" for number in range(100_000)])
+    assert message.endswith("clip59 and 99,940 more")

@@ -1,18 +1,21 @@
-"""The dataset reader aist++: layouts, splits, what is left out and why, bad files."""
+"""The dataset reader aist++: layouts, split files, the ignore list, what is left out and why, motion files."""
 
+import pickle
 from collections import Counter
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from dancedata.core.clip import ClipRef
+from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.resources import manifest
 from dancedata.datasets.aistpp import AistPP, crossmodal_split
 from dancedata.formats.aist_names import parse_name, tempo_bpm
-from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, notes, rejects, splits
-
-# ---- layouts
+from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL, load, notes, rejects, splits
+from tests.messages import raises_message
 
 
 def test_official_layout(official: Any) -> None:
@@ -177,3 +180,152 @@ def test_example(tmp_path: Path) -> None:
     assert 2 <= len(scan.clips) <= 4
     assert all(300 <= reader.load(clip).n_frames <= 400 for clip in scan.clips)
     assert "synthetic" in notes(scan)
+
+
+def test_split_files_alone_decide(official: Any) -> None:
+    official.names("splits/crossmodal_test.txt", TRAIN)
+    scan = AistPP().scan(official.root)
+    assert splits(scan) == {TRAIN: "test"}
+    assert scan.clips[0].lists == ("crossmodal_test",)
+    assert rejects(scan, "unassigned") == sorted([VAL, TEST, UNASSIGNED])
+    assert "no crossmodal_train.txt, so train is empty" in notes(scan)
+
+
+def test_split_file_as_windows_saves_it(official: Any) -> None:
+    text = f"\ufeff# mine\r\n{TRAIN}\r\n\r\n  {TRAIN} \r\n{VAL}"
+    official.write("splits/crossmodal_train.txt", text.encode())
+    scan = AistPP().scan(official.root)
+    assert splits(scan) == {TRAIN: "train", VAL: "train"}
+    assert "lists some names more than once" in notes(scan)
+
+
+def test_an_own_split(official: Any) -> None:
+    official.names("splits/mine_train.txt", TEST)
+    assert splits(AistPP(split="mine").scan(official.root)) == {TEST: "train"}
+    assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, "rule: no such file"
+
+
+@pytest.mark.parametrize("absolute", [True, False])
+def test_split_dir(official: Any, absolute: bool) -> None:
+    official.names("splits/crossmodal_train.txt", TRAIN)
+    folder = official.names("my lists/crossmodal_val.txt", TEST).parent
+    reader = AistPP(split_dir=str(folder) if absolute else "my lists")
+    assert splits(reader.scan(official.root)) == {TEST: "val"}
+
+
+def test_split_dir_in_the_folder_below(empty_copy: Any) -> None:
+    empty_copy.motion(TRAIN, folder="aist_plusplus_final/motions")
+    empty_copy.names("aist_plusplus_final/lists/crossmodal_val.txt", TRAIN)
+    reader = AistPP(split_dir="lists", music="optional")
+    assert splits(reader.scan(empty_copy.root)) == {TRAIN: "val"}
+
+
+@pytest.mark.parametrize(
+    ("keys", "word", "where"),
+    [
+        ({"split": "min"}, r"min_val\.txt", "мой dänce 舞/splits"),
+        ({"split_dir": "nowhere"}, r"NAME_val\.txt", "мой dänce 舞/nowhere"),
+        ({"split_dir": "lists"}, r"crossmodal_val\.txt", "мой dänce 舞/lists"),
+    ],
+)
+def test_no_such_split(official: Any, keys: dict[str, Any], word: str, where: str) -> None:
+    official.names("splits/mine_train.txt", TEST)
+    official.write("lists/other.txt", b"")
+    with raises_message(SourceError, word, where=where):
+        AistPP(**keys).scan(official.root)
+
+
+def test_no_split_folder(official: Any) -> None:
+    with raises_message(SourceError, r"mine_val\.txt", where="no folder splits/ in the source"):
+        AistPP(split="mine").scan(official.root)
+
+
+def test_clip_in_two_splits(official: Any) -> None:
+    official.names("splits/crossmodal_train.txt", TRAIN, TEST)
+    official.names("splits/crossmodal_test.txt", TEST)
+    with raises_message(SourceError, "gJS_sBM_cAll_d03_mJS3_ch02"):
+        AistPP().scan(official.root)
+
+
+def test_all(official: Any) -> None:
+    scan = AistPP(split="all").scan(official.root)
+    assert splits(scan) == dict.fromkeys(sorted([TRAIN, VAL, TEST, UNASSIGNED]), "all")
+    assert rejects(scan, "ignored") == [IGNORED]
+
+
+@pytest.mark.parametrize("file", ["ignore_list.txt", "splits/ignore_list.txt"])
+def test_ignore_list_of_the_source_replaces_the_shipped_one(official: Any, file: str) -> None:
+    official.names(file)
+    scan = AistPP().scan(official.root)
+    assert splits(scan)[IGNORED] == "train", "an empty list ignores nothing"
+    official.names(file, TRAIN, "", "a_name_that_is_not_there")
+    scan = AistPP().scan(official.root)
+    assert rejects(scan, "ignored") == [TRAIN]
+    assert f"Ignore list: {file}; 2 names, 1 of them among the motion files found." in scan.notes
+
+
+def test_two_ignore_lists(official: Any) -> None:
+    official.names("ignore_list.txt", TRAIN)
+    official.names("splits/ignore_list.txt", TEST)
+    scan = AistPP().scan(official.root)
+    assert rejects(scan, "ignored") == [TRAIN]
+    assert "not used: splits/ignore_list.txt" in notes(scan)
+
+
+def test_ignore_none(official: Any) -> None:
+    scan = AistPP(ignore="none").scan(official.root)
+    assert splits(scan)[IGNORED] == "train"
+    assert "Ignore list: not applied, as requested." in scan.notes
+
+
+def test_a_folder_of_lists_without_lists() -> None:
+    with raises_message(UsageError, "split_dir"):
+        AistPP(split="all", split_dir="x")
+
+
+def test_motion_is_canonical(official: Any) -> None:
+    path = official.root / "motions" / f"{TRAIN}.pkl"
+    motion = load(AistPP(), path)
+    raw = official.content()
+    assert motion.grid.rate == Fraction(60)
+    assert motion.skeleton.name == "SMPL24" or len(motion.skeleton.joints) == 24
+    assert motion.rotations.dtype == motion.translation.dtype == np.float64
+    assert np.array_equal(motion.rotations, raw["smpl_poses"].astype(np.float64).reshape(-1, 24, 3))
+    assert np.array_equal(motion.translation, raw["smpl_trans"].astype(np.float64) / 93.75)
+    assert not motion.rotations.flags.writeable
+
+
+@pytest.mark.parametrize("scaling", [93.75, np.float32(93.75), np.array(93.75), np.array([[93.75]]), [93.75]])
+def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
+    poses = official.content()["smpl_poses"].reshape(-1, 24, 3)
+    path = official.motion("x", smpl_poses=poses, smpl_scaling=scaling, smpl_loss=None, extra=["kept", 1])
+    reference = load(AistPP(), official.root / "motions" / f"{TRAIN}.pkl")
+    assert np.array_equal(load(AistPP(), path).rotations, reference.rotations)
+    assert np.array_equal(load(AistPP(), path).translation, reference.translation)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"smpl_scaling": None}, "missing_key"),
+        ({"smpl_poses": "text"}, "bad_shape"),
+        ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape"),
+        ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape"),
+        ({"smpl_scaling": np.zeros(1)}, "bad_scaling"),
+        ({"smpl_scaling": np.array([-90.0])}, "bad_scaling"),
+        ({"smpl_scaling": np.array([np.nan])}, "bad_scaling"),
+        ({"smpl_scaling": np.array([1e-320])}, "bad_scaling"),
+        ({"smpl_scaling": np.ones(2)}, "bad_shape"),
+    ],
+)
+def test_bad_content(official: Any, changes: dict[str, Any], reason: str) -> None:
+    path = official.motion("bad one ü", **changes)
+    with raises_message(DataError, "floats|frames|smpl_poses|smpl_scaling|smpl_trans", reason=reason):
+        load(AistPP(), path)
+
+
+@pytest.mark.parametrize("content", [[1, 2], None, np.zeros((3, 72))])
+def test_pickle_of_something_else(official: Any, content: Any) -> None:
+    path = official.write("motions/other.pkl", pickle.dumps(content))
+    with raises_message(DataError, "smpl_scaling", where="мой dänce 舞/motions/other.pkl", reason="broken_file"):
+        load(AistPP(), path)

@@ -1,4 +1,4 @@
-"""What scans of all published datasets make of missing and unused music, other files, links and wrong folders."""
+"""Scans of all published datasets: music, other files, links, wrong folders; and parameters that no reader takes."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dancedata.core.errors import SourceError
+from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.registry import DATASETS
 from dancedata.datasets.published import PublishedDataset
 from tests.datasets.scans import rejects
@@ -98,3 +98,28 @@ def test_a_folder_with_another_dataset_or_without_motion(name: str, source: Path
     (source.parent / "other" / "holiday.jpg").write_bytes(b"x")
     with raises_message(SourceError, r"holiday\.jpg", where="other"):
         reader(name).scan(source.parent / "other")
+
+
+WRONG: dict[str, dict[str, tuple[Any, ...]]] = {
+    "aioz-gdance": {"split": ("by-song",), "music": ("none",)},
+    "aist++": {"split": ("../mine", ""), "ignore": ("maybe",), "music": ("no",)},
+    "dcm": {"split": ("by-song",), "music": ("no",)},
+    "dd100": {"up": ("x",)},
+    "finedance": {"split": ("crossgenre",), "labels": ("no",), "keep": (("001",), (120,), "120")},
+    "i-dancers": {"up": ("x",), "music": ("no",), "fps": ("fast",), "trim_frames": (-1, 1.5)},
+    "infinitedance": {"motion": ("tokens",), "split": ("by-video",), "clips": ("others",), "up": ("x",)},
+    "motorica": {
+        "split": ("official_clean",), "trim_s": (-1,), "fingers": ("no",), "music": ("none",), "takes": ("two",),
+    },
+    "phantomdance": {"split": ("official",), "music": ("no",)},
+    "popdanceset": {"split": ("video",), "scale": ("divide",), "music": ("no",)},
+}  # fmt: skip
+CASES = [(name, key, value) for name, keys in WRONG.items() for key, values in keys.items() for value in values]
+
+
+@pytest.mark.parametrize(("name", "key", "value"), CASES)
+def test_wrong_parameters(name: str, key: str, value: Any) -> None:
+    found = value[0] if isinstance(value, tuple) else value[0] if key == "keep" else value
+    said = "rate" if key == "fps" else rf"^{name.replace('+', '[+]')}: .*\b{key}\b"
+    with raises_message(UsageError, f"{said}.*; found '?{found}'?.*(allowed|known):"):
+        DATASETS.get(name)(**{key: value})
