@@ -5,6 +5,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Literal
 
@@ -137,13 +138,11 @@ def _lengths_note(path: Path, lengths: Sequence[_Length]) -> list[Problem]:
     ordered = sorted(lengths, key=lambda length: (-abs(length[1] - length[2]), length[0]))
     sides = [f"{clip} {motion:.2f} and {music:.2f}" for clip, motion, music in ordered[:_LENGTHS]]
     if len(ordered) > _LENGTHS:
-        sides.append(f"{counted(len(ordered) - _LENGTHS, 'clip')} that differ by at most {_difference(ordered):.2f}")
+        _, motion, music = ordered[_LENGTHS]
+        n = counted(len(ordered) - _LENGTHS, "clip")
+        sides.append(f"{n} that differ by at most {abs(motion - music):.2f}")
     text = f"Seconds of motion and music, the largest differences first: {'; '.join(sides)}."
     return [Problem("note", str(path), text)] if sides else []
-
-
-def _difference(ordered: Sequence[_Length]) -> float:
-    return abs(ordered[_LENGTHS][1] - ordered[_LENGTHS][2])
 
 
 def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -> list[Problem]:
@@ -166,10 +165,10 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     networks = [field.name for field in recipe.fields if field.lane]
     notes = [*scan.notes, *([f"not computed, so not checked: {listed(networks)}"] if networks else [])]
     problems = [Problem("note", str(path), note) for note in notes] + _lengths_note(path, lengths)
-    by_reason: dict[tuple[str, str, str], list[Reject]] = {}
+    by_reason = defaultdict(list)
     for reject in rejects:
-        key = (reject.reason, reject.clip, reject.file) if reject.window is None else (reject.reason, reject.clip, "")
-        by_reason.setdefault(key, []).append(relative_to(reject, source))
+        file = reject.file if reject.window is None else ""
+        by_reason[reject.reason, reject.clip, file].append(relative_to(reject, source))
     for alike in by_reason.values():
         windows = sum(reject.window is not None for reject in alike)
         of_clip = next((reject for reject in alike if reject.window is None), alike[0])
@@ -207,7 +206,7 @@ def _shared(one: Store, other: Store) -> Iterator[Problem]:
     where = f"{one.path} and {other.path}"
     official = all(store.info.get("source", {}).get("split_rule") == "official" for store in (one, other))
     songs = [songs_of(store.clips()) for store in (one, other)]
-    by_samples = [_splits_by(store, lambda clip: music_hash(clip)) for store in (one, other)]
+    by_samples = [_splits_by(store, music_hash) for store in (one, other)]
     label = [
         {music_hash(clip): of_clip[clip.id] for clip in store if clip.id in of_clip}
         for store, of_clip in zip((one, other), songs, strict=True)
@@ -225,13 +224,8 @@ def _shared(one: Store, other: Store) -> Iterator[Problem]:
         # Each has splits of its own here.
         leaks = any("train" in splits for splits in pair.splits) and set().union(*pair.splits) != {"train"}
         yield Problem("error" if leaks and not official else "note", where, pair.message)
-    kinds: tuple[tuple[str, Callable[[ClipRecord], str]], ...] = (
-        ("song", lambda clip: clip.music),
-        ("recording", lambda clip: clip.original),
-        ("dancer", lambda clip: clip.dancer),
-    )
-    for kind, key_of in kinds:
-        for splits, names in _by_splits(*(_splits_by(store, key_of) for store in (one, other))):
+    for kind, key_of in (("song", "music"), ("recording", "original"), ("dancer", "dancer")):
+        for splits, names in _by_splits(*(_splits_by(store, attrgetter(key_of)) for store in (one, other))):
             message = f"{splits[0]} and {splits[1]} share {counted(len(names), kind)}, by name alone: {listed(names)}"
             yield Problem("note", where, message)
 
@@ -373,10 +367,10 @@ def _check_clip(reader: Dataset, ref: ClipRef) -> tuple[list[Reject], _Length | 
     from dancedata.music.signal import load_audio
 
     motion = reject_on_error(lambda: reader.load(ref), ref.motion_path, ref.id)
-    problems = [motion] if isinstance(motion, Reject) else []
-    if not isinstance(motion, Reject):
-        flags = ({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
-        problems += implausible_problems(flags)
+    if isinstance(motion, Reject):
+        problems = [motion]
+    else:
+        problems = implausible_problems({"clip": ref.id, **flag.to_json()} for flag in implausible_flags(motion))
     song = ref.audio_path
     music = None if song is None else reject_on_error(lambda: load_audio(song), song, ref.id)
     problems += [music] if isinstance(music, Reject) else []

@@ -76,10 +76,7 @@ def make(cache: Cache, unit: Unit) -> dict[str, Any]:
 
 
 def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequence[Ask]]]) -> Iterator[Unit]:
-    """Yield each source with what is made of it; many parts of one are shared out.
-
-    `asks`: By the maker's id and anything else; those of other makers are left out.
-    """
+    """Yield each source with what is made of it, many parts shared out; `asks` are by the maker's id and more."""
     by_id = {maker.id: maker for maker in makers}
     by_source: dict[str, tuple[Loadable, dict[str, dict[str, Ask]]]] = {}
     for (maker_id, _), of_maker in asks:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,14 +35,9 @@ _MUSIC_OF_WINDOWS = "a frame is an instant: a window has music up to its last fr
 _MUSIC_OF_SLICES = "clips are slices: each has music for its whole length, in samples, as EDGE counts"
 
 
-def windows_text(length: int, stride: int) -> str:
-    """Return the length and stride of windows, in frames, as text."""
-    return f"windows of {length} frames every {stride}"
-
-
-def rate_text(fps: str, windows: str) -> str:
+def rate_text(fps: str, length: int, stride: int) -> str:
     """Return the line on frame rate and windows that a plan and `info` print."""
-    return f"  {shown(fps)} frames per second, {windows}"
+    return f"  {shown(fps)} frames per second, windows of {length} frames every {stride}"
 
 
 # After a build
@@ -57,7 +52,7 @@ def describe_built(path: Path, checked: Sequence[str]) -> str:
         lines = [
             f"{name}: {_size(store)} in {shown(path)} ({size_text(_bytes(store))})",
             *_splits(store.info["splits"]),
-            f"  {windows_text(windows['length'], windows['stride'])} at {store.fps} per second; {', '.join(fields)}",
+            f"{rate_text(str(store.fps), windows['length'], windows['stride'])}; {', '.join(fields)}",
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
             *_repaired(store.quality),
@@ -103,23 +98,15 @@ def _bytes(store: Store) -> int:
 
 def _left_out(store: Store, *, details: bool) -> list[str]:
     lines = left_out_lines([Reject.from_json(row) for row in store.rejects], details=details)
-    return (
-        ["  left out (rejects.jsonl):", *(f"    {line}" for line in lines)] if lines else ["  nothing was left out"]
-    )
+    head = "left out (rejects.jsonl):" if lines else "nothing was left out"
+    return [f"  {head}", *(f"    {line}" for line in lines)]
 
 
 def _flagged(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     """Count the clips that have flags of each kind."""
-    clips = {str(kind): len({str(flag["clip"]) for flag in rows}) for kind, rows in _grouped(flags, "kind").items()}
+    clips = Counter(kind for kind, _ in {(str(flag["kind"]), str(flag["clip"])) for flag in flags})
     kinds = ", ".join(f"{kind} in {counted(n, 'clip')}" for kind, n in sorted(clips.items()))
     return [f"  flagged, not repaired: {kinds}"] if kinds else []
-
-
-def _grouped(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, list[Mapping[str, Any]]]:
-    groups: dict[str, list[Mapping[str, Any]]] = {}
-    for row in rows:
-        groups.setdefault(row[key], []).append(row)
-    return groups
 
 
 # info
@@ -178,10 +165,9 @@ def describe_store(path: Path) -> str:
         columns, terms = store.free_columns(), terms_text(clips_by_terms(store))
         quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
         quality = [*_repaired(store.quality), *quality]
-    windows = windows_text(info["windows"]["length"], info["windows"]["stride"])
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
-        rate_text(info["fps"], windows),
+        rate_text(info["fps"], info["windows"]["length"], info["windows"]["stride"]),
         f"  {_MUSIC_OF_SLICES if info['slices'] else _MUSIC_OF_WINDOWS}",
         *_splits(info["splits"]),
     ]
@@ -212,8 +198,10 @@ def describe_store(path: Path) -> str:
 def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
     if not flags:
         return ["  no quality flags"]
-    lines = ["  quality flags, not repaired:"]
-    for clip, of_clip in _grouped(flags, "clip").items():
+    lines, by_clip = ["  quality flags, not repaired:"], defaultdict[str, list[Mapping[str, Any]]](list)
+    for flag in flags:
+        by_clip[flag["clip"]].append(flag)
+    for clip, of_clip in by_clip.items():
         worst = max(of_clip, key=lambda f: float(f.get("value", 0)))
         frames = len({f.get("frame") for f in of_clip})
         kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))

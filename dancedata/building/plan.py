@@ -14,7 +14,7 @@ from dancedata.building.arguments import BuildArguments, RecipeLike, jobs_of
 from dancedata.building.build import header_of
 from dancedata.building.clips import source_groups, sources_of
 from dancedata.building.compute import compute
-from dancedata.building.describe import rate_text, windows_text
+from dancedata.building.describe import rate_text
 from dancedata.building.groups import whole
 from dancedata.building.left_out import empty_build_error
 from dancedata.building.measuring import takes_of
@@ -103,11 +103,10 @@ class Plan:
     def describe(self, out: Path | None = None) -> str:
         """Return the plan as text; `out` is named in its first line."""
         document = self.to_json()
-        windows = windows_text(self.recipe.windows.length, self.recipe.windows.stride)
         into = "" if out is None else f" into {shown(out)}"
         lines = [
             f"{self.recipe.name}{into}: about {size_text(document['bytes'])}",
-            rate_text(str(self.recipe.grid), windows),
+            rate_text(str(self.recipe.grid), self.recipe.windows.length, self.recipe.windows.stride),
             *table(
                 ["split", "clips", "windows", "frames", "songs"],
                 [[s, n["clips"], n["windows"], n["frames"], n["songs"]] for s, n in document["splits"].items()],
@@ -176,8 +175,7 @@ def make_plan(
 ) -> Plan:
     """Plan a build, as ``dancedata build --dry-run`` does; parameters and errors as of `building.commands.build`.
 
-    A dataset that is generated writes its source if that is missing. `Plan.problem` is the error of a build that no
-    clip is left for.
+    A dataset that is generated writes its source if that is missing.
     """
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, jobs = Progress(quiet=not progress), jobs_of(jobs)

@@ -56,10 +56,9 @@ class Loadable(Protocol):
 
 
 class Ask(NamedTuple):
-    """One result that a maker is asked for: what it is made of, its key, which part, and where that begins.
+    """One result that a maker is asked for: what it is made of, its key, which part, and the row at frame 0.
 
-    `offset`: The row at frame 0.
-    `within`: Parts of one source within the same scene are made together.
+    Parts of one source `within` the same scene are made together.
     """
 
     source: Loadable
@@ -74,8 +73,7 @@ class Reach:
     """The frames [first, end) that a field covers, and what is said of windows beyond.
 
     `window`, `clip`: Reasons of rejects: of a window beyond, of a clip without any window.
-    `beyond`: Of a window: "reaches beyond the end of song.wav".
-    `short`: Of the clip: "the music is shorter than a window: 1.5 s".
+    `beyond`, `short`: Of the window, "reaches beyond the end of song.wav", and of the clip.
     `file`: The file that ends too early; "" for the motion.
     """
 
@@ -110,10 +108,7 @@ class Maker(ABC):
 
     @property
     def lane(self) -> str:
-        """Makers of one lane run together; "" for those whose results are the same on every processor.
-
-        A network has a lane of its own.
-        """
+        """Makers of one lane run together, a network alone; "" where results are the same on every processor."""
         return ""
 
     @property
@@ -338,10 +333,7 @@ class Annotator(Plugin, Maker):
 
 @dataclass(frozen=True)
 class Seen:
-    """What a rule judges by: a take with its rows and segments, and the grid and length of windows.
-
-    `segments`: Of each dancer, of all annotators.
-    """
+    """What a rule judges by: a take with its rows, segments of each dancer, and the grid and length of windows."""
 
     result: Result
     fields: Sequence[Field]
@@ -354,10 +346,7 @@ class Seen:
         return {field.name: field for field in self.fields}[name]
 
     def rows(self, name: str, dancer: int) -> npt.NDArray[Any]:
-        """Return the rows of a field from the clip's frame 0 on, as they are stored; (0, D) where it has none.
-
-        NaN before music that begins later.
-        """
+        """Return the rows of a field from frame 0 on, as stored, NaN before music that begins later; else (0, D)."""
         chosen, take = self.field(name), self.result.take
         stored = self.result.made[chosen.id][dancer]
         if isinstance(stored, Nothing):

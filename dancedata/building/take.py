@@ -103,7 +103,7 @@ class Dancer:
 
 @dataclass(frozen=True)
 class SourceReader:
-    """A dataset's reader, and the hashes of the files that its parameters name, such as a body model."""
+    """A dataset's reader, and the hashes of the files that its parameters name."""
 
     dataset: Dataset
     content: Mapping[str, str]
@@ -336,7 +336,7 @@ class Scene:
 class Scenes:
     """A loaded recording, and its scenes after steps; only those on the way to the last one asked for are kept.
 
-    Matrices and joints are remembered of the last one alone: of five minutes they take 60 MB a dancer.
+    That one alone remembers matrices and joints: of five minutes they take 60 MB a dancer.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from dancedata.building.fields.motion import Encoded, MotionField
 from dancedata.building.result import Nothing
-from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import KeyMotionFinder, Plugin
@@ -30,10 +30,7 @@ class KeyMotionField(MotionField):
     finder: KeyMotionFinder
     optional: bool = False
 
-    @property
-    @override
-    def columns(self) -> Columns:
-        return self.finder.columns
+    columns = property(attrgetter("finder.columns"))
 
     @property
     @override

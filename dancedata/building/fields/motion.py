@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -16,7 +17,6 @@ from dancedata.building.result import Nothing, Rows
 from dancedata.building.rows import stored_rows
 from dancedata.building.take import Take
 from dancedata.core.bodies import CROSSING, SMPLX52
-from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -130,13 +130,7 @@ class SceneField(MotionField):
 
     @abstractmethod
     def encode(self, motions: Sequence[Motion]) -> Sequence[npt.NDArray[np.float32]]:
-        """Return rows (T, D) of each dancer of a take.
-
-        Parameters
-        ----------
-        motions
-            Of all dancers, in one world and as long as each other, at the field's rate.
-        """
+        """Return rows (T, D) of each dancer of a take, whose motions are of one length, at the field's rate."""
 
     @override
     def encoded(
@@ -179,15 +173,9 @@ class RepresentationField(MotionField):
     without: tuple[str, ...] = ()
     optional: bool = False
 
-    @property
-    @override
-    def columns(self) -> Columns:
-        return self.representation.columns
-
-    @property
-    def axes(self) -> str:  # type: ignore[override]
-        """The representation's axes."""
-        return self.representation.axes
+    columns = property(attrgetter("representation.columns"))
+    axes = property(attrgetter("representation.axes"))
+    holds_places = property(attrgetter("representation.holds_places"))
 
     @property
     @override
@@ -200,11 +188,6 @@ class RepresentationField(MotionField):
     def description(self) -> str:
         rule = f", contacts by {self.contacts.name}" if self.contacts is not None else ""
         return f"{self.columns.width} columns, {self.axes}{rule}"
-
-    @property
-    def holds_places(self) -> bool:  # type: ignore[override]
-        """Whether its columns are the places of dancers."""
-        return self.representation.holds_places
 
     @property
     @override
@@ -232,10 +215,7 @@ class RepresentationField(MotionField):
 
     @override
     def require(self, motion: Motion) -> None:
-        """Raise DataError for a field with fingers where the motion has none: they would not move.
-
-        The hands of SMPL's 24 joints, jaw and eyes are not required: few captures have them.
-        """
+        """Raise DataError for a field with fingers where the motion has none; hands, jaw and eyes may be missing."""
         fingers = [joint for joint in self.representation.skeleton.joints if joint in _FINGERS]
         if fingers and not _FINGERS & set(motion.skeleton.joints):
             joints = f"{motion.skeleton.n_joints} joints, without {fingers[0]} and {len(fingers) - 1} more"

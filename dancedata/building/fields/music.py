@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -17,8 +18,6 @@ from dancedata.building.result import Rows
 from dancedata.building.signals import SignalId
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
-from dancedata.core.codebook import Codebook, DType
-from dancedata.core.columns import Columns
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid, WindowGrid, WindowSpec
 from dancedata.core.packages import package_version
@@ -56,30 +55,11 @@ class FeatureField(Field):
         """Motion for rows that describe the dancer, else audio."""
         return "motion" if self.feature.of_motion else "audio"
 
-    @property
-    @override
-    def columns(self) -> Columns:
-        return self.feature.columns
-
-    @property
-    def dtype(self) -> DType:  # type: ignore[override]
-        """The feature's type on disk."""
-        return self.feature.dtype
-
-    @property
-    def codebook(self) -> Codebook | None:  # type: ignore[override]
-        """The feature's codebook."""
-        return self.feature.codebook
-
-    @property
-    def packages(self) -> Sequence[str]:  # type: ignore[override]
-        """Distributions that shape the numbers."""
-        return self.feature.packages
-
-    @property
-    def about(self) -> Mapping[str, Any]:  # type: ignore[override]
-        """Metadata of its network."""
-        return self.feature.about
+    columns = property(attrgetter("feature.columns"))
+    dtype = property(attrgetter("feature.dtype"))
+    codebook = property(attrgetter("feature.codebook"))
+    packages = property(attrgetter("feature.packages"))
+    about = property(attrgetter("feature.about"))
 
     @property
     @override
@@ -101,7 +81,7 @@ class MusicField(FeatureField):
     """A feature of a song; of slices, each by itself, but those of a song in one call.
 
     `windows`: Slices, in frames of the recipe, of which rows are computed alone; None: of whole songs.
-    `arithmetic`: Instructions that computed the rows; None: those of this machine's builds, see `expected`.
+    `arithmetic`: Instructions that computed the rows; None: those of `expected`.
     """
 
     needs_music = True
@@ -177,8 +157,7 @@ class MusicField(FeatureField):
     def slice_key(self, bpm: float | None, signal: SignalId, number: int) -> str:
         """Return the key of a slice's rows: its song and its place in it.
 
-        The samples of the slice alone are not enough. A feature may compute once what neighbouring slices share, so
-        that equal slices of two songs differ by rounding.
+        Its samples are not enough: of what neighbouring slices share, equal ones of two songs differ by rounding.
         """
         start, rows = self._first_sample(number, signal.grid), self.slice_rows
         return Cache.key("window", common=self._key_at(bpm), signal=signal.sha256, start=start, rows=rows)
@@ -198,8 +177,8 @@ class MusicField(FeatureField):
     def slices(self, n_samples: int, sample_rate: int) -> tuple[npt.NDArray[np.int64], int]:
         """Return the first samples (W,) of a signal's whole slices, and their length in samples.
 
-        A slice starts at its exact time, rounded down, so that music does not drift away from motion. EDGE adds up a
-        truncated stride, which is the same wherever a stride is a whole number of samples (0.5 s at any even rate).
+        A slice starts at its exact time, rounded down. EDGE adds up a truncated stride, which drifts away from motion
+        unless a stride is a whole number of samples, as 0.5 s at any even rate.
         """
         samples, windows = FrameGrid.of(sample_rate), self.slice_grid
         length = windows.grid.rows_down(windows.length, of=samples)

@@ -127,17 +127,12 @@ class Copy(Transform):
         return scene.with_motions([self.motion_of(m, group, at) for m, at in zip(motions, axes, strict=True)])
 
     def motion_of(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
-        """Return the motion of a clip's copy, at another rate where it has another speed.
+        """Return the motion of a clip's copy, at another rate for another speed; UsageError for other frames.
 
         Of a group `clip` is its name, and `about` a point of the axis that it turns about.
-
-        Raises UsageError: if `change_motion` changes frames, rate or trim_start.
         """
-        changed = (
-            self.augmentation.change_motion(motion, clip)
-            if about is None
-            else self.augmentation.change_motion(motion, clip, about=about)
-        )
+        of_group = {} if about is None else {"about": about}
+        changed = self.augmentation.change_motion(motion, clip, **of_group)
         times = [(m.n_frames, str(m.grid), m.trim_start) for m in (changed, motion)]
         if times[0] != times[1]:
             raise UsageError(f"the augmentation {self.name} changes frames, rate or trim_start", where=f"clip {clip}",
@@ -170,10 +165,7 @@ class Copy(Transform):
         return self.segment_of(segment, _clip(take))
 
     def segment_of(self, segment: Segment, clip: str) -> Segment | None:
-        """Return a segment of a clip, or a group, at the speed of its copy, in the words of a mirrored dancer.
-
-        None for words that may name a side, and have no mirrored ones, in mirrored copies.
-        """
+        """Return a segment at the copy's speed, in the words of a mirrored dancer; None where these are unknown."""
         speed, data = self.speed_of(clip), segment.data
         if "period" in data:
             data = {**data, "period": data["period"] / speed}
