@@ -7,7 +7,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.signals import SignalId, decode_ahead
+from dancedata.building.signals import SignalId
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.quality import music_flags
 from dancedata.core.rejects import require_same
@@ -34,10 +34,6 @@ class Song:
         """Decode it; DataError if the file has changed."""
         return self.signal.load()
 
-    def load_ahead(self) -> None:
-        """Begin to decode it in another thread."""
-        decode_ahead(self.signal.path)
-
     def check(self, cache: Cache) -> None:
         """Do nothing: `load` has compared the samples."""
 
@@ -58,9 +54,6 @@ class RowsFile:
     def load(self) -> Path:
         """Return the path: fields read the rows, each in its way."""
         return self.path
-
-    def load_ahead(self) -> None:
-        """Do nothing: reading rows takes no time worth a thread."""
 
     def check(self, cache: Cache) -> None:
         """Raise DataError if it has changed."""

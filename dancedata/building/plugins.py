@@ -48,9 +48,6 @@ class Loadable(Protocol):
     def load(self) -> Any:
         """Load it; DataError if it cannot be loaded."""
 
-    def load_ahead(self) -> None:
-        """Begin to load it, in another thread."""
-
     def check(self, cache: Cache) -> None:
         """Raise DataError if it has changed since it was identified."""
 
@@ -112,9 +109,9 @@ class Maker(ABC):
         return ""
 
     @property
-    def looks_ahead(self) -> bool:
-        """Whether the next source is loaded while this one is computed."""
-        return False
+    def load_ahead(self) -> Callable[[Path], None] | None:
+        """What begins to load the next source's file while one is computed; None for what takes no time."""
+        return None
 
     @property
     @abstractmethod

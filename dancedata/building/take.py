@@ -144,9 +144,6 @@ class Recording:
         cut = [m if m.trim_start == trim else replace(m, trim_start=trim) for m in cut]
         return Scenes(Scene(tuple(cut), refs, ((),) * len(cut)))
 
-    def load_ahead(self) -> None:
-        """Do nothing: loading motion takes no time worth a thread."""
-
     def check(self, cache: Cache) -> None:
         """Raise DataError if a file has changed since it was hashed."""
         for ref, sha256 in self.dancers:

@@ -110,14 +110,11 @@ class CachedArray:
 
 @dataclass(frozen=True)
 class Cache:
-    """Arrays and small JSON documents under keys that hash everything that shaped them.
+    """Arrays and small JSON documents in a folder, under keys that hash everything that shaped them.
 
     Processes on several machines may share a cache: an entry appears whole or not at all, two writers of one key
     write the same bytes, and a process waits for an entry that another one is computing (`once`). Every entry has a
-    checksum, which is compared when it is read.
-
-    `root`: The folder.
-    `careful`: Compare arrays with their checksums when they are looked up: a damaged one counts as missing.
+    checksum, which is compared when it is read; if the cache is `careful`, when it is looked up.
     """
 
     root: Path
@@ -140,10 +137,7 @@ class Cache:
         return json_sha256({"stage": stage, **what})
 
     def array(self, stage: str, key: str) -> CachedArray | None:
-        """Return an array if it exists and has the right length; None if not.
-
-        Its checksum is compared when it is read; if the cache is `careful`, now.
-        """
+        """Return an array if it exists and has the right length; None if not."""
         path = self._name(stage, key, "npy")
         try:
             fd = open_file(path, os.O_RDONLY)
@@ -184,10 +178,9 @@ class Cache:
 
     @contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:
-        """Hold the lock of a unit of work while it is computed; waits for another process that holds it.
+        """Hold the lock of a unit of work while it is computed; it is released when its holder dies.
 
-        The lock is released when its holder dies. Look for the entry again once the lock is held: the holder before
-        may have published it.
+        Look for the entry again once it is held: the holder before may have published it.
         """
         with ExitStack() as stack:
             with _clear_errors(self.root):  # of entering the context, not of what is done in it

@@ -121,14 +121,10 @@ def cache_json(root: Path) -> dict[str, Any]:
 def prune(
     root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
 ) -> Pruned:
-    """Remove entries by age and size, the least recently used first, except those in use.
+    """Remove entries by age, then the least recently used ones beyond a size; with `dry`, say which.
 
-    Entries are in use if a training job has them mapped (`FeatureCache`) or if they were used since the oldest
-    running build began.
-
-    `older_than_s`: Remove entries that were not used for this time, seconds.
-    `max_bytes`: Then remove the least recently used entries until the rest takes at most this size.
-    `dry`: Remove nothing, and return what would be removed.
+    Entries in use stay: those that a training job has mapped (`FeatureCache`), and those that were used since the
+    oldest running build began.
     """
     if older_than_s is None and max_bytes is None:
         raise UsageError("no rule for removal", fix="give --older-than 30d, --max-size 50GB, or both")
@@ -157,10 +153,7 @@ def prune(
 
 
 def verify_cache(root: Path, *, remove: bool = False) -> tuple[int, list[tuple[Path, str]]]:
-    """Compare every entry with its checksum; returns the number of entries, and the damaged ones with the problem.
-
-    `remove`: Remove damaged entries. They are computed again when they are needed; a build finds them by itself.
-    """
+    """Compare every entry with its checksum; returns the number of entries, and the damaged ones with the problem."""
     _require_cache(root)
     damaged: list[tuple[Path, str]] = []
     count = 0
@@ -211,10 +204,7 @@ def oldest_running(root: Path) -> float:
 
 
 def remove_unused(path: Path, used: float) -> bool:
-    """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone.
-
-    Raises OSError: if this user is not allowed to remove it.
-    """
+    """Remove an entry, unless it was used after `used` or a process has it mapped; return whether it is gone."""
     try:
         fd = open_file(path, os.O_RDWR)
     except FileNotFoundError:

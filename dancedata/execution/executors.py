@@ -50,9 +50,8 @@ _KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_
 
 @dataclass(frozen=True)
 class Executor:
-    """Worker processes of this machine, or workers of a cluster.
+    """Worker processes of this machine, at most `n`, or workers of a cluster.
 
-    `n`: Number of processes at most; a cluster has others.
     `engine`: Whose workers these are, for messages.
     `deaths`: Errors of a future whose worker died.
     `check`: Checks a cluster's worker before its first unit; raises DanceDataError. Workers may join at any time.
@@ -67,10 +66,9 @@ class Executor:
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
     def is_here(self, n_calls: int, exact: bool) -> bool:
-        """Return whether `n_calls` calls run in this process, without workers.
+        """Return whether `n_calls` calls run in this process: for one job or call, if it computes what is exact.
 
-        For one job, and for a single unit, if it computes what is `exact`; and in a daemonic process, such as one of
-        multiprocessing.Pool, which may not start others.
+        And in a daemonic process, such as one of multiprocessing.Pool, which may not start others.
         """
         if self.starting is not None:
             return False
@@ -82,11 +80,11 @@ class Executor:
     ) -> dict[int, BaseException]:
         """Compute function(*call) for every call in workers, and pass each result on as it comes, in any order.
 
-        `calls`: Arguments by number. All are sent at once: workers may join later.
-        `label`: Name of the stage.
+        All calls are sent at once: workers may join later. The first exception of a call is raised, and others are
+        cancelled.
+
         Returns: The suspects: calls that may have been running when a worker died, with its error. They and all other
             calls without a result have to be run again.
-        Raises Exception: The first exception that a call raises. Other calls are cancelled.
         """
         dead: dict[int, BaseException] = {}
         with self.starting(label) if self.starting else _processes(min(self.n, len(calls)), self.n) as start:
@@ -166,10 +164,7 @@ _pools: WeakSet[Any] = WeakSet()
 
 
 def _pool(least: int, most: int) -> Any:
-    """Return a pool of `least` to `most` workers, started by this process in its working folder.
-
-    There relative paths name the same files. A fork does not have its parent's workers.
-    """
+    """Return a pool of `least` to `most` workers, started by this process, not a parent, in its working folder."""
     from joblib.externals.loky import ProcessPoolExecutor
 
     # A worker that has grown by 300 MB is replaced, between units, and loky warns each time. As an error the warning

@@ -25,12 +25,10 @@ _FIX = "workers need the cache, the source and the same paths: a shared file sys
 
 @dataclass(frozen=True)
 class Requirements:
-    """Requirements of a worker.
+    """Requirements of a worker: that it sees the same cache and source, and has the same versions.
 
-    `token`, `token_text`: A file in the cache, locked by the build, and its content: whether the worker sees the same
-        cache.
-    `source`, `names_sha256`: The source folder and a hash of the names in it.
-    `versions`: Of Python, dancedata and the packages that shape numbers.
+    `token`, `token_text`: A file in the cache, locked by the build, and its content.
+    `names_sha256`: A hash of the names in the source folder.
     """
 
     token: Path
@@ -55,10 +53,9 @@ def requirements_of(cache: Cache, source: Path, packages: set[str]) -> Iterator[
 
 @lru_cache(maxsize=8)
 def check_worker(required: Requirements) -> None:
-    """Raise DanceDataError unless this process meets the requirements; checked once per process and build.
+    """Raise DanceDataError unless this process meets the requirements, once per process and build.
 
-    Workers may join a cluster at any time, so a check at the start of a build is not enough. A worker that does not
-    see the source would reject every clip.
+    Workers may join at any time. One that does not see the source would reject every clip.
     """
     where = worker_name()
     try:
@@ -68,13 +65,10 @@ def check_worker(required: Requirements) -> None:
         raise DanceDataError("a worker does not see the cache", where=where, found=str(error), fix=_FIX) from error
     if is_abandoned(required.token):
         # The build holds its lock. A worker would also remove files that other machines are writing.
-        raise DanceDataError(
-            "locks on files in the cache do not reach from one machine to another",
-            where=where,
-            found=f"a lock on {required.token.name} that the build holds and the worker does not see",
-            fix="mount the file system with locks (Lustre: flock; NFS: neither nolock nor local_lock), "
-            "or put the cache on another",
-        )
+        raise DanceDataError("locks on files in the cache do not reach from one machine to another", where=where,
+                             found=f"a lock on {required.token.name} that the build holds, unseen by the worker",
+                             fix="mount the file system with locks (Lustre: flock; NFS: neither nolock nor "
+                             "local_lock), or put the cache on another")  # fmt: skip
     try:
         if names_sha256(required.source) != required.names_sha256:
             raise DanceDataError("a worker sees another source", where=where, found=required.source, fix=_FIX)

@@ -49,8 +49,7 @@ def start_workers(
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
-    Raises UsageError: As for `engine_of`, and if the cluster's package is not installed.
-    Raises DanceDataError: if no cluster answers at the address, or it has no worker.
+    UsageError as of `engine_of`, and without the cluster's package; DanceDataError if none answers, or has no worker.
     """
     engine = engine_of(backend, scheduler)
     if engine is None or scheduler is None:
@@ -74,17 +73,13 @@ def run_units(
 ) -> list[R]:
     """Return function(*call) for every call, in order.
 
-    BLAS and OpenMP run on one thread in each worker, for any `jobs`: sums in another order would change
-    last digits, and builds have to be byte-identical.
-
+    BLAS and OpenMP run on one thread in each worker, for any `jobs`: sums in another order would change last digits.
     Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are
-    run again, one at a time, and the others continue. Results in the cache are not computed again.
+    run again, one at a time; DanceDataError names one that kills its worker even then.
 
     `label`: Name of the stage, shown as its progress and in messages.
     `cached`: Results of earlier runs, None for each missing one; only these are computed.
-    `exact`: Compute with the instructions that results are promised for, see `arithmetic`; by a worker if this
-        process has loaded libraries that use others.
-    Raises DanceDataError: for a unit that kills its worker even when it runs alone, by name.
+    `exact`: Compute with the instructions that results are promised for, see `arithmetic`, by a worker if need be.
     """
     if not calls:
         return []
@@ -170,10 +165,7 @@ def _unit_name(call: Call) -> str:
 
 
 def in_reference(function: Callable[..., R], *args: Any) -> R:
-    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`.
-
-    DanceDataError if the worker dies that computes it.
-    """
+    """Return ``function(*args)`` as a build computes it: on one thread, with the instructions of `expected`."""
     if arithmetic.here() == arithmetic.expected():
         return arithmetic.on_one_thread(function, *args)
     return run_units(function, [args], jobs=1, label="one unit", progress=Progress(quiet=True))[0]

@@ -38,14 +38,11 @@ def recipe_names() -> tuple[str, ...]:
 
 
 def load_recipe(recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Overrides = ()) -> Recipe:
-    """Read a recipe and change some of its keys.
+    """Read a recipe, by its name or file or as a document, and change some of its keys; a checked one stays as it is.
 
-    `recipe`: Name of a recipe that comes with the package, path of a YAML file, or the document itself. A recipe that
-        is already checked is returned unchanged.
     `overrides`: Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
     Raises RecipeError: Listing every problem at once.
-    Raises UsageError: if the recipe, or a file of its `plugins`, does not exist; and for a file that cannot be
-        loaded.
+    Raises UsageError: If the recipe, or a file of its `plugins`, does not exist or cannot be loaded.
     """
     if isinstance(recipe, Recipe):
         if overrides:
@@ -110,10 +107,7 @@ def stored_recipe(store: "Store") -> Recipe:
 
 
 def parse_recipe(document: Mapping[str, Any], where: str = "recipe") -> Recipe:
-    """Check a recipe document and make its plug-ins.
-
-    Raises RecipeError: Listing every problem at once, unknown keys with the closest known one.
-    """
+    """Check a recipe document and make its plug-ins; RecipeError lists every problem at once."""
     problems = Problems()
     sections = {name: _checked(document, name, problems) for name in _KEYS}
     top, lengths, store, groups = (sections[name] for name in ("", "windows", "store", "groups"))

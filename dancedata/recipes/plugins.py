@@ -72,10 +72,7 @@ class Problems(list[str]):
 
 
 def frame_grid(fps: Any, key: str = "fps") -> FrameGrid:
-    """Return the grid of a rate in a recipe.
-
-    Raises UsageError: if it is not a number above 0, or above 1,000.
-    """
+    """Return the grid of a rate in a recipe; UsageError if it is not a number above 0, or above 1,000."""
     try:
         # A boolean is a number to Python.
         grid = FrameGrid.of(repr(fps) if fps is None or isinstance(fps, bool) else fps)
@@ -98,9 +95,8 @@ def make_plugin(
     beside: Any = None,
     several: bool = False,
 ) -> P | None:
-    """Make one plug-in. If there are problems, all of them are added to the list, and None is returned.
+    """Make one plug-in of the slot `where`; None, and all problems added to the list, if there are some.
 
-    `where`: Key of the slot.
     `beside`: All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
     `several`: Whether the slot takes several of one plug-in, named PLUGIN.NAME.
     """
@@ -146,11 +142,7 @@ def single_plugin(registry: Registry[P], where: str, plugin: Any, problems: list
 
 
 def make_named(registry: Registry[P], where: str, name: str, parameters: dict[str, Any]) -> P:
-    """Make one plug-in for a call from Python, where a problem is raised at once.
-
-    Raises UsageError: for an unknown name.
-    Raises RecipeError: for parameters that it does not take, all of them.
-    """
+    """Make one plug-in for a call from Python: UsageError for an unknown name, RecipeError for wrong parameters."""
     registry.get(name)  # an unknown name is a separate error, with the closest known one
     problems: list[str] = []
     plugin = make_plugin(registry, where, name, parameters, problems)

@@ -125,8 +125,5 @@ class Recipe:
 
 
 def resolve(recipe: Recipe, hash_file: Callable[[Path], str]) -> Recipe:
-    """Return the recipe with everything fixed that depends on this machine, such as the precision of a network.
-
-    `hash_file`: Function that returns the SHA-256 of a file, such as `Cache.file_sha256`.
-    """
+    """Return the recipe with everything fixed that depends on this machine, such as the precision of a network."""
     return replace(recipe, fields=tuple(field.resolved(hash_file) for field in recipe.fields))
