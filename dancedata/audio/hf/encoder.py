@@ -161,7 +161,7 @@ class HuggingFaceEncoder:
     @torch.inference_mode()
     def _compute(self, prepared: Sequence[Prepared], items: Sequence[_Item]) -> list[npt.NDArray[np.float32]]:
         settings = self.settings
-        arrays = [prepared[item.signal].inputs(item.chunk.start, item.chunk.n_samples) for item in items]
+        arrays = [prepared[item.signal](item.chunk.start, item.chunk.n_samples) for item in items]
         inputs = torch.from_numpy(np.stack(arrays)).to(self.device, self._dtype)
         with exact_float32():
             hidden = settings.family.frames(self._network, inputs, settings.output, settings.layers)

@@ -16,10 +16,12 @@ import numpy.typing as npt
 
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
-from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
+
+    #: Frames (B, K, D) by layer; of an output without layers by 0.
+    Frames = dict[int, torch.Tensor]
 
 
 @dataclass(frozen=True)
@@ -83,32 +85,21 @@ def _border(timing: Timing, start: int, near: Fraction) -> Fraction:
     return first + round((near - first) / timing.hop) * timing.hop
 
 
-def last_hidden_state(network: Any, inputs: torch.Tensor) -> Callable[[], torch.Tensor]:
-    """Return a function that runs a network of transformers over a batch, for `hidden_states`."""
-
-    def run() -> torch.Tensor:
-        last: torch.Tensor = network(inputs).last_hidden_state
-        return last
-
-    return run
-
-
 def hidden_states(
-    run: Callable[[], torch.Tensor], blocks: Sequence[torch.nn.Module], layers: Sequence[int], n_layers: int
-) -> dict[int, torch.Tensor]:
+    network: Any, inputs: torch.Tensor, blocks: Sequence[torch.nn.Module], layers: Sequence[int], n_layers: int
+) -> Frames:
     """Run a network, and return the hidden states of some layers.
 
-    Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` what `run` returns: the
-    network's last hidden state, after a final norm where it has one.
+    Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` the network's last
+    hidden state, after a final norm where it has one.
 
-    `run`: Calls the network.
-    `blocks`: Its blocks up to the highest layer.
+    `blocks`: Those of the network up to the highest layer.
 
     Notes
     -----
     Captured here, as what ``output_hidden_states`` returns last differs between versions of transformers.
     """
-    states: dict[int, torch.Tensor] = {}
+    states: Frames = {}
 
     def before(_module: Any, args: tuple[Any, ...], kwargs: dict[str, Any]) -> None:
         states[0] = args[0] if args else kwargs["hidden_states"]
@@ -125,7 +116,7 @@ def hidden_states(
                 hooks.callback(blocks[0].register_forward_pre_hook(before, with_kwargs=True).remove)
             else:
                 hooks.callback(blocks[layer - 1].register_forward_hook(after(layer)).remove)
-        last = run()
+        last = network(inputs).last_hidden_state
     if n_layers in layers:
         states[n_layers] = last
     return states
@@ -155,26 +146,13 @@ class NetworkSpec:
     renamed: Mapping[str, str] = field(default_factory=dict)
 
 
-class Prepared(ABC):
-    """A signal that chunks are cut from, normalised as a whole."""
-
-    @abstractmethod
-    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        """Return what the network is given for a chunk: an array without a batch axis."""
+#: What the network is given for a chunk, of its first sample and its length: an array without a batch axis.
+Prepared = Callable[[int, int], npt.NDArray[np.float32]]
 
 
-@dataclass(frozen=True)
-class Waveform(Prepared):
-    """A signal that the network is given as it is.
-
-    `samples`: (n,) or (channels, n), normalised.
-    """
-
-    samples: Samples
-
-    @override
-    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        return self.samples[..., start : start + n_samples]
+def waveform(samples: Samples) -> Prepared:
+    """Return the chunks of a normalised signal, (n,) or (channels, n), as they are."""
+    return lambda start, n_samples: samples[..., start : start + n_samples]
 
 
 @dataclass(frozen=True)
@@ -203,7 +181,8 @@ class Family(ABC):
     @property
     def encoder_config(self) -> Mapping[str, Any]:
         """The part of the config that describes the encoder."""
-        return self.config
+        inner = self.config.get("audio_config")
+        return inner if isinstance(inner, Mapping) else self.config
 
     @property
     def sample_rate(self) -> int:
@@ -269,11 +248,19 @@ class Family(ABC):
 
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
         """Return a signal (n,) at `sample_rate`, normalised as the extractor does, for chunks to be cut from."""
-        return Waveform(samples)
+        return waveform(samples)
 
     @abstractmethod
     def network(self, top: int) -> NetworkSpec:
-        """Return a function that loads the network with its blocks up to layer `top`."""
+        """Return how the network is loaded with its blocks up to layer `top`."""
+
+    def keys(self, **changed: Any) -> dict[str, Any]:
+        """Return the keys of the encoder's config class, some of them changed."""
+        return {k: v for k, v in self.encoder_config.items() if k != "model_type"} | changed
+
+    def above(self, top: int, blocks: str) -> tuple[str, ...]:
+        """Return regular expressions of the weights of blocks above layer `top`; `blocks` is that of all blocks."""
+        return tuple(rf"{blocks}\.{k}\..*" for k in range(max(top, 1), self.n_layers))
 
     def slimmed(self, network: Any, output: Output) -> Any:
         """Return the loaded network without the parts that the features do not need."""
@@ -283,14 +270,9 @@ class Family(ABC):
         """Return the blocks of the loaded network."""
         return network.encoder.layers
 
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
-        """Return frames (B, K, D) by layer, of inputs that are stacked to a batch; of an output without layers by 0.
-
-        The network is never given a mask.
-        """
-        return hidden_states(last_hidden_state(network, inputs), self.blocks(network), layers, self.n_layers)
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
+        """Return the frames of inputs that are stacked to a batch; the network is never given a mask."""
+        return hidden_states(network, inputs, self.blocks(network), layers, self.n_layers)
 
     def number(
         self, key: str, *, of: Mapping[str, Any] | None = None, default: int | None = None, most: int = MAX_SIZE

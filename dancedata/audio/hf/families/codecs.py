@@ -10,13 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, Waveform, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, uniform, waveform
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
+
+    from dancedata.audio.hf.families.base import Frames
 
 
 @dataclass(frozen=True)
@@ -27,16 +29,21 @@ class _Codec(Family):
     overlap_s: ClassVar[float] = 2.0
     #: Names of the model and config classes.
     classes: ClassVar[tuple[str, str]]
+    #: Key of the config with the strides, whose product is a hop, and its default.
+    strides: ClassVar[tuple[str, tuple[int, ...]]] = ("upsampling_ratios", (8, 5, 4, 2))
+    usual_rate: ClassVar[int] = 24_000
+    #: Parts of the network after the quantiser.
+    unused: ClassVar[tuple[str, ...]] = ("decoder",)
 
     @property
     @override
     def sample_rate(self) -> int:
-        return self.number("sampling_rate", default=24_000)
+        return self.number("sampling_rate", default=self.usual_rate)
 
     @property
     def hop(self) -> int:
         """Samples of a frame."""
-        raise NotImplementedError
+        return math.prod(self.sizes(*self.strides))
 
     @property
     @override
@@ -54,30 +61,15 @@ class _Codec(Family):
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self.config.items() if k != "model_type"}
         model, config = self.classes
-        return NetworkSpec(model, (config, rest), missing=(r"decoder\..*",))
+        return NetworkSpec(model, (config, self.keys()), missing=(rf"({'|'.join(self.unused)})\..*",))
 
     @override
     def slimmed(self, network: Any, output: Output) -> Any:
-        network.decoder = None
+        for part in self.unused:
+            if part in network._modules:
+                setattr(network, part, None)
         return network
-
-
-@dataclass(frozen=True)
-class _Scaled(Prepared):
-    """A signal of which each chunk is divided by its own level (EnCodec at 48 kHz)."""
-
-    samples: Samples
-    channels: int
-    scale: bool
-
-    @override
-    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        part = self.samples[start : start + n_samples]
-        if self.scale:
-            part = part / (np.sqrt(np.mean(part * part, dtype=np.float32)) + np.float32(1e-8))
-        return np.repeat(part[None], self.channels, axis=0)
 
 
 @dataclass(frozen=True)
@@ -87,11 +79,6 @@ class Encodec(_Codec):
     name: ClassVar[str] = "encodec"
     model_types: ClassVar[tuple[str, ...]] = ("encodec",)
     classes: ClassVar[tuple[str, str]] = ("EncodecModel", "EncodecConfig")
-
-    @property
-    @override
-    def hop(self) -> int:
-        return math.prod(self.sizes("upsampling_ratios", (8, 5, 4, 2)))
 
     @property
     @override
@@ -108,13 +95,18 @@ class Encodec(_Codec):
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        scale = normalize and bool(self.config.get("normalize", False))
-        return _Scaled(samples, self.number("audio_channels", default=1), scale)
+        scale, channels = normalize and self.config.get("normalize", False), self.number("audio_channels", default=1)
+
+        def inputs(start: int, n_samples: int) -> npt.NDArray[np.float32]:
+            part = samples[start : start + n_samples]
+            if scale:  # each chunk by its own level (EnCodec at 48 kHz)
+                part = part / (np.sqrt(np.mean(part * part, dtype=np.float32)) + np.float32(1e-8))
+            return np.repeat(part[None], channels, axis=0)
+
+        return inputs
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         embedding = network.encoder(inputs)
         if output == "embedding":
             return {0: embedding.transpose(1, 2)}
@@ -133,32 +125,22 @@ class Dac(_Codec):
     name: ClassVar[str] = "dac"
     model_types: ClassVar[tuple[str, ...]] = ("dac",)
     classes: ClassVar[tuple[str, str]] = ("DacModel", "DacConfig")
-
-    @property
-    @override
-    def sample_rate(self) -> int:
-        return self.number("sampling_rate", default=16_000)
-
-    @property
-    @override
-    def hop(self) -> int:
-        return math.prod(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
+    strides: ClassVar[tuple[str, tuple[int, ...]]] = ("downsampling_ratios", (2, 4, 8, 8))
+    usual_rate: ClassVar[int] = 16_000
 
     @override
     def width(self, output: Output) -> int:
         if output == "codes":
             return self.number("n_codebooks", default=9)
-        blocks = len(self.sizes("downsampling_ratios", (2, 4, 8, 8)))
+        blocks = len(self.sizes(*self.strides))
         return self.number("hidden_size", default=self.number("encoder_hidden_size", default=64) * 2**blocks)
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        return Waveform(np.pad(samples, (0, -len(samples) % self.hop)))
+        return waveform(np.pad(samples, (0, -len(samples) % self.hop)))
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         from torch.nn.functional import pad
 
         filled = pad(inputs, (0, -inputs.shape[-1] % self.hop))
@@ -174,11 +156,13 @@ class Mimi(_Codec):
     name: ClassVar[str] = "mimi"
     model_types: ClassVar[tuple[str, ...]] = ("mimi",)
     classes: ClassVar[tuple[str, str]] = ("MimiModel", "MimiConfig")
+    strides: ClassVar[tuple[str, tuple[int, ...]]] = ("upsampling_ratios", (8, 6, 5, 4))
+    unused: ClassVar[tuple[str, ...]] = ("decoder", "decoder_transformer", "upsample")
 
     @property
     @override
     def hop(self) -> int:
-        stride = 2 * math.prod(self.sizes("upsampling_ratios", (8, 6, 5, 4)))
+        stride = 2 * super().hop
         rate = self.config.get("frame_rate") or self.config.get("_frame_rate")
         if isinstance(rate, int | float) and rate * stride != self.sample_rate:
             raise SourceError("hf: the config of a mimi model has a frame_rate that differs from its strides",
@@ -192,21 +176,7 @@ class Mimi(_Codec):
         return self.number("hidden_size", default=512)
 
     @override
-    def slimmed(self, network: Any, output: Output) -> Any:
-        for part in ("decoder", "decoder_transformer", "upsample"):
-            if part in network._modules:
-                setattr(network, part, None)
-        return network
-
-    @override
-    def network(self, top: int) -> NetworkSpec:
-        spec = super().network(top)
-        return NetworkSpec(spec.model, spec.config, missing=(r"(decoder|decoder_transformer|upsample)\..*",))
-
-    @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         frames = []
         quantizer = network.quantizer
         plain = quantizer.encode

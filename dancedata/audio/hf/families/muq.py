@@ -8,13 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Timing, hidden_states, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Timing, uniform
 from dancedata.core.typing import override
-
-if TYPE_CHECKING:
-    import torch
 
 SAMPLE_RATE, N_FFT = 24_000, 2048
 
@@ -69,20 +66,13 @@ class MuQ(Family):
     @override
     def network(self, top: int) -> NetworkSpec:
         parts = r"(linear|cls_token|recon_proj|rvq|quantizer_\w+|preprocessor_\w+)\b.*"
-        cut = tuple(rf"conformer\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         return NetworkSpec(
             "MuQ",
-            ("", {**self.config, "encoder_depth": max(top, 1)}),
-            unexpected=(parts, r".*num_batches_tracked", *cut),
+            ("", self.keys(encoder_depth=max(top, 1))),
+            unexpected=(parts, r".*num_batches_tracked", *self.above(top, r"conformer\.layers")),
             renamed={r"^model\.": ""},
         )
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
-        def run() -> torch.Tensor:
-            last: torch.Tensor = network(inputs)
-            return last
-
-        return hidden_states(run, network.conformer.layers, layers, self.n_layers)
+    def blocks(self, network: Any) -> Any:
+        return network.conformer.layers

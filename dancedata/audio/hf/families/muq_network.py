@@ -91,8 +91,6 @@ class MuQNetwork(nn.Module):
         frames = decibels.transpose(1, 2)[..., : samples.shape[-1] // self.hop]
         return (frames - self.mean) / self.std
 
-    def forward(self, samples: torch.Tensor) -> torch.Tensor:
-        """Compute the last hidden state (B, K, width) of samples (B, n)."""
-        entering = self.conv(self.log_mel(samples).to(self.conv.linear.weight.dtype))
-        last: torch.Tensor = self.conformer(entering).last_hidden_state
-        return last
+    def forward(self, samples: torch.Tensor) -> Any:
+        """Compute the conformer's output of samples (B, n); its `last_hidden_state` is (B, K, width)."""
+        return self.conformer(self.conv(self.log_mel(samples).to(self.conv.linear.weight.dtype)))

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, Waveform, uniform
+from dancedata.audio.hf.families.base import Family, NetworkSpec, Output, Prepared, Samples, Timing, uniform, waveform
 from dancedata.core.typing import override
 
 if TYPE_CHECKING:
     import torch
+
+    from dancedata.audio.hf.families.base import Frames
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,6 @@ class PeAudio(Family):
     model_types: ClassVar[tuple[str, ...]] = ("pe_audio", "pe_audio_encoder")
     depth: ClassVar[tuple[str, int]] = ("num_hidden_layers", 6)
     size: ClassVar[tuple[str, int]] = ("hidden_size", 1792)
-
-    @property
-    @override
-    def encoder_config(self) -> Mapping[str, Any]:
-        inner = self.config.get("audio_config")
-        return inner if isinstance(inner, Mapping) else self.config
 
     @property
     def _hop(self) -> int:
@@ -49,18 +45,15 @@ class PeAudio(Family):
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        return Waveform(np.pad(samples, (0, -len(samples) % self._hop), "reflect"))
+        return waveform(np.pad(samples, (0, -len(samples) % self._hop), "reflect"))
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self.encoder_config.items() if k != "model_type"}
-        rest["num_hidden_layers"] = max(top, 1)
-        cut = tuple(rf"(\w+\.)?layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
         other = r"(text_model|text_audio_head|audio_head|text_audio_logit_scale|text_audio_logit_bias)\b.*"
         return NetworkSpec(
             "PeAudioEncoder",
-            ("PeAudioEncoderConfig", rest),
-            unexpected=(other, *cut),
+            ("PeAudioEncoderConfig", self.keys(num_hidden_layers=max(top, 1))),
+            unexpected=(other, *self.above(top, r"(\w+\.)?layers")),
             renamed={r"^audio_encoder\.": ""},
         )
 
@@ -69,9 +62,7 @@ class PeAudio(Family):
         return network.layers
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         import torch
 
         missing = -inputs.shape[-1] % self._hop

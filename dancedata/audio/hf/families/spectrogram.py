@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -15,18 +15,7 @@ from dancedata.core.typing import override
 if TYPE_CHECKING:
     import torch
 
-
-@dataclass(frozen=True)
-class _Windows(Prepared):
-    """A signal whose windows become spectrograms; each is normalised by itself, as in the networks' training."""
-
-    samples: Samples
-    family: SpectrogramEncoder = field(repr=False)
-    normalize: bool = True
-
-    @override
-    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        return self.family.spectrogram(self.samples[start : start + n_samples], normalize=self.normalize)
+    from dancedata.audio.hf.families.base import Frames
 
 
 @dataclass(frozen=True)
@@ -61,7 +50,8 @@ class SpectrogramEncoder(Family):
 
     @override
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        return _Windows(samples, self, normalize)
+        # Each window is normalised by itself, as in the networks' training.
+        return lambda start, n_samples: self.spectrogram(samples[start : start + n_samples], normalize=normalize)
 
 
 @dataclass(frozen=True)
@@ -114,14 +104,11 @@ class Whisper(SpectrogramEncoder):
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self.config.items() if k != "model_type"}
-        rest |= {"encoder_layers": max(top, 1), "decoder_layers": 0}
-        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        config = self.keys(encoder_layers=max(top, 1), decoder_layers=0)
         decoder = r"(model\.)?decoder\..*"
         heads = r"(proj_out|classifier|projector|layer_weights)\b.*"
-        return NetworkSpec(
-            "WhisperModel", ("WhisperConfig", rest), missing=(decoder,), unexpected=(decoder, heads, *cut)
-        )
+        unexpected = (decoder, heads, *self.above(top, r"(\w+\.)?encoder\.layers"))
+        return NetworkSpec("WhisperModel", ("WhisperConfig", config), missing=(decoder,), unexpected=unexpected)
 
     @override
     def slimmed(self, network: Any, output: Output) -> Any:
@@ -184,10 +171,8 @@ class Ast(SpectrogramEncoder):
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self.config.items() if k != "model_type"}
-        rest["num_hidden_layers"] = max(top, 1)
-        cut = tuple(rf"(\w+\.)?(encoder\.)?layers?\.{k}\..*" for k in range(max(top, 1), self.n_layers))
-        return NetworkSpec("ASTModel", ("ASTConfig", rest), unexpected=(r"classifier\..*", *cut))
+        unexpected = (r"classifier\..*", *self.above(top, r"(\w+\.)?(encoder\.)?layers?"))
+        return NetworkSpec("ASTModel", ("ASTConfig", self.keys(num_hidden_layers=max(top, 1))), unexpected=unexpected)
 
     @override
     def blocks(self, network: Any) -> Any:
@@ -195,9 +180,7 @@ class Ast(SpectrogramEncoder):
         return network.layers if hasattr(network, "layers") else network.encoder.layer
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         states, times = super().frames(network, inputs, output, layers), self.n_frames(0)
         # The first two tokens belong to no patch.
         return {k: v[:, 2:].reshape(len(v), -1, times, v.shape[-1]).mean(dim=1) for k, v in states.items()}
@@ -214,25 +197,20 @@ class Clap(SpectrogramEncoder):
     model_types: ClassVar[tuple[str, ...]] = ("clap", "clap_audio_model")
 
     @property
-    def _audio(self) -> dict[str, Any]:
-        inner = self.config.get("audio_config")
-        return {**inner} if isinstance(inner, dict) else dict(self.config)
-
-    @property
     @override
     def mel_hop(self) -> int:
         return self.number("hop_length", of=self.extractor, default=480)
 
     @property
     def _stages(self) -> int:
-        return len(self._audio.get("depths", (2, 2, 6, 2)))
+        return len(self.encoder_config.get("depths", (2, 2, 6, 2)))
 
     @property
     def _image(self) -> tuple[int, int]:
         """Log-mel frames of the image that the network sees, and of one frame of its last stage."""
-        size = self.number("spec_size", of=self._audio, default=256)
-        ratio = size // self.number("num_mel_bins", of=self._audio, default=64)
-        stride = self._audio.get("patch_stride", (4, 4))
+        size = self.number("spec_size", of=self.encoder_config, default=256)
+        ratio = size // self.number("num_mel_bins", of=self.encoder_config, default=64)
+        stride = self.encoder_config.get("patch_stride", (4, 4))
         step = stride[1] if isinstance(stride, list | tuple) else int(stride)
         return size * ratio, step * 2 ** (self._stages - 1)
 
@@ -266,7 +244,7 @@ class Clap(SpectrogramEncoder):
 
     @override
     def width(self, output: Output) -> int:
-        first = self.number("patch_embeds_hidden_size", of=self._audio, default=96)
+        first = self.number("patch_embeds_hidden_size", of=self.encoder_config, default=96)
         return int(first * 2 ** (self._stages - 1))
 
     @override
@@ -280,13 +258,12 @@ class Clap(SpectrogramEncoder):
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self._audio.items() if k != "model_type"}
         other = r"(text_model|text_projection|logit_scale_a|logit_scale_t|audio_projection)\b.*"
         # Buffers of batch normalisation in training, and of attention: integers that are computed.
         counted = r".*(num_batches_tracked|relative_position_index)"
         return NetworkSpec(
             "ClapAudioModelWithProjection",
-            ("ClapAudioConfig", rest),
+            ("ClapAudioConfig", self.keys()),
             missing=(r"audio_projection\..*", counted),
             unexpected=(other, counted),
         )
@@ -296,9 +273,7 @@ class Clap(SpectrogramEncoder):
         return network.audio_model
 
     @override
-    def frames(
-        self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]
-    ) -> dict[int, torch.Tensor]:
+    def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
         import torch
 
         # The extractor marks a single song as longer than a window in every case.
@@ -308,15 +283,6 @@ class Clap(SpectrogramEncoder):
 
 
 _CLAP_KEYS = (
-    "feature_size",
-    "sampling_rate",
-    "hop_length",
-    "max_length_s",
-    "fft_window_size",
-    "padding_value",
-    "frequency_min",
-    "frequency_max",
-    "top_db",
-    "truncation",
-    "padding",
-)
+    "feature_size", "sampling_rate", "hop_length", "max_length_s", "fft_window_size", "padding_value",
+    "frequency_min", "frequency_max", "top_db", "truncation", "padding",
+)  # fmt: skip

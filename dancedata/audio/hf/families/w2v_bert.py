@@ -17,21 +17,6 @@ _FULL_SCALE = 1 << 15
 
 
 @dataclass(frozen=True)
-class _MelPairs(Prepared):
-    """Normalised log-mel frames of a signal (M, bins), a frame every `_MEL_HOP` samples."""
-
-    mel: npt.NDArray[np.float32]
-    stride: int
-
-    @override
-    def inputs(self, start: int, n_samples: int) -> npt.NDArray[np.float32]:
-        first = start // _MEL_HOP
-        n_mel = (n_samples - _MEL_FIELD) // _MEL_HOP + 1
-        n_frames = n_mel // self.stride
-        return self.mel[first : first + n_frames * self.stride].reshape(n_frames, -1)
-
-
-@dataclass(frozen=True)
 class W2vBert(Family):
     """w2v-BERT 2.0 (Chung et al. 2021; Seamless Communication 2023)."""
 
@@ -72,18 +57,23 @@ class W2vBert(Family):
             # Bins in one piece each, as in the extractor: numpy then adds in its order, and far more exactly.
             mel = np.asfortranarray(mel)
             mel = (mel - mel.mean(axis=0)) / np.sqrt(mel.var(axis=0, ddof=1) + np.float32(1e-7))
-        return _MelPairs(np.ascontiguousarray(mel), self._stride)
+        pairs = np.ascontiguousarray(mel)
+
+        def inputs(start: int, n_samples: int) -> npt.NDArray[np.float32]:
+            first, n_frames = start // _MEL_HOP, self.n_frames(n_samples)
+            return pairs[first : first + n_frames * self._stride].reshape(n_frames, -1)
+
+        return inputs
 
     @override
     def network(self, top: int) -> NetworkSpec:
-        rest = {k: v for k, v in self.config.items() if k != "model_type"}
-        rest |= {
-            "num_hidden_layers": max(top, 1),
-            "mask_time_prob": 0.0,
-            "mask_feature_prob": 0.0,
-            "add_adapter": False,
-            "use_intermediate_ffn_before_adapter": False,
-        }
-        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        config = self.keys(
+            num_hidden_layers=max(top, 1),
+            mask_time_prob=0.0,
+            mask_feature_prob=0.0,
+            add_adapter=False,
+            use_intermediate_ffn_before_adapter=False,
+        )
         heads = r"(\w+\.)?(lm_head|classifier|projector|adapter|intermediate_ffn|masked_spec_embed)\b.*"
-        return NetworkSpec("Wav2Vec2BertModel", ("Wav2Vec2BertConfig", rest), unexpected=(heads, *cut))
+        unexpected = (heads, *self.above(top, r"(\w+\.)?encoder\.layers"))
+        return NetworkSpec("Wav2Vec2BertModel", ("Wav2Vec2BertConfig", config), unexpected=unexpected)

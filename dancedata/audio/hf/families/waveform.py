@@ -15,10 +15,10 @@ from dancedata.audio.hf.families.base import (
     Prepared,
     Samples,
     Timing,
-    Waveform,
     conv_field,
     conv_length,
     uniform,
+    waveform,
 )
 from dancedata.core.errors import SourceError
 from dancedata.core.text import quoted
@@ -70,22 +70,20 @@ class WaveformEncoder(Family):
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
         if normalize and self.extractor.get("do_normalize", True):
             samples = (samples - samples.mean()) / np.sqrt(samples.var() + np.float32(1e-7))
-        return Waveform(samples.astype(np.float32, copy=False))
+        return waveform(samples.astype(np.float32, copy=False))
 
     @override
     def network(self, top: int) -> NetworkSpec:
         kind = str(self.config["model_type"])
-        rest = dict(self.config)
-        if kind == "mert_model":
-            rest = {k: v for k, v in rest.items() if k not in _MERT_OFF and not k.startswith("feature_extractor_cqt")}
-            rest.pop("attention_relax", None)  # of deepnorm's branch only
         # Masking belongs to training; without it the model has no vector for it.
-        rest |= {"num_hidden_layers": max(top, 1), "mask_time_prob": 0.0, "mask_feature_prob": 0.0}
-        rest.pop("model_type")
-        cut = tuple(rf"(\w+\.)?encoder\.layers\.{k}\..*" for k in range(max(top, 1), self.n_layers))
+        config = self.keys(num_hidden_layers=max(top, 1), mask_time_prob=0.0, mask_feature_prob=0.0)
+        if kind == "mert_model":  # attention_relax is of deepnorm's branch only
+            off = ("feature_extractor_cqt", "deepnorm", "attention_relax")
+            config = {k: v for k, v in config.items() if not k.startswith(off)}
         stem = _STEMS[kind]
         prefix = tuple(rf"(\w+\.)?{head}" for head in _HEADS)
-        return NetworkSpec(f"{stem}Model", (f"{stem}Config", rest), unexpected=(*prefix, *cut))
+        unexpected = (*prefix, *self.above(top, r"(\w+\.)?encoder\.layers"))
+        return NetworkSpec(f"{stem}Model", (f"{stem}Config", config), unexpected=unexpected)
 
     def __post_init__(self) -> None:
         on = [key for key in _MERT_OFF if self.config.get(key)]
