@@ -37,11 +37,7 @@ class _Item(NamedTuple):
 
 @dataclass(frozen=True)
 class FramesOfSignal:
-    """Frames at an encoder's own rate.
-
-    `values`: (K, D) float32.
-    `stamps_s`: (K,) the time of each frame, in seconds.
-    """
+    """Frames (K, D) float32 at an encoder's own rate, and the time of each in seconds, (K,)."""
 
     values: npt.NDArray[np.float32]
     stamps_s: npt.NDArray[np.float64]
@@ -76,12 +72,9 @@ class HuggingFaceEncoder:
         return f"HuggingFaceEncoder({Path(self.settings.folder.source).name!r}, {self.precision} on {self.device})"
 
     def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:
-        """Compute the frames of a signal at the encoder's own rate.
+        """Compute the frames of a signal (n,) at the encoder's own rate.
 
-        `samples`: (n,) float32.
-        `sample_rate`: In Hz.
-        Raises DataError: "short_audio" for a signal that is shorter than a frame, "overflow" for numbers that are not
-            finite.
+        Raises DataError: "short_audio" for less than a frame, "overflow" for numbers that are not finite.
         """
         resampled = resample(samples, sample_rate, self.settings.family.sample_rate)
         chunks = self._chunks(len(resampled))
@@ -101,14 +94,10 @@ class HuggingFaceEncoder:
         finish: Finish,
         batch_size: int | None = None,
     ) -> list[npt.NDArray[Any]]:
-        """Compute rows of several signals of equal length, each by itself.
+        """Compute rows of signals (n,) of equal length, each by itself; errors as of `frames`.
 
-        `signals`: (n,) float32 each.
-        `sample_rate`: In Hz.
-        `grid`, `n_rows`: The rate and number of rows.
         `finish`: Turns float32 rows into the type that is stored.
         `batch_size`: Most chunks at once; None: 1 on a CPU, 16 on a card.
-        Raises DataError: As `frames`.
         """
         family = self.settings.family
         resampled = [resample(samples, sample_rate, family.sample_rate) for samples in signals]

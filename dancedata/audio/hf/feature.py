@@ -219,16 +219,12 @@ class HuggingFace(NetworkFeature):
         return open_model(self.model, self.revision)
 
     def _settings(self, folder: ModelFolder | None = None) -> Settings:
-        return settings_of(
-            folder or self._folder(),
-            output=self.output,
-            layers=self.layers,
-            reduce=self.reduce,
-            chunk_s=self.chunk_s,
-            overlap_s=self.overlap_s,
-            resample=self.resample,
-            normalize=self.normalize,
-        )
+        return settings_of(folder or self._folder(), **self._keys())
+
+    def _keys(self) -> dict[str, Any]:
+        """Return what is taken of the model, and how."""
+        keys = ("output", "layers", "reduce", "chunk_s", "overlap_s", "resample", "normalize")
+        return {key: getattr(self, key) for key in keys}
 
     def _encoder(self) -> HuggingFaceEncoder:
         """Return the network of this process."""
@@ -237,10 +233,7 @@ class HuggingFace(NetworkFeature):
 
         device = self.device_of_process()
         precision = self._precision(device)
-        keys = (
-            self.output, self.layers, self.reduce, self.chunk_s, self.overlap_s, self.resample, self.normalize,
-        )  # fmt: skip
         return self.network(
-            (self.model, self.revision, *keys, precision, device),
+            (self.model, self.revision, *self._keys().values(), precision, device),
             lambda: HuggingFaceEncoder(self._settings(), device=device, precision=precision),
         )

@@ -30,11 +30,8 @@ _CLIENT = ".cache"
 
 @dataclass(frozen=True)
 class FetchedModel:
-    """A model that was fetched.
+    """A model that was fetched, its commit, and the licence that its card states.
 
-    `path`: Its folder.
-    `id`, `revision`: Its id on the hub, and the commit.
-    `licence`: What its card says, or "unknown, see the model's page".
     `files`, `left_out`: Names of its files, and of the others of the repository: code, pickles, other formats.
     """
 
@@ -58,14 +55,12 @@ def fetch_model(
     endpoint: str | None = None,
     show_licence: Callable[[str], None] = lambda _: None,
 ) -> FetchedModel:
-    """Get the weights, configs and card of a model; hashes are compared with the hub's.
+    """Get the weights, configs and card of a model; hashes are compared with the hub's. No code is fetched.
 
-    Files are written to a folder next to `out`, which is renamed at the end; the same call resumes after an
-    interruption. No code (``*.py``) is ever fetched.
+    Files are written to a folder next to `out`, which is renamed at the end; the same call resumes.
 
     `name`: Id on the hub, ``OWNER/NAME``.
     `revision`: Commit, 40 hexadecimal digits. For a branch, a tag or None the error names the commit to give.
-    `out`: Folder to make.
     `endpoint`: Address of another hub; default: $HF_ENDPOINT, else the public one.
     `show_licence`: Called with the licence before the weights are fetched.
     Raises UsageError: `revision` is not a commit, the hub refuses the model, it has no weights of this kind, `out`

@@ -28,8 +28,8 @@ _FOR_WEIGHTS = 0.6
 def load_network(folder: ModelFolder, family: Family, top: int, output: Output, dtype: torch.dtype) -> Any:
     """Load a model's blocks up to layer `top`, on the CPU, for inference.
 
-    Raises SourceError: A file is damaged, or weights are missing, unexpected or of another shape. transformers fills
-        missing ones with random numbers.
+    Raises SourceError: A file is damaged, or weights are missing (transformers fills those with random numbers),
+        unexpected or of another shape.
     Raises UsageError: transformers is missing, or torch is older than 2.6 and the weights are pickled.
     """
     files = folder.weight_files()
@@ -141,13 +141,9 @@ def _quiet(package: Any) -> Iterator[None]:
 
 
 def place(network: Any, device: torch.device, budget: int | None = None) -> Any:
-    """Put a network on a device.
+    """Put a network on a device; weights beyond the budget stay on the host, and are copied block by block.
 
-    `budget`: Bytes that its weights may take there; None: 60 % of a card's free memory, all of a CPU's.
-
-    Notes
-    -----
-    What is beyond the budget stays on the host, and is copied to the device block by block when it is needed.
+    `budget`: Bytes; None: 60 % of a card's free memory, all of a CPU's.
     """
     if budget is None and device.type == "cuda":
         free = free_memory(device)

@@ -18,14 +18,10 @@ _PREEMPHASIS = 0.97
 def kaldi_log_mel(
     samples: Samples, sample_rate: int, *, n_bins: int, window: Literal["povey", "hann"]
 ) -> npt.NDArray[np.float32]:
-    """Compute Kaldi's log-mel filter banks: frames of 400 samples every 160, each with its own mean taken off.
+    """Compute Kaldi's log-mel filter banks of samples (n,), from 20 Hz to half the sample rate.
 
-    As the numpy extractors of transformers for w2v-BERT and AST, which copy Kaldi's; without torchaudio, whose
-    presence changes what those compute.
-
-    `samples`: (n,).
-    `n_bins`: Number of mel bins, from 20 Hz to half the sample rate.
-    `window`: Shape of the window.
+    Frames of 400 samples every 160, each with its own mean taken off. As the numpy extractors of transformers for
+    w2v-BERT and AST; without torchaudio, whose presence changes what those compute.
     """
     n_frames = max(0, (len(samples) - _FIELD) // _HOP + 1)
     mel = np.empty((n_frames, n_bins), np.float32)

@@ -57,10 +57,7 @@ _MAX_LICENCE = 200
 class ModelFolder:
     """A folder in the layout that transformers saves models in.
 
-    `path`: The folder.
-    `config`: config.json.
-    `extractor`: preprocessor_config.json, or the feature extractor of processor_config.json; empty where there is
-        neither.
+    `extractor`: preprocessor_config.json, or the feature extractor of processor_config.json; empty without.
     `source`: The hub id, or the folder's name where that is not known.
     `revision`: The commit on the hub; "" where it is not known.
     `from_hub`: Whether it was named by its id, and found in the cache of the hub.
@@ -76,8 +73,7 @@ class ModelFolder:
     def weight_files(self) -> tuple[Path, ...]:
         """Return the files of the weights: safetensors where there are any, or else pickles of torch.
 
-        Raises SourceError: There are none, an index names files that are missing or in other folders, or the folder
-            holds an adapter.
+        Raises SourceError: There are none, an index names files that are not in the folder, or it holds an adapter.
         """
         if (self.path / "adapter_config.json").exists():
             raise SourceError("hf: the folder holds an adapter, which changes the network when it is loaded",
@@ -113,9 +109,7 @@ class ModelFolder:
 
 
 def open_model(model: str, revision: str | None = None) -> ModelFolder:
-    """Find a model by its folder, or by its id on the Hugging Face hub in this machine's cache; read its config.
-
-    Nothing is downloaded.
+    """Find a model by its folder, or by its hub id in this machine's cache; read its config. No download.
 
     `model`: Folder or hub id; "": $DANCEDATA_HF_MODEL.
     `revision`: Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".

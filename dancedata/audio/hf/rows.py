@@ -27,12 +27,11 @@ _MAX_INT64 = 1 << 61
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of all chunks of a signal, in order, in whole numbers of a unit of time.
+    """Frames of all chunks of a signal, in order, (K,) each, in whole numbers of a unit of time.
 
     `ticks`: Units per second.
-    `chunk`, `number`: (K,) chunk of each frame, and its number there.
-    `stamp`: (K,) times.
-    `begin`, `end`: (K,) the stretch that a frame represents: its hop, within what its chunk keeps.
+    `chunk`, `number`: Chunk of each frame, and its number there.
+    `begin`, `end`: The stretch that a frame represents: its hop, within what its chunk keeps.
     `row_half`: Half of the time from one row to the next.
     """
 
@@ -47,12 +46,7 @@ class Frames:
 
 @dataclass(frozen=True)
 class RowMap:
-    """Each row as a weighted sum of frames: entries (frame, row, weight), by frame.
-
-    `frame`, `row`, `weight`: (E,) each; the weights of a row add up to 1.
-    `frames`: The frames that are counted.
-    `n_rows`: Number of rows.
-    """
+    """Each row as a weighted sum of frames: entries (E,) of frame, row and weight, by frame."""
 
     frame: npt.NDArray[np.int64]
     row: npt.NDArray[np.int64]
@@ -97,11 +91,7 @@ def frames_of(chunks: Sequence[Chunk], counts: Sequence[int], timing: Timing, gr
 
 
 def area_overlaps(frames: Frames, n_rows: int) -> tuple[Ints, Ints, Ints]:
-    """Return for how long frames and rows overlap: (E,) frame, row, and time, sorted by frame.
-
-    A row's stretch is 2 `row_half` long. What a frame overlaps with all rows adds up to its own stretch, away from
-    the ends.
-    """
+    """Return for how long frames and rows overlap: (E,) frame, row, and time, sorted by frame."""
     half = frames.row_half
     first = np.maximum((frames.begin + half) // (2 * half), 0)
     last = np.minimum((frames.end - 1 + half) // (2 * half), n_rows - 1)
@@ -117,9 +107,9 @@ def area_overlaps(frames: Frames, n_rows: int) -> tuple[Ints, Ints, Ints]:
 def row_map(frames: Frames, n_rows: int, method: _Method) -> RowMap:
     """Return how frames become rows.
 
-    "area": each frame counts for as long as its stretch overlaps with the row's. "linear": between the two frames
-    around the row's stamp. "nearest": the frame that is nearest to it, the earlier one of two. Rows before the first
-    frame and after the last one are that frame.
+    "area": each frame counts for as long as its stretch overlaps with the row's, 2 `row_half` long. "linear": between
+    the two frames around the row's stamp. "nearest": the frame that is nearest to it, the earlier one of two. Rows
+    before the first frame and after the last one are that frame.
     """
     row = np.arange(n_rows)
     right = np.clip(np.searchsorted(frames.stamp, row * 2 * frames.row_half), 1, max(1, len(frames.stamp) - 1))

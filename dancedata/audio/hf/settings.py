@@ -29,8 +29,7 @@ MAX_FRAMES_PER_S, MAX_WINDOW_FRAMES = 500, 30_000
 class Settings:
     """A model, the layers or codes that are taken of it, how it is cut into chunks.
 
-    `layers`: Layers in the order of the columns; (0,) of an output without layers.
-    `reduce`: Whether layers are concatenated or averaged.
+    `layers`: In the order of the columns; (0,) of an output without layers.
     `chunk_samples`, `overlap_samples`: At the encoder's rate.
     """
 
@@ -83,8 +82,7 @@ def settings_of(
 ) -> Settings:
     """Check keys of a recipe against a model.
 
-    Raises UsageError: A layer that the model does not have, an output that it does not offer, or chunks that it
-        cannot take.
+    Raises UsageError: A layer or an output that the model does not have, or chunks that it cannot take.
     Raises SourceError: The config is of no model that is supported, or has more than MAX_FRAMES_PER_S or
         MAX_WINDOW_FRAMES.
     """

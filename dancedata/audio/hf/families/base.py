@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 class Timing:
     """Instants of the frames of an encoder, in samples at the encoder's rate.
 
-    `sample_rate`: In Hz.
-    `hop`: Samples from one frame to the next.
+    `hop`: From one frame to the next.
     `first_centre`: Centre of the first frame, counted from the first sample that the encoder is given.
     """
 
@@ -47,8 +46,7 @@ class Timing:
 class Chunk:
     """A part of a signal that the encoder processes at once.
 
-    `start`, `n_samples`: Samples of the signal.
-    `keep_from`, `keep_to`: Between these times, in samples of the signal, the chunk's frames count; None: no limit.
+    `keep_from`, `keep_to`: Between these times, in samples of the signal, its frames count; None: no limit.
     """
 
     start: int
@@ -64,9 +62,7 @@ def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: T
     others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter. In the
     middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
 
-    `n_samples`: Samples of the signal, at the encoder's rate.
-    `length`, `overlap`, `unit`: In samples; `length` and `overlap` are multiples of `unit`, `overlap` is less than
-        `length`.
+    `length`, `overlap`: Multiples of `unit`.
     """
     if n_samples <= length:
         return [Chunk(0, n_samples, None, None)]
@@ -132,7 +128,6 @@ Samples = npt.NDArray[np.float32]
 class NetworkSpec:
     """The class of transformers that loads a folder, and permitted differences of the weights.
 
-    `model`: Name of the model class in transformers.
     `config`: Name of its config class, and the keys for it.
     `missing`, `unexpected`: Regular expressions of weights that the features do not need: those may be missing, or
         present without use.
@@ -159,10 +154,8 @@ def waveform(samples: Samples) -> Prepared:
 class Family(ABC):
     """Encoders of one kind. All but `prepared` and `frames` is arithmetic on the config.
 
-    `config`: config.json.
     `extractor`: preprocessor_config.json.
     `outputs`: What it offers, the default first.
-    `chunk_s`, `overlap_s`: Defaults of a recipe's keys.
     `depth`, `size`: Keys of the config with the number of blocks and the columns of a layer, each with its default.
     """
 

@@ -48,11 +48,7 @@ class Subsampling(nn.Module):
 
 
 class MuQNetwork(nn.Module):
-    """MuQ's encoder.
-
-    `config`: config.json of a MuQ model.
-    `strides`: Of the convolutional modules, in time.
-    """
+    """MuQ's encoder; `strides` are those of the convolutional modules, in time."""
 
     def __init__(self, config: Mapping[str, Any], strides: tuple[int, int]) -> None:
         super().__init__()
