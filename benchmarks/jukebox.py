@@ -179,13 +179,11 @@ def ours(work: Path, repeats: int) -> dict[str, Any]:
     import torch
 
     import dancedata
-    from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder
+    from dancedata.audio.jukebox import JukeboxEncoder
 
     torch.set_num_threads(1)
     base, start = resident_mb(), time.process_time()
-    encoder = JukeboxEncoder.from_openai(
-        work, config=JukeboxConfig(**MIDDLE), layers=(MIDDLE_LAYER,), device="cpu", precision="fp32", max_codes=CODES
-    )
+    encoder = JukeboxEncoder(work, layers=(MIDDLE_LAYER,), device="cpu", precision="fp32", max_codes=CODES)
     load = time.process_time() - start
     result = _timed(work, "ours", repeats, base, load, lambda clip: encoder(clip, 44100)[MIDDLE_LAYER])
     return {**result, "versions": f"dancedata {dancedata.__version__}, torch {torch.__version__}"}
@@ -317,7 +315,7 @@ def on_device(work: Path, device: str, size: str, batches: list[int]) -> None:
     base, start = resident_mb(), time.perf_counter()
     # The peak so far is that of writing the random weights; loading is measured from here.
     reset_peak()
-    encoder = JukeboxEncoder.from_converted(folder, device=device, max_codes=CODES)
+    encoder = JukeboxEncoder(folder, device=device, max_codes=CODES)
     load = time.perf_counter() - start
     host = (peak_mb() - base) / 1e3
     print(f"{size} model, layer {layer}, {encoder.precision}: loaded in {load:.1f} s")

@@ -50,7 +50,6 @@ def _model(name: str, revision: str | None, out: Path) -> Output:
 def _jukebox(what: str, out: Path, *, accept_licence: bool, progress: bool) -> Output:
     from dancedata.audio.jukebox import convert, fetch
     from dancedata.audio.jukebox.weights.download import OPENAI_URL
-    from dancedata.audio.jukebox.weights.folder import config_of
 
     def agreed(licence: str) -> bool:
         typer.echo(licence, err=True)
@@ -66,7 +65,7 @@ def _jukebox(what: str, out: Path, *, accept_licence: bool, progress: bool) -> O
     if not is_folder:
         fetch(files, OPENAI_URL if what == "jukebox" else what, accept_licence=agreed,
               progress=_Lines() if progress else None)  # fmt: skip
-    converted = convert(files, out, config=config_of(files))
+    converted = convert(files, out)
     n_bytes = sum(size for size, _ in converted.files.values())
     about = {"path": str(out), "layer": converted.layer, "bytes": n_bytes, "source": dict(converted.source)}
     text = f"{out}: layer {converted.layer}, {len(converted.files)} files, {n_bytes / 1e9:.2f} GB"

@@ -17,7 +17,7 @@ pytest.importorskip("safetensors")
 import torch
 from safetensors.torch import load_file
 
-from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder, checkpoint_sha256, conversion, convert
+from dancedata.audio.jukebox import JukeboxEncoder, checkpoint_sha256, conversion, convert
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.files.locks import writing_lock
@@ -27,7 +27,7 @@ from dancedata.files.regular_file import sha256_file
 @pytest.fixture(scope="module")
 def converted(tiny: SimpleNamespace, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("converted")
-    convert(tiny.folder, folder, 4, config=tiny.config)
+    convert(tiny.folder, folder, 4)
     return folder
 
 
@@ -69,7 +69,7 @@ def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
 def test_files_that_are_not_openais_are_not_read(tiny: SimpleNamespace, tmp_path: Path) -> None:
     for name in (VQVAE_FILE, PRIOR_FILE):
         (tmp_path / name).write_bytes(b"a pickle that takes forever")
-    for read in (checkpoint_sha256, lambda folder: convert(folder, tmp_path / "out", 4, config=tiny.config)):
+    for read in (checkpoint_sha256, lambda folder: convert(folder, tmp_path / "out", 4)):
         with raises_message(SourceError, "OpenAI.*sizes", where=tmp_path.name):
             read(tmp_path)
     (tmp_path / "sizes.json").write_bytes((tiny.folder / "sizes.json").read_bytes())
@@ -88,36 +88,34 @@ def test_tensors_are_the_originals_with_the_needed_rows(tiny: SimpleNamespace, c
 
 
 def test_same_features(tiny: SimpleNamespace, converted: Path, noise: np.ndarray) -> None:
-    direct = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(4, 2), device="cpu")(noise, 44100)
-    again = JukeboxEncoder.from_converted(converted, layers=(4, 2), device="cpu")(noise, 44100)
+    direct = JukeboxEncoder(tiny.folder, layers=(4, 2), device="cpu")(noise, 44100)
+    again = JukeboxEncoder(converted, layers=(4, 2), device="cpu")(noise, 44100)
     assert tuple(again) == (4, 2)
     for layer, expected in direct.items():
         np.testing.assert_array_equal(again[layer], expected)
-    assert JukeboxEncoder.from_converted(converted, device="cpu", max_codes=64).layers == (4,)
+    assert JukeboxEncoder(converted, device="cpu", max_codes=64).layers == (4,)
 
 
 def test_a_part_of_the_folder_is_enough_for_a_lower_layer(copy: Path) -> None:
     (copy / "block-003.safetensors").unlink()
-    JukeboxEncoder.from_converted(copy, layers=(3,), device="cpu", max_codes=64)
+    JukeboxEncoder(copy, layers=(3,), device="cpu", max_codes=64)
     with raises_message(SourceError, "converted", where="copy/block-003.safetensors"):
-        JukeboxEncoder.from_converted(copy, device="cpu")
+        JukeboxEncoder(copy, device="cpu")
 
 
 def test_layers_beyond_the_conversion(converted: Path) -> None:
     with raises_message(UsageError, "layers"):
-        JukeboxEncoder.from_converted(converted, layers=(5,), device="cpu")
-    with raises_message(UsageError, "mlp_width"):
-        JukeboxEncoder.from_converted(converted, config=JukeboxConfig(), device="cpu")
+        JukeboxEncoder(converted, layers=(5,), device="cpu")
 
 
 def test_second_time_does_nothing(tiny: SimpleNamespace, copy: Path) -> None:
     before = {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
-    convert(tiny.folder, copy, 4, config=tiny.config)
+    convert(tiny.folder, copy, 4)
     assert before == {p.name: p.stat().st_mtime_ns for p in copy.iterdir()}
     with pytest.raises(UsageError, match="has another conversion; found layer 4"):
-        convert(tiny.folder, copy, 5, config=tiny.config)
+        convert(tiny.folder, copy, 5)
     with pytest.raises(UsageError, match="1 to 6"):
-        convert(tiny.folder, copy, 7, config=tiny.config)
+        convert(tiny.folder, copy, 7)
 
 
 def test_interrupted_conversion_does_not_load_and_can_be_repeated(tiny, tmp_path, monkeypatch):
@@ -130,12 +128,12 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(tiny, tmp_path
 
     monkeypatch.setattr(conversion, "_write", stops)
     with pytest.raises(KeyboardInterrupt):
-        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
-    with raises_message(SourceError, "conversion", where="out"):
-        JukeboxEncoder.from_converted(tmp_path / "out", device="cpu")
+        convert(tiny.folder, tmp_path / "out", 4)
+    with raises_message(SourceError, "missing", where="out/vqvae.pth.tar"):
+        JukeboxEncoder(tmp_path / "out", device="cpu")
     monkeypatch.undo()
-    convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
-    JukeboxEncoder.from_converted(tmp_path / "out", device="cpu", max_codes=64)
+    convert(tiny.folder, tmp_path / "out", 4)
+    JukeboxEncoder(tmp_path / "out", device="cpu", max_codes=64)
 
 
 @pytest.mark.parametrize("name", ["vqvae.safetensors", "block-001.safetensors"])
@@ -144,11 +142,11 @@ def test_foreign_files_are_not_replaced(tiny: SimpleNamespace, tmp_path: Path, n
     for mine in (name, "notes.txt"):
         (tmp_path / "out" / mine).write_text("somebody's")
     with raises_message(UsageError, "conversion", where="out"):
-        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+        convert(tiny.folder, tmp_path / "out", 4)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted(["out", name, "notes.txt"])
     assert (tmp_path / "out" / name).read_text() == "somebody's"
     (tmp_path / "out" / name).unlink()
-    convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+    convert(tiny.folder, tmp_path / "out", 4)
     assert (tmp_path / "out" / "notes.txt").read_text() == "somebody's"
     assert not [p for p in tmp_path.rglob(".dancedata-*")]
 
@@ -158,7 +156,7 @@ def test_a_second_conversion_into_one_folder_fails_at_once(tiny: SimpleNamespace
         writing_lock(tmp_path / "out", "conversion"),
         pytest.raises(StoreError, match="another conversion is writing"),
     ):
-        convert(tiny.folder, tmp_path / "out", 4, config=tiny.config)
+        convert(tiny.folder, tmp_path / "out", 4)
 
 
 def test_damaged_files(copy: Path) -> None:
@@ -169,7 +167,7 @@ def test_damaged_files(copy: Path) -> None:
     for damaged in (whole[:-100], b"\xff" * 8 + whole[8:]):
         path.write_bytes(damaged)
         with raises_message(SourceError, "converted|cannot be read", where="copy/tables.safetensors"):
-            JukeboxEncoder.from_converted(copy, device="cpu")
+            JukeboxEncoder(copy, device="cpu")
     path.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
     with raises_message(SourceError, "damaged", where="copy/tables.safetensors"):
         conversion.verify_converted(copy)
@@ -184,7 +182,7 @@ def test_damaged_description(copy: Path, change: dict[str, object], message: str
     description = json.loads((copy / "jukebox.json").read_text())
     (copy / "jukebox.json").write_text(json.dumps({**description, **change}))
     with pytest.raises(SourceError, match=message):
-        JukeboxEncoder.from_converted(copy, device="cpu")
+        JukeboxEncoder(copy, device="cpu")
 
 
 def test_full_disk_leaves_nothing_half(tiny, tmp_path, monkeypatch):
@@ -194,5 +192,5 @@ def test_full_disk_leaves_nothing_half(tiny, tmp_path, monkeypatch):
 
     monkeypatch.setattr("safetensors.torch.save_file", full)
     with pytest.raises(Exception, match=r"vqvae\.safetensors: .* cannot be written; found .*No space left"):
-        convert(tiny.folder, tmp_path / "out", 1, config=tiny.config)
+        convert(tiny.folder, tmp_path / "out", 1)
     assert list((tmp_path / "out").iterdir()) == []

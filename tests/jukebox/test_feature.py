@@ -93,7 +93,7 @@ def test_a_build_fixes_precision_and_weights(tiny: SimpleNamespace, feature: Juk
     assert feature.precision == "fp32"
     assert len(feature.weights_sha256) == 64
     converted = tmp_path / "converted"
-    dancedata.audio.jukebox.convert(tiny.folder, converted, layer=LAYER, config=tiny.config)
+    dancedata.audio.jukebox.convert(tiny.folder, converted, layer=LAYER)
     same = Jukebox(weights=converted, layer=LAYER, device="cpu").resolved(sha256_file)
     assert same.weights_sha256 == feature.weights_sha256
     assert same.columns == feature.columns

@@ -29,8 +29,8 @@ def encoder(golden: SimpleNamespace) -> JukeboxEncoder:
 
 
 def _encoder(golden: SimpleNamespace, precision: str = "fp32", **keys: Any) -> JukeboxEncoder:
-    keys = {"config": golden.config, "layers": (1, 2, 3, 6), "device": "cpu", "precision": precision, **keys}
-    return JukeboxEncoder.from_openai(golden.folder, **keys)
+    keys = {"layers": (1, 2, 3, 6), "device": "cpu", "precision": precision, **keys}
+    return JukeboxEncoder(golden.folder, **keys)
 
 
 def _frames(encoder: JukeboxEncoder, codes: list[np.ndarray], batch_size: int | None = None) -> list[dict]:
@@ -124,8 +124,8 @@ def test_any_layers_in_any_order(golden: SimpleNamespace, layers: tuple[int, ...
 
 
 def test_converted(golden: SimpleNamespace, encoder: JukeboxEncoder, tmp_path) -> None:
-    convert(golden.folder, tmp_path / "converted", 6, config=golden.config)
-    again = JukeboxEncoder.from_converted(tmp_path / "converted", layers=(1, 2, 3, 6), device="cpu", precision="fp32")
+    convert(golden.folder, tmp_path / "converted", 6)
+    again = JukeboxEncoder(tmp_path / "converted", layers=(1, 2, 3, 6), device="cpu", precision="fp32")
     codes = again.encode(*golden.audio("odd"))
     np.testing.assert_array_equal(codes, golden.expected["odd"]["z"])
     for layer, expected in encoder.activations(codes).items():

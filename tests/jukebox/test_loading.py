@@ -48,7 +48,8 @@ def broken(tiny: SimpleNamespace, tmp_path: Path) -> Callable[..., Path]:
 
 
 def _load(folder: Path, tiny: SimpleNamespace, layers: tuple[int, ...] = (6,)) -> JukeboxEncoder:
-    return JukeboxEncoder.from_openai(folder, config=tiny.config, layers=layers, device="cpu")
+    (folder / "sizes.json").write_bytes((tiny.folder / "sizes.json").read_bytes())
+    return JukeboxEncoder(folder, layers=layers, device="cpu")
 
 
 @pytest.mark.parametrize("file", [VQVAE_FILE, PRIOR_FILE])
@@ -72,7 +73,7 @@ def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest
         return tensor
 
     monkeypatch.setattr(TorchFile, "read", counting)
-    JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(2,), device="cpu", max_codes=100)
+    JukeboxEncoder(tiny.folder, layers=(2,), device="cpu", max_codes=100)
     names = [name for name, _ in read]
     assert len(names) == len(set(names))
     assert not [n for n in names if n.startswith((f"{BLOCKS}.2", "encoders.0", "decoders", "prior.x_out"))]
@@ -83,8 +84,8 @@ def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest
 def test_weights_stay_as_stored_in_fp32_and_are_half_in_half(tiny: SimpleNamespace) -> None:
     half, single, brain = torch.float16, torch.float32, torch.bfloat16
     for precision, weight, bias in (("fp32", half, single), ("fp16", half, half), ("bf16", brain, brain)):
-        options = {"config": tiny.config, "layers": (1,), "device": "cpu", "precision": precision}
-        block = JukeboxEncoder.from_openai(tiny.folder, **options)._prior.stream.blocks[0]
+        options = {"layers": (1,), "device": "cpu", "precision": precision}
+        block = JukeboxEncoder(tiny.folder, **options)._prior.stream.blocks[0]
         kept = {name: p.dtype for name, p in block.named_parameters()}
         assert [kept[n] for n in ("attn_c_attn_w", "mlp_c_fc_b", "ln_0_weight")] == [weight, bias, single]
 
@@ -150,7 +151,7 @@ def test_missing_file(tiny: SimpleNamespace, tmp_path: Path) -> None:
     with raises_message(SourceError, "OpenAI", where="prior_level_2.pth.tar"):
         _load(tmp_path, tiny)
     with raises_message(SourceError, "OpenAI", where="nowhere/vqvae.pth.tar"):
-        _load(tmp_path / "nowhere", tiny)
+        JukeboxEncoder(tmp_path / "nowhere", device="cpu")
 
 
 def test_unneeded_tensors_may_be_missing(tiny: SimpleNamespace, broken: Callable[..., Path]) -> None:
@@ -179,9 +180,9 @@ def test_tensors_that_do_not_fit(tiny, broken, file, name, tensor, word):
         _load(broken(file, {name: tensor}), tiny)
 
 
-def test_other_config_than_the_files(tiny: SimpleNamespace) -> None:
+def test_other_sizes_than_the_files(broken: Callable[..., Path]) -> None:
     with raises_message(SourceError, "tensors", where="vqvae.pth.tar"):
-        JukeboxEncoder.from_openai(tiny.folder, layers=(66,), device="cpu")
+        JukeboxEncoder(broken("none", {}), device="cpu")
 
 
 @pytest.mark.parametrize(
@@ -245,9 +246,7 @@ def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path
     (tmp_path / "config.json").write_text(json.dumps({"model_type": "jukebox", "architectures": ["JukeboxModel"]}))
     (tmp_path / "pytorch_model.bin").write_bytes(b"")
     with raises_message(SourceError, "trained"):
-        JukeboxEncoder.from_openai(tmp_path, device="cpu")
-    with raises_message(SourceError, "conversion"):
-        JukeboxEncoder.from_converted(tmp_path, device="cpu")
+        JukeboxEncoder(tmp_path, device="cpu")
 
 
 @pytest.mark.parametrize(
@@ -259,6 +258,4 @@ def test_hugging_face_is_refused_with_the_reason(tiny: SimpleNamespace, tmp_path
 )  # fmt: skip
 def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        JukeboxEncoder.from_openai(
-            tiny.folder, **{"config": tiny.config, "layers": (1,), "device": "cpu", **arguments}
-        )
+        JukeboxEncoder(tiny.folder, **{"layers": (1,), "device": "cpu", **arguments})

@@ -159,8 +159,8 @@ def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
     from dancedata.audio.jukebox import JukeboxEncoder
 
     def encoder(precision: str) -> Any:
-        options = {"config": tiny.config, "layers": (2, 6), "device": "cpu", "precision": precision}
-        made = JukeboxEncoder.from_openai(tiny.folder, **options)
+        options = {"layers": (2, 6), "device": "cpu", "precision": precision}
+        made = JukeboxEncoder(tiny.folder, **options)
         bias = getattr(made._prior.stream.blocks[3], place.split(" ")[0])
         if "keys" in place:
             # An infinite key at which all queries look from the far side has no weight: it would go unseen.
@@ -182,7 +182,7 @@ def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
 def test_weights_that_are_not_numbers_are_an_error_too(tiny: Any) -> None:
     from dancedata.audio.jukebox import JukeboxEncoder
 
-    encoder = JukeboxEncoder.from_openai(tiny.folder, config=tiny.config, layers=(6,), device="cpu")
+    encoder = JukeboxEncoder(tiny.folder, layers=(6,), device="cpu")
     encoder._prior.stream.blocks[1].ln_0_bias[0] = torch.nan
     with raises_message(JukeboxOverflowError, "activations"):
         encoder.activations([1, 2, 3])

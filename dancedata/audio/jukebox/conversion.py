@@ -15,7 +15,7 @@ and writing hold one block in memory, and the first files are sufficient for a l
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, closing
 from pathlib import Path
 
 from dancedata.audio.jukebox.config import JukeboxConfig
@@ -33,6 +33,8 @@ from dancedata.audio.jukebox.weights.folder import (
     MAX_JSON_BYTES,
     Description,
     checkpoint_sha256,
+    config_of,
+    is_converted,
     read_description,
 )
 from dancedata.audio.jukebox.weights.loading import Checkpoint, open_openai
@@ -59,43 +61,37 @@ def _is_complete(path: Path) -> bool:
 _LAYOUT = Layout(DESCRIPTION_FILE, _is_complete, lambda name: _FILES.fullmatch(name) is not None)
 
 
-def convert(
-    folder: Path | str, out: Path | str, layer: int = 66, *, config: JukeboxConfig | None = None
-) -> Description:
+def convert(folder: Path | str, out: Path | str, layer: int = 66) -> Description:
     """Write the tensors of OpenAI's files that `layer` needs as a folder of safetensors files.
 
     Memory: one block. Files appear once all are written, jukebox.json last: without it the folder does not load.
 
-    `folder`: With OpenAI's two files.
+    `folder`: With OpenAI's two files, or those of another network and its sizes.json.
     `out`: Created if it does not exist. If it holds the finished conversion of the same files, to this layer, nothing
         is done.
     `layer`: The highest layer that the conversion can compute, from 1.
-    `config`: Sizes; None: the real 5b model.
-    Raises SourceError: As `JukeboxEncoder.from_openai`.
+    Raises SourceError: As `JukeboxEncoder`.
     Raises UsageError: `layer` is out of range, or `out` holds another conversion, or other files of the same names.
     Raises DanceDataError: `out` cannot be written, or another process is writing there.
     """
     require("jukebox", what="jukebox: a conversion")
-    folder, out, config = Path(folder), Path(out), config or JukeboxConfig()
+    folder, out = Path(folder), Path(out)
+    config = config_of(folder)
     if not 1 <= layer <= config.depth:
         raise UsageError("jukebox: invalid value for layer", found=layer, allowed=f"1 to {config.depth}")
     source = checkpoint_sha256(folder)  # before anything in the files is read
-    checkpoint = open_openai(folder, config)
-    try:
+    with closing(open_openai(folder, config)) as checkpoint, ExitStack() as stack:
         require_tensors(checkpoint.vqvae, vqvae_tensors(config))
         require_tensors(checkpoint.prior, prior_tensors(config, layer))
-        with ExitStack() as stack:
-            with _writable(out):
-                out.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(writing_lock(out, "conversion"))
-            tidy(out, _LAYOUT)
-            if (out / DESCRIPTION_FILE).exists():
-                return _finished(out, config, layer, source)
-            _refuse_others(out, [name for name, *_ in _parts(checkpoint, config, layer)])
-            with staged(out, _LAYOUT) as staging:
-                return write_converted(checkpoint, staging, config, layer, source)
-    finally:
-        checkpoint.close()
+        with _writable(out):
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(writing_lock(out, "conversion"))
+        tidy(out, _LAYOUT)
+        if (out / DESCRIPTION_FILE).exists():
+            return _finished(out, config, layer, source)
+        _refuse_others(out, [name for name, *_ in _parts(checkpoint, config, layer)])
+        with staged(out, _LAYOUT) as staging:
+            return write_converted(checkpoint, staging, config, layer, source)
 
 
 def _refuse_others(out: Path, names: Sequence[str]) -> None:
@@ -128,6 +124,13 @@ def write_converted(
         },
     )
     return description
+
+
+def open_checkpoint(folder: Path, layer: int) -> Checkpoint:
+    """Open OpenAI's files, or those of a converted folder that `layer` needs."""
+    if is_converted(folder):
+        return open_converted(folder, read_description(folder), layer)
+    return open_openai(folder, config_of(folder))
 
 
 def open_converted(folder: Path, description: Description, layer: int, *, verify: bool = False) -> Checkpoint:

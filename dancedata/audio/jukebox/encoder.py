@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
+from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 
@@ -22,11 +22,11 @@ from dancedata.audio.jukebox.clips import (
     require_max_codes,
     resampling_matrix,
 )
-from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
-from dancedata.audio.jukebox.conversion import open_converted
+from dancedata.audio.jukebox.config import require_layers
+from dancedata.audio.jukebox.conversion import open_checkpoint
 from dancedata.audio.jukebox.network import memory
-from dancedata.audio.jukebox.weights.folder import read_description
-from dancedata.audio.jukebox.weights.loading import Checkpoint, load_encoder, load_prior, open_openai
+from dancedata.audio.jukebox.weights.folder import config_of, highest_layer
+from dancedata.audio.jukebox.weights.loading import load_encoder, load_prior
 from dancedata.audio.networks.devices import (
     Batches,
     compute_dtype,
@@ -44,44 +44,61 @@ _MAX_MATRICES = 4
 
 
 class JukeboxEncoder:
-    """Turns clips of music into activations of Jukebox's 5b prior. Created by `from_openai` or `from_converted`.
+    """Turns clips of music into activations of Jukebox's 5b prior.
 
     Every clip is encoded by itself, with its own gain and its own time from 0. Clips do not influence each other,
     whatever the batches.
 
-    `config`
-    `layers`
-    `device`
-    `precision`
-    `max_codes`
-    `placement`
+    Parameters
+    ----------
+    folder
+        With OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, or written by `convert`. Only the tensors that the
+        layers need are read. Files of another network have its sizes beside them, in sizes.json.
+    layers
+        From 1 on, any subset in any order. Default: 66, or the highest that the folder has.
+    device
+        Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
+    precision
+        "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix products. The
+        residual stream, norms and softmax are always fp32.
+    max_codes
+        Length of the longest clip, in codes; position tables are loaded up to it. None: the whole context, 8192.
+    memory_budget
+        Bytes that may be used on the device. Blocks that do not fit stay on the host and are copied when they are
+        needed. None: the free memory of a card, no limit on a CPU.
+
+    Raises
+    ------
+    SourceError
+        A file or tensor is missing, truncated, of another shape, or of another network.
+    UsageError
+        A parameter is out of range, or the memory of the device is too small.
     """
 
     def __init__(
         self,
-        checkpoint: Checkpoint,
-        config: JukeboxConfig,
-        layers: tuple[int, ...],
-        device: str | torch.device | None,
-        precision: str,
-        max_codes: int | None,
-        memory_budget: int | None,
+        folder: Path | str,
+        *,
+        layers: Iterable[int] | None = None,
+        device: str | torch.device | None = None,
+        precision: str = "auto",
+        max_codes: int | None = None,
+        memory_budget: int | None = None,
     ) -> None:
-        try:
-            self.config = config
-            self.layers = layers
+        folder = Path(folder)
+        self.config, highest = config_of(folder), highest_layer(folder)
+        self.layers = require_layers((min(_DEFAULT_LAYER, highest),) if layers is None else layers, highest)
+        with closing(open_checkpoint(folder, max(self.layers))) as checkpoint:
             self.device = require_device(device)
             self.precision = resolve_precision(precision, self.device)
-            self.max_codes = require_max_codes(max_codes, config)
+            self.max_codes = require_max_codes(max_codes, self.config)
             self._budget = free_memory(self.device) if memory_budget is None else memory_budget
             dtype = compute_dtype(self.precision)
-            self.placement = memory.place(config, max(layers), dtype, self.max_codes, self._budget)
-            self._vqvae = load_encoder(checkpoint, config, self.device)
+            self.placement = memory.place(self.config, max(self.layers), dtype, self.max_codes, self._budget)
+            self._vqvae = load_encoder(checkpoint, self.config, self.device)
             self._prior = load_prior(
-                checkpoint, config, self.placement, max_codes=self.max_codes, precision=dtype, device=self.device
+                checkpoint, self.config, self.placement, max_codes=self.max_codes, precision=dtype, device=self.device
             )
-        finally:
-            checkpoint.close()
         self._batches = Batches(
             "end other programs on the device, or load with a smaller memory_budget, which keeps blocks on the host"
         )
@@ -89,69 +106,6 @@ class JukeboxEncoder:
 
     def __repr__(self) -> str:
         return f"JukeboxEncoder(layers={self.layers}, {self.precision} on {self.device})"
-
-    @classmethod
-    def from_openai(
-        cls,
-        folder: Path | str,
-        *,
-        config: JukeboxConfig | None = None,
-        layers: Iterable[int] = (_DEFAULT_LAYER,),
-        device: str | torch.device | None = None,
-        precision: str = "auto",
-        max_codes: int | None = None,
-        memory_budget: int | None = None,
-    ) -> JukeboxEncoder:
-        """Load OpenAI's own files.
-
-        `folder`: With vqvae.pth.tar and prior_level_2.pth.tar. Only the tensors that the layers need are read.
-        `config`: Sizes; None: the real 5b model.
-        `layers`: 1 to depth, any subset in any order.
-        `device`: Such as "cuda:1"; None: CUDA if there is a card, else the CPU.
-        `precision`: "auto" (fp16 on CUDA, fp32 elsewhere), "fp32", "fp16" or "bf16": type of weights and matrix
-            products. The residual stream, norms and softmax are always fp32.
-        `max_codes`: Length of the longest clip, in codes; position tables are loaded up to it. None: the whole
-            context, 8192.
-        `memory_budget`: Bytes that may be used on the device. Blocks that do not fit stay on the host and are copied
-            when they are needed. None: the free memory of a card, no limit on a CPU.
-        Raises SourceError: A file or tensor is missing, truncated, of another shape, or of another network.
-        Raises UsageError: A parameter is out of range, or the memory of the device is too small.
-        """
-        config = config or JukeboxConfig()
-        chosen = require_layers(layers, config.depth)
-        checkpoint = open_openai(Path(folder), config)
-        return cls(checkpoint, config, chosen, device, precision, max_codes, memory_budget)
-
-    @classmethod
-    def from_converted(
-        cls,
-        folder: Path | str,
-        *,
-        config: JukeboxConfig | None = None,
-        layers: Iterable[int] | None = None,
-        device: str | torch.device | None = None,
-        precision: str = "auto",
-        max_codes: int | None = None,
-        memory_budget: int | None = None,
-    ) -> JukeboxEncoder:
-        """Load a folder that `convert` wrote. As `from_openai`, except for the two parameters below.
-
-        `config`: None: that of the folder; another one is an error.
-        `layers`: None: the highest layer that was converted.
-        """
-        folder = Path(folder)
-        description = read_description(folder)
-        if config is not None and config != description.config:
-            names = [f.name for f in fields(config) if getattr(config, f.name) != getattr(description.config, f.name)]
-            sizes, allowed = (
-                ", ".join(f"{name} {getattr(c, name)}" for name in names) for c in (description.config, config)
-            )
-            raise UsageError(
-                "jukebox: the folder was converted from another network", where=folder, found=sizes, allowed=allowed
-            )
-        chosen = require_layers((description.layer,) if layers is None else layers, description.layer)
-        checkpoint = open_converted(folder, description, max(chosen))
-        return cls(checkpoint, description.config, chosen, device, precision, max_codes, memory_budget)
 
     def encode(self, samples: ArrayLike, sample_rate: int) -> NDArray[np.int64]:
         """Encode a clip of any length as VQ-VAE codes.
@@ -175,15 +129,6 @@ class JukeboxEncoder:
         """
         return self._encode_prepared([prepare(samples, sample_rate, self.config)])[0]
 
-    def encode_batch(
-        self, clips: Sequence[ArrayLike], sample_rate: int, *, batch_size: int | None = None
-    ) -> list[NDArray[np.int64]]:
-        """Encode several clips as `encode` does; consecutive ones of equal length at once.
-
-        `batch_size`: Most clips at once; None: from the free memory (1 on a CPU).
-        """
-        return self._encode_prepared([prepare(clip, sample_rate, self.config) for clip in clips], batch_size)
-
     def activations(self, codes: ArrayLike) -> Features:
         """Compute the residual stream of one clip after each of `layers`.
 
@@ -193,14 +138,9 @@ class JukeboxEncoder:
         Raises JukeboxOverflowError: In fp16, a value left the range of its type; the message suggests another
             precision.
         """
-        return self.activations_batch([codes])[0]
-
-    def activations_batch(self, codes: Sequence[ArrayLike], *, batch_size: int | None = None) -> list[Features]:
-        """Compute `activations` of several clips of any lengths, `batch_size` at once (None: from free memory)."""
-        checked = [require_codes(one, self.config) for one in codes]
-        for one in checked:
-            require_length(len(one), self.max_codes, self.config)
-        return self._in_batches(checked, None, batch_size)
+        checked = require_codes(codes, self.config)
+        require_length(len(checked), self.max_codes, self.config)
+        return self._in_batches([checked], None, 1)[0]
 
     def __call__(
         self, samples: ArrayLike, sample_rate: int, fps: float = 30, *, too_long: TooLong = "error"

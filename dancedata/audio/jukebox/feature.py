@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dancedata.audio.jukebox.clips import n_frames, prepare
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
-from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer, is_converted
+from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer
 from dancedata.audio.networks.feature import NetworkFeature, Precision
 from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
 from dancedata.core.columns import Columns, Group
@@ -192,14 +192,10 @@ class Jukebox(NetworkFeature):
         # Rounded up to whole rows: the same length for songs of all sample rates.
         longest = min(padded_length(self._config, max(n_codes, 1)), self._config.n_ctx)
         folder = self.weights_path()
-
-        def load() -> JukeboxEncoder:
-            how: Any = {"layers": (self.layer,), "device": device, "precision": self.precision, "max_codes": longest}
-            if is_converted(folder):
-                return JukeboxEncoder.from_converted(folder, **how)
-            return JukeboxEncoder.from_openai(folder, config=config_of(folder), **how)
-
-        return self.network((folder, self.layer, self.precision, device, longest), load)
+        how: Any = {"layers": (self.layer,), "device": device, "precision": self.precision, "max_codes": longest}
+        return self.network(
+            (folder, self.layer, self.precision, device, longest), lambda: JukeboxEncoder(folder, **how)
+        )
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
         return self.in_dtype(rows, "choose another layer")
