@@ -247,13 +247,13 @@ def pack_old_metrics(peers: Path, out: Path) -> None:
 def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
     """A checkpoint whose tensors, and rows of tables, that no comparison looks at are zero. All else stays."""
     data = bytearray(path.read_bytes())
-    with TorchFile(path) as file:
-        for name, tensor in file._tensors.items():
-            start, size = file._places[tensor.untyped_storage()._cdata], tensor.untyped_storage().nbytes()
-            rows = needed.get(name, 0)
-            begin, end = start + rows * math.prod(tensor.shape[1:]) * tensor.itemsize, start + size
-            if rows < tensor.shape[0]:
-                data[begin:end] = bytes(end - begin)
+    file = TorchFile(path)
+    for name, tensor in file._tensors.items():
+        start, size = file._places[tensor.untyped_storage()._cdata], tensor.untyped_storage().nbytes()
+        rows = needed.get(name, 0)
+        begin, end = start + rows * math.prod(tensor.shape[1:]) * tensor.itemsize, start + size
+        if rows < tensor.shape[0]:
+            data[begin:end] = bytes(end - begin)
     out.mkdir(parents=True, exist_ok=True)
     packed = xz(bytes(data))
     (out / f"{path.name}.xz").write_bytes(packed)

@@ -57,7 +57,6 @@ def test_conditioning(golden: SimpleNamespace) -> None:
     checkpoint = open_openai(golden.folder, golden.config)
     start, positions = load_conditioning(checkpoint.prior, golden.config, golden.config.n_ctx)
     learnt = checkpoint.prior.read(POSITIONS, golden.config.n_ctx)
-    checkpoint.close()
     np.testing.assert_array_equal(start.numpy(), golden.conditioning["y_cond"].ravel())
     x_cond = torch.from_numpy(golden.conditioning["x_cond"].reshape(golden.config.n_ctx, -1))
     np.testing.assert_array_equal(positions.numpy(), (x_cond + learnt).numpy())

@@ -54,13 +54,13 @@ def _load(folder: Path, tiny: SimpleNamespace, layers: tuple[int, ...] = (6,)) -
 
 @pytest.mark.parametrize("file", [VQVAE_FILE, PRIOR_FILE])
 def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
-    with TorchFile(tiny.folder / file) as source:
-        assert set(source.shapes()) == set(tiny.tensors[file])
-        for name, tensor in tiny.tensors[file].items():
-            assert source.shapes()[name] == tuple(tensor.shape)
-            assert source.dtype(name) == tensor.dtype
-            assert torch.equal(source.read(name, len(tensor)), tensor)
-            assert torch.equal(source.read(name, 1), tensor[:1])
+    source = TorchFile(tiny.folder / file)
+    assert set(source.shapes()) == set(tiny.tensors[file])
+    for name, tensor in tiny.tensors[file].items():
+        assert source.shapes()[name] == tuple(tensor.shape)
+        assert source.dtype(name) == tensor.dtype
+        assert torch.equal(source.read(name, len(tensor)), tensor)
+        assert torch.equal(source.read(name, 1), tensor[:1])
 
 
 def test_only_needed_tensors_are_read(tiny: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,10 +119,10 @@ def test_prefix_of_distributed_training(tiny: SimpleNamespace, tmp_path: Path) -
 )
 def test_views_of_storages(tmp_path: Path, tensors: dict[str, torch.Tensor]) -> None:
     write_torch_file(tmp_path / "x", tensors)
-    with TorchFile(tmp_path / "x") as source:
-        for name, tensor in tensors.items():
-            for rows in {len(tensor), len(tensor) // 2}:
-                assert torch.equal(source.read(name, rows), tensor[:rows])
+    source = TorchFile(tmp_path / "x")
+    for name, tensor in tensors.items():
+        for rows in {len(tensor), len(tensor) // 2}:
+            assert torch.equal(source.read(name, rows), tensor[:rows])
 
 
 class Hyperparams(dict):
@@ -141,9 +141,9 @@ def test_other_content_of_the_checkpoint_is_ignored(tmp_path: Path, monkeypatch:
         patch.setitem(sys.modules, "jukebox.hparams", module)
         content = {"hps": hparams, "model": {"a": torch.ones(2)}, "loss": np.float64(0.5), "opt": None}
         torch.save(content, tmp_path / "x", _use_new_zipfile_serialization=False)
-    with TorchFile(tmp_path / "x") as source:
-        assert list(source.shapes()) == ["a"]
-        assert torch.equal(source.read("a", 2), torch.ones(2))
+    source = TorchFile(tmp_path / "x")
+    assert list(source.shapes()) == ["a"]
+    assert torch.equal(source.read("a", 2), torch.ones(2))
 
 
 def test_missing_file(tiny: SimpleNamespace, tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDAr
     """Average the channels, resample to the config's rate (soxr HQ, as librosa does), divide by the largest value.
 
     `samples`: (m,) or (channels, m), floating point.
-    `sample_rate`: In Hz.
     Returns: (n,) at the config's rate, between -1 and 1; silence stays zero. One gain for the clip, no DC removal.
     Raises UsageError: Another shape or type, or a sample rate below 1.
     Raises DataError: "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
@@ -116,12 +115,10 @@ def n_frames(n_codes: int, fps: float | Fraction, code_rate: float | Fraction) -
 
 
 def resampling_matrix(n_in: int, n_out: int) -> NDArray[np.float32]:
-    """Return the matrix R of scipy.signal.resample along time: R @ x resamples x (n_in, D) to (n_out, D).
+    """Return the matrix R (n_out, n_in) of scipy.signal.resample along time, for x (n_in, D).
 
     It keeps the lowest n_out // 2 + 1 bins of the real Fourier transform and transforms back at the new length. The
     clip is treated as periodic, so its ends ring into each other, as in the reference's features.
-
-    Returns: (n_out, n_in).
     """
     shorter = min(n_in, n_out)
     k = np.arange(shorter // 2 + 1)

@@ -15,7 +15,7 @@ and writing hold one block in memory, and the first files are sufficient for a l
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 
 from dancedata.audio.jukebox.config import JukeboxConfig
@@ -80,9 +80,10 @@ def convert(folder: Path | str, out: Path | str, layer: int = 66) -> Description
     if not 1 <= layer <= config.depth:
         raise UsageError("jukebox: invalid value for layer", found=layer, allowed=f"1 to {config.depth}")
     source = checkpoint_sha256(folder)  # before anything in the files is read
-    with closing(open_openai(folder, config)) as checkpoint, ExitStack() as stack:
-        require_tensors(checkpoint.vqvae, vqvae_tensors(config))
-        require_tensors(checkpoint.prior, prior_tensors(config, layer))
+    checkpoint = open_openai(folder, config)
+    require_tensors(checkpoint.vqvae, vqvae_tensors(config))
+    require_tensors(checkpoint.prior, prior_tensors(config, layer))
+    with ExitStack() as stack:
         with _writable(out):
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(writing_lock(out, "conversion"))
@@ -134,9 +135,8 @@ def open_checkpoint(folder: Path, layer: int) -> Checkpoint:
 
 
 def open_converted(folder: Path, description: Description, layer: int, *, verify: bool = False) -> Checkpoint:
-    """Open the files that `layer` needs.
+    """Open the files that `layer` needs; `verify` compares the SHA-256 of each, not only its size.
 
-    `verify`: Compare the SHA-256 of every file, not only its size.
     Raises SourceError: A file is missing, or its size or hash differs from jukebox.json.
     """
     files = [_VQVAE, _TABLES, *(_block_file(index) for index in range(layer))]
@@ -164,7 +164,7 @@ def open_converted(folder: Path, description: Description, layer: int, *, verify
 def verify_converted(folder: Path | str) -> None:
     """Compare the SHA-256 of every file of a converted folder; SourceError names the first that differs."""
     description = read_description(Path(folder))
-    open_converted(Path(folder), description, description.layer, verify=True).close()
+    open_converted(Path(folder), description, description.layer, verify=True)
 
 
 def _parts(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import closing
 from itertools import groupby
 from pathlib import Path
 
@@ -88,17 +87,17 @@ class JukeboxEncoder:
         folder = Path(folder)
         self.config, highest = config_of(folder), highest_layer(folder)
         self.layers = require_layers((min(_DEFAULT_LAYER, highest),) if layers is None else layers, highest)
-        with closing(open_checkpoint(folder, max(self.layers))) as checkpoint:
-            self.device = require_device(device)
-            self.precision = resolve_precision(precision, self.device)
-            self.max_codes = require_max_codes(max_codes, self.config)
-            self._budget = free_memory(self.device) if memory_budget is None else memory_budget
-            dtype = compute_dtype(self.precision)
-            self.placement = memory.place(self.config, max(self.layers), dtype, self.max_codes, self._budget)
-            self._vqvae = load_encoder(checkpoint, self.config, self.device)
-            self._prior = load_prior(
-                checkpoint, self.config, self.placement, max_codes=self.max_codes, precision=dtype, device=self.device
-            )
+        checkpoint = open_checkpoint(folder, max(self.layers))
+        self.device = require_device(device)
+        self.precision = resolve_precision(precision, self.device)
+        self.max_codes = require_max_codes(max_codes, self.config)
+        self._budget = free_memory(self.device) if memory_budget is None else memory_budget
+        dtype = compute_dtype(self.precision)
+        self.placement = memory.place(self.config, max(self.layers), dtype, self.max_codes, self._budget)
+        self._vqvae = load_encoder(checkpoint, self.config, self.device)
+        self._prior = load_prior(
+            checkpoint, self.config, self.placement, max_codes=self.max_codes, precision=dtype, device=self.device
+        )
         self._batches = Batches(
             "end other programs on the device, or load with a smaller memory_budget, which keeps blocks on the host"
         )

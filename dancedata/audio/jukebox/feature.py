@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -180,7 +181,7 @@ class Jukebox(NetworkFeature):
     @property
     def _config(self) -> JukeboxConfig:
         folder = self.weights or _named_folder()
-        return config_of(folder) if folder is not None else JukeboxConfig()
+        return _cached_config(folder) if folder is not None else JukeboxConfig()
 
     def _encoder(self, n_codes: int) -> JukeboxEncoder:
         """Return the network, with tables for clips of up to `n_codes` codes."""
@@ -199,6 +200,10 @@ class Jukebox(NetworkFeature):
 
     def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[np.float16]:
         return self.in_dtype(rows, "choose another layer")
+
+
+# `columns` is read once per clip.
+_cached_config = lru_cache(maxsize=8)(config_of)
 
 
 def _named_folder() -> Path | None:

@@ -148,8 +148,7 @@ def compute_dtype(precision: str) -> torch.dtype:
 def exact_float32() -> Iterator[None]:
     """Compute fp32 products in fp32, and sum half-precision ones in fp32, under any settings of the program.
 
-    The settings are restored afterwards. Convolutions use TF32 by default on recent cards, which changes Jukebox's
-    codes of about one clip in a hundred.
+    Convolutions use TF32 by default on recent cards, which changes Jukebox's codes of about one clip in a hundred.
     """
     with ExitStack() as settings:
         matmul = torch.backends.cuda.matmul

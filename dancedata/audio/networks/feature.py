@@ -122,17 +122,8 @@ class NetworkFeature(AudioFeature):
     def network(self, how: tuple[Hashable, ...], load: Callable[[], N]) -> N:
         """Return the network of this process, loaded once; the previous one is released first.
 
-        Few devices have memory for two.
-
-        Parameters
-        ----------
-        how
-            Dependencies of `load`, in addition to the hash of the weights.
-
-        Raises
-        ------
-        SourceError
-            The weights have changed since their hash became a part of cache keys.
+        `how`: Dependencies of `load`, in addition to the hash of the weights.
+        Raises SourceError: The weights have changed since their hash became a part of cache keys.
         """
         key = (self._recipe_hash, *how)
         if _networks.get(self.name, (None, None))[0] != key:
@@ -145,13 +136,7 @@ class NetworkFeature(AudioFeature):
         return network
 
     def in_dtype(self, rows: npt.NDArray[np.float32], fix: str) -> npt.NDArray[Any]:
-        """Return rows in the type that they are stored in; DataError "overflow" where it cannot hold them.
-
-        Parameters
-        ----------
-        fix
-            What to do about it.
-        """
+        """Return rows in the type that is stored; DataError "overflow" where it cannot hold them."""
         largest = float(np.abs(rows).max(initial=0))
         if not largest <= float(np.finfo(self.dtype).max):
             problem = f"{self.name}: an activation exceeds the range of {self.dtype}"

@@ -16,11 +16,7 @@ MAX_BATCH = 32
 
 @dataclass(frozen=True)
 class Placement:
-    """Locations of the blocks.
-
-    `resident`
-    `weight_bytes`
-    """
+    """Which blocks are on the device, and the bytes of weights there."""
 
     resident: tuple[bool, ...]
     weight_bytes: int
@@ -66,11 +62,8 @@ def clip_bytes(config: JukeboxConfig, precision: torch.dtype, n_codes: int) -> i
 def place(
     config: JukeboxConfig, n_blocks: int, precision: torch.dtype, max_codes: int, budget: int | None
 ) -> Placement:
-    """Decide which blocks stay on the device.
+    """Decide which blocks stay on the device, with memory left for a clip of `max_codes` codes.
 
-    `n_blocks`: Number of blocks of the network.
-    `precision`: Of the matrix products.
-    `max_codes`: Length of the longest clip; memory for one such clip is left.
     `budget`: Bytes on the device; None: no limit.
     Raises UsageError: Two blocks and one clip do not fit.
     """

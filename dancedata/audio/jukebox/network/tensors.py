@@ -31,13 +31,7 @@ OUTPUT = "prior.x_out.weight"
 
 @dataclass(frozen=True)
 class TensorSpec:
-    """One tensor of a checkpoint.
-
-    `name`
-    `shape`
-    `dtype`
-    `rows`
-    """
+    """One tensor of a checkpoint, of which the first `rows` are needed."""
 
     name: str
     shape: tuple[int, ...]
@@ -116,9 +110,8 @@ def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]
 
 
 def prior_tensors(config: JukeboxConfig, layer: int, n_codes: int | None = None) -> tuple[TensorSpec, ...]:
-    """Return the tensors of prior_level_2.pth.tar that activations up to `layer` need.
+    """Return the tensors of prior_level_2.pth.tar that activations up to `layer` (1 to depth) need.
 
-    `layer`: The highest layer, 1 to depth: blocks 0 to layer - 1 are needed.
     `n_codes`: The longest sequence; None: the whole context.
     """
     blocks = (spec for index in range(layer) for spec in block_tensors(config, index))
@@ -170,8 +163,7 @@ def time_conditioning(
 ) -> torch.Tensor:
     """x_cond, (n_codes, W) float32: the three time labels of each position, added.
 
-    `song_length`, `song_position`, `relative_position`: (bins, W) float32 tables, at least as many rows as the bins
-        of `n_codes` codes need.
+    `song_length`, `song_position`, `relative_position`: (bins, W) float32 tables, of the bins of `n_codes` codes.
     """
     import torch
 

@@ -24,14 +24,7 @@ ROW, COLUMN, PREVIOUS_ROW = range(3)
 
 @dataclass(frozen=True)
 class Prior:
-    """Tables and blocks, on the device.
-
-    `config`
-    `start`
-    `code_table`
-    `positions`
-    `stream`
-    """
+    """Tables and blocks, on the device."""
 
     config: JukeboxConfig
     start: torch.Tensor
@@ -70,10 +63,7 @@ class BlockStream:
     The weights of a block are copied while the previous block computes. Accelerate's offloading copies at the moment
     of use, from memory that is not pinned, so that the device waits for every block.
 
-    `blocks`: In order; the weights of resident blocks are on `device`, those of the others on the host (pinned for
-        CUDA).
-    `resident`: For each block, whether it is on the device.
-    `device`: The device to compute on.
+    `blocks`: Weights of resident ones are on `device`, those of the others on the host (pinned for CUDA).
     """
 
     def __init__(self, blocks: Sequence[Block], resident: Sequence[bool], device: torch.device) -> None:
@@ -153,7 +143,6 @@ class Block(nn.Module):
 
     Its parameters have the names of the file, with "_" for ".": ``attn_c_attn_w`` and so on.
 
-    `config`: Sizes.
     `index`: From 0; decides the attention pattern.
     `precision`: Type of the factors of matrix products. In fp32, weights keep their stored type, which is exact and
         takes half the memory; biases and norms are fp32.
@@ -229,10 +218,9 @@ def factored_attention(qkv: torch.Tensor, kind: int, *, n_clips: int, heads: int
     The Sparse Transformer (Child et al. 2019) as Jukebox uses it: rows of 64 codes, and a pattern for every third
     block. The sequence is padded to full rows at its end; by causality, the padding has no effect.
 
-    `qkv`: (n_clips * L, 3 S): queries, keys and values of sequences of L codes, L a multiple of the row length.
+    `qkv`: (n_clips * L, 3 S): queries, keys and values of sequences of L codes, L a multiple of the row length;
+        head i has the i-th part of the S columns.
     `kind`: `ROW`, `COLUMN` or `PREVIOUS_ROW`.
-    `heads`: Number of heads; head i has the i-th part of the S columns.
-    `row_length`: Codes per row.
     Returns: (n_clips * L, S), same type.
     """
     n_codes, width = qkv.shape[0], qkv.shape[1] // 3
@@ -266,12 +254,9 @@ def _attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, *, causal: bool) 
 
 
 def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0) -> torch.Tensor:
-    """Linear layer alpha * (x @ weight) + bias, rounded to the type of x; sums in fp32.
+    """Linear layer alpha * (x @ weight) + bias of x (N, in), rounded to its type; sums in fp32.
 
-    `x`: (N, in).
-    `weight`: (in, out), of any floating type: weights stored in fp16 stay in fp16 in memory, and are cast for each
-        product.
-    `bias`: (out,).
+    `weight`: (in, out), of any floating type: those stored in fp16 stay so in memory, and are cast each time.
     """
     if x.device.type == "cpu" and x.dtype != torch.float32:
         # CPUs without half-precision units take 75 times as long. The tensor cores of GPUs compute the same:

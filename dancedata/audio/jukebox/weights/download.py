@@ -30,13 +30,7 @@ _MAX_TAG = 300
 
 @dataclass(frozen=True)
 class RemoteFile:
-    """One file of the checkpoint.
-
-    `name`
-    `size`
-    `sha256`
-    `max_size`
-    """
+    """One file of the checkpoint; `max_size` limits one whose size is not known."""
 
     name: str
     size: int | None
@@ -78,7 +72,6 @@ def fetch(
     `progress`: Called with file name, bytes so far, total bytes or None.
     `attempts`: Limit of consecutive failures without any new data.
     `wait_s`: Pause in seconds after the first failure; it doubles with each further one.
-    Returns: The files.
     Raises UsageError: The licence was not accepted, or `source` is neither http(s) nor a folder.
     Raises SourceError: A file does not exist or has another size or hash, or the server keeps failing. A partial
         download is kept as ".dancedata-NAME.part", and the next call resumes it; one that is too large is removed.

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +34,7 @@ FORMAT = 1
 
 @dataclass(frozen=True)
 class Description:
-    """The content of a converted folder's jukebox.json.
-
-    `config`
-    `layer`
-    `files`
-    `source`
-    """
+    """The content of a converted folder's jukebox.json; `files` are sizes and hashes by name."""
 
     config: JukeboxConfig
     layer: int
@@ -77,7 +70,6 @@ def read_description(folder: Path) -> Description:
                           fix="convert again") from error  # fmt: skip
 
 
-@lru_cache(maxsize=8)
 def config_of(folder: Path) -> JukeboxConfig:
     """Return the sizes of a folder's network: from jukebox.json or sizes.json, else those of the real model."""
     if is_converted(folder):
@@ -97,9 +89,8 @@ def highest_layer(folder: Path) -> int:
 
 
 def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
-    """Return the identity of the weights: SHA-256 of OpenAI's two files, also for a folder converted from them.
+    """Return the SHA-256 of OpenAI's two files, by name, also for a folder converted from them.
 
-    `folder`: With OpenAI's two files, or converted.
     `hash_file`: Returns the SHA-256 of a file.
     Raises SourceError: A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no
         sizes.json says so.

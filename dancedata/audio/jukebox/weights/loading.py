@@ -25,11 +25,7 @@ _CHUNK = 1024
 
 
 class VqEncoder:
-    """Encoder and codebook.
-
-    `config`: Sizes.
-    `weights`: The tensors of `names.vqvae_tensors` by name, on the device, in fp32.
-    """
+    """Encoder and codebook; `weights` are those of `vqvae_tensors` by name, on the device, in fp32."""
 
     def __init__(self, config: JukeboxConfig, weights: Mapping[str, torch.Tensor]) -> None:
         self.config = config
@@ -38,11 +34,7 @@ class VqEncoder:
         self._squares = self._codebook.square().sum(1)
 
     def __call__(self, audio: torch.Tensor) -> torch.Tensor:
-        """Encode clips of one length.
-
-        `audio`: (B, n) float32 at the config's sample rate, n at least `hop`.
-        Returns: (B, n // hop) int64.
-        """
+        """Encode clips of one length, (B, n) float32 at the config's sample rate, as (B, n // hop) int64."""
         x = audio[:, None]
         with exact_float32():
             for level, steps in enumerate(self.config.downs):
@@ -77,44 +69,25 @@ class VqEncoder:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Open sources of the two networks; to be closed once everything is loaded.
-
-    `vqvae`, `prior`
-    `trimmed`
-    """
+    """Sources of the two networks; `trimmed` ones have the needed rows alone."""
 
     vqvae: TensorSource
     prior: TensorSource
     trimmed: bool = False
-
-    def close(self) -> None:
-        """Close the files."""
-        self.vqvae.close()
-        self.prior.close()
 
 
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
     """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
 
     Raises SourceError: A file is missing, truncated or of another network. That includes the Hugging Face models.
-    Raises DataError: "unsafe_pickle".
     """
     refuse_hugging_face(folder)
-    vqvae = open_torch_file(folder / VQVAE_FILE)
-    try:
-        prior = open_torch_file(folder / PRIOR_FILE)
-    except BaseException:
-        vqvae.close()
-        raise
-    checkpoint = Checkpoint(vqvae, prior)
-    try:
-        expected = {spec.name for spec in tensors.vqvae_tensors(config)}
-        prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
-        _refuse_unknown(vqvae, (name for name in vqvae.shapes() if name.startswith(prefixes)), expected)
-        _refuse_unknown(prior, prior.shapes(), tensors.all_prior_names(config))
-    except BaseException:
-        checkpoint.close()
-        raise
+    checkpoint = Checkpoint(open_torch_file(folder / VQVAE_FILE), open_torch_file(folder / PRIOR_FILE))
+    expected = {spec.name for spec in tensors.vqvae_tensors(config)}
+    prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
+    names = [name for name in checkpoint.vqvae.shapes() if name.startswith(prefixes)]
+    _refuse_unknown(checkpoint.vqvae, names, expected)
+    _refuse_unknown(checkpoint.prior, checkpoint.prior.shapes(), tensors.all_prior_names(config))
     return checkpoint
 
 
@@ -184,5 +157,5 @@ def _refuse_unknown(source: TensorSource, names: Iterable[str], expected: Iterab
     unknown = sorted(set(names) - set(expected))
     if unknown:
         raise SourceError("the checkpoint has unknown tensors: it belongs to another network", where=source.path,
-                          found=listed(unknown), allowed="the 5b model without lyrics (or that of the JukeboxConfig)",
+                          found=listed(unknown), allowed="the 5b model without lyrics (or that of sizes.json)",
                           fix="get the right files with `dancedata pull jukebox`")  # fmt: skip

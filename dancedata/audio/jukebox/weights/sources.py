@@ -4,8 +4,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Any, BinaryIO, Protocol, Self
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 import torch
@@ -15,7 +14,6 @@ from torch._weights_only_unpickler import load as unpickle
 from dancedata.audio.jukebox.network.tensors import TensorSpec
 from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, shown
-from dancedata.core.typing import override
 from dancedata.formats.torch_file import torch_for
 
 _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
@@ -35,26 +33,8 @@ class TensorSource(Protocol):
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Read the leading rows into separate memory, on the CPU, in the stored type."""
 
-    def close(self) -> None:
-        """Close all open files."""
 
-
-class _Closing:
-    """Base of sources: a context manager."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close all open files; by default there are none."""
-
-
-class TorchFile(_Closing):
+class TorchFile:
     """A torch file of tensors and plain containers; tensors are read one at a time.
 
     torch's own unpickler for weights reads it, which runs no code: of the zip format by `torch.load`, mapped into
@@ -137,10 +117,6 @@ class TorchFile(_Closing):
         data = np.fromfile(self.path, np.uint8, count * part.itemsize, offset=start)
         return torch.frombuffer(data, dtype=part.dtype).as_strided(part.shape, part.stride()).contiguous()
 
-    @override
-    def close(self) -> None:
-        self._tensors = {}
-
 
 #: Classes of torch whose arguments have no types.
 _Unpickler: Any = Unpickler
@@ -156,12 +132,8 @@ _STAND_INS: list[Any] = [
 ]  # fmt: skip
 
 
-class SafetensorsSource(_Closing):
-    """Several safetensors files as one source; one file is open at a time, so that little memory is mapped.
-
-    `path`: The folder.
-    `files`: File names in it.
-    """
+class SafetensorsSource:
+    """Safetensors files of a folder; one is open at a time, so that little memory is mapped."""
 
     def __init__(self, path: Path, files: Iterable[str]) -> None:
         self.path = path
@@ -193,15 +165,11 @@ class SafetensorsSource(_Closing):
         # A slice may be a view of the mapped file.
         return part.clone()
 
-    @override
-    def close(self) -> None:
-        self._open_file, self._open_name = None, ""
-
     def _opened(self, file: str) -> Any:
         from safetensors import SafetensorError, safe_open
 
         if file != self._open_name:
-            self.close()
+            self._open_name, self._open_file = "", None
             try:
                 self._open_file = safe_open(self.path / file, framework="pt", device="cpu")
             except (OSError, SafetensorError) as error:
@@ -240,8 +208,7 @@ def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
 def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimmed: bool = False) -> None:
     """Check that a source has these tensors.
 
-    `trimmed`: The source has only the needed rows, as a converted checkpoint does. More rows than needed are
-        accepted.
+    `trimmed`: The source has only the needed rows, as a converted checkpoint does. More are accepted.
     Raises SourceError: Tensors are missing, or have another shape or a type that is not floating-point; the first ten
         are named.
     """
@@ -263,5 +230,5 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
             "the tensors of the checkpoint do not match the network",
             where=source.path,
             found=listed(problems, 10, lambda problem, _limit: str(problem)),
-            fix="use the complete 5b model without lyrics, or pass the JukeboxConfig of another size",
+            fix="use the complete 5b model without lyrics, or write the sizes of another network into sizes.json",
         )
