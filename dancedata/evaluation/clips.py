@@ -1,6 +1,6 @@
 """Clips of a built dataset in columns that a protocol can measure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from dancedata.core.text import listed, shown
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
 from dancedata.kernel import Sample, Store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
+from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_readers
 
 
@@ -18,9 +19,8 @@ from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_r
 class ClipSet:
     """Clips that are measured together.
 
-    `source`: Origin of the clips, for reports.
+    `music`: Sources of beats; None: no metric takes them.
     `store`: Dataset that they are from; None for others.
-    `scaler_sha256`: Hash of the scaler by which columns of files are normalised; "" without one.
     `left_out`: Clips of the dataset that are not measured, and why.
     `samples`: The samples of the dataset that the motion stands for, by the ids of clips.
     `matched`, `warnings`: How many names matched the dataset, and what is doubtful, in words.
@@ -31,6 +31,7 @@ class ClipSet:
     source: str
     role: Role
     store: Store | None = None
+    music: MusicSources | None = None
     scaler_sha256: str = ""
     left_out: tuple[tuple[str, str], ...] = ()
     samples: Mapping[str, Sample] = field(default_factory=dict)
@@ -62,16 +63,19 @@ def chosen_splits(store: Store, split: str | None) -> tuple[str, ...]:
 
 def store_clips(
     store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None, role: Role = "truth"
-) -> tuple[ClipInput, ...]:
-    """List the clips of a store; copies that augmentations made are left out, and slices that begin within a piece.
+) -> tuple[tuple[ClipInput, ...], tuple[tuple[str, str], ...]]:
+    """Return the clips of a store, and those that lack the field, with the reason.
+
+    Copies that augmentations made are neither, nor slices that begin within a piece.
 
     UsageError if no field has the protocol's joints, or the store has slices of another length than its pieces.
     """
     name, reader = reader_for(store, protocol.motion, field)
     splits = chosen_splits(store, split)
     stride = _stride_of_slices(store, protocol, role) if store.slice_length is not None else 1
-    records = [c for c in store if c.split in splits and not c.source and (name in c)]
-    records = [c for c in records if c.slice_start % stride == 0]
+    originals = [c for c in store if c.split in splits and not c.source]
+    left_out = tuple((c.id, f"kept without {name}") for c in originals if name not in c)
+    records = [c for c in originals if name in c and c.slice_start % stride == 0]
     clips = tuple(
         StoreClip(
             id=c.id, music=c.music, tempo_bpm=c.tempo_bpm, audio_start=c.audio_start, recording=c.recording,
@@ -80,7 +84,7 @@ def store_clips(
         for c in records
     )  # fmt: skip
     if not protocol.of_groups:
-        return clips
+        return clips, left_out
     lacking = {c.group for c in store if c.group and name not in c}
     groups: dict[str, list[tuple[bool, int, StoreClip]]] = {}
     for record, clip in zip(records, clips, strict=True):
@@ -89,28 +93,17 @@ def store_clips(
     if not groups:
         raise UsageError(f"{protocol.name} measures groups, and the dataset has none", where=str(store.path),
                          fix="take a protocol of single dancers, such as dancedata")  # fmt: skip
-    return tuple(_group_of(group, groups[group]) for group in sorted(groups))
+    dancers = {group: sorted(groups[group], key=lambda member: member[:2]) for group in sorted(groups)}
+    return tuple(_group(name, [clip for *_, clip in of_group]) for name, of_group in dancers.items()), left_out
 
 
-def without_field(
-    store: Store, protocol: Protocol, *, split: str | None = None, field: str | None = None
-) -> tuple[tuple[str, str], ...]:
-    """Return the clips that `store_clips` leaves out as they lack its field, with the reason; arguments as there."""
-    if not store.optional_fields:
-        return ()
-    name, _ = reader_for(store, protocol.motion, field)
-    splits = chosen_splits(store, split)
-    lacking = [c for c in store if c.split in splits and not c.source and name not in c]
-    return tuple((c.id, f"kept without {name}") for c in lacking)
-
-
-def _group_of(group: str, members: list[tuple[bool, int, StoreClip]]) -> GroupClip:
+def _group(name: str, members: Sequence[StoreClip], recording: str = "") -> GroupClip:
     """Return a group of a store; its music is that of its dancers."""
-    clips = tuple(clip for *_, clip in sorted(members, key=lambda member: member[:2]))
-    first = clips[0]
+    first = members[0]
     return GroupClip(
-        id=group, music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start, members=clips
-    )
+        id=name, music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start, recording=recording,
+        members=tuple(members),
+    )  # fmt: skip
 
 
 def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | None) -> tuple[ClipInput, ...]:
@@ -119,7 +112,7 @@ def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | Non
     for sample in samples.values():
         name, reader = reader_for(sample.store, protocol.motion, field)
         of = replace(sample.id, take=0)
-        members = tuple(
+        members = [
             StoreClip(
                 id=str(of), music=clip.music, tempo_bpm=clip.tempo_bpm, audio_start=sample.music_start_s,
                 recording=sample.recording, reference=sample.store.reference, field=name, reader=reader,
@@ -127,13 +120,9 @@ def truth_of(samples: Mapping[str, Sample], protocol: Protocol, field: str | Non
             )
             for clip, window in zip(sample.clips, sample.windows, strict=True)
             if name in clip
-        )  # fmt: skip
+        ]  # fmt: skip
         if members:
-            first = members[0]
-            clips[str(of)] = first if len(members) == 1 else GroupClip(
-                id=str(of), music=first.music, tempo_bpm=first.tempo_bpm, audio_start=first.audio_start,
-                recording=sample.recording, members=members,
-            )  # fmt: skip
+            clips[str(of)] = members[0] if len(members) == 1 else _group(str(of), members, sample.recording)
     return tuple(clips.values())
 
 

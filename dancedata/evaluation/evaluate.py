@@ -1,19 +1,17 @@
 """From the inputs of an evaluation to its report."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.measuring import MeasuredClip, measure_clips
-from dancedata.evaluation.music import ClipMusic, Resources, clip_music
+from dancedata.evaluation.measuring import MeasuredSet, measure_clips
+from dancedata.evaluation.music import Resources
 from dancedata.evaluation.options import EvaluationOptions, Inputs
 from dancedata.evaluation.pool import Pool, measured_pool, save_pool
 from dancedata.evaluation.report import Report, report_of
 from dancedata.kernel import Cache, Executor, Progress, start_workers
-from dancedata.scene.inputs.songs import MusicSources
 
 #: Tolerance in seconds before warning about short music.
 _TOLERANCE_S = 0.1
@@ -38,32 +36,23 @@ def evaluate_inputs(
 
 def _report(resources: Resources, inputs: Inputs) -> Report:
     protocol, clip_set = inputs.protocol, inputs.clip_set
-    music, problems = clip_music(resources, protocol, clip_set, inputs.music)
-    measured, rejects = measure_clips(resources, protocol, clip_set, inputs.numbers, music)
+    measured = measure_clips(resources, protocol, clip_set, inputs.numbers)
     if clip_set.nothing_matched is not None:
         raise clip_set.nothing_matched
     pool = measured_pool(resources, protocol, inputs.pool, inputs.pool_numbers)
     if inputs.save_pool is not None and pool is not None:
         save_pool(inputs.save_pool, protocol, pool)
-    if inputs.music is not None and not any(clip.fps for clip in measured):
-        raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
+    if clip_set.music is not None and not any(clip.fps for clip in measured.clips):
+        raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(measured.problems))
+    truth = None if inputs.truth is None else measure_clips(resources, protocol, inputs.truth, inputs.numbers)
     report = report_of(
-        protocol, measured, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
-        numbers=inputs.numbers, left_out=[*clip_set.left_out, *((reject.clip, reject.detail) for reject in rejects)],
-        warnings=[*clip_set.warnings, *problems, *_short_music(measured, music)], matched=clip_set.matched,
-        truth=_truth(resources, inputs), truth_source="" if inputs.truth is None else inputs.truth.source,
+        protocol, measured.clips, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
+        numbers=inputs.numbers, left_out=[*clip_set.left_out, *((r.clip, r.detail) for r in measured.rejects)],
+        warnings=[*clip_set.warnings, *measured.problems, *_short_music(measured)], matched=clip_set.matched,
+        truth=() if truth is None else truth.clips, truth_source="" if inputs.truth is None else inputs.truth.source,
         in_pool=_in_pool(inputs), dataset=inputs.dataset, cache=resources.cache,
     )  # fmt: skip
-    return replace(report, inputs=clip_set.clips, music=music)
-
-
-def _truth(resources: Resources, inputs: Inputs) -> list[MeasuredClip]:
-    """Measure the real dances beside generated ones."""
-    if inputs.truth is None:
-        return []
-    sources = None if inputs.music is None else MusicSources(files=inputs.music.files, like=inputs.music.like)
-    music, _ = clip_music(resources, inputs.protocol, inputs.truth, sources)
-    return measure_clips(resources, inputs.protocol, inputs.truth, inputs.numbers, music)[0]
+    return replace(report, inputs=clip_set.clips, music=measured.music)
 
 
 def pool_for(request: EvaluationOptions, root: Cache, *, jobs: int = 1) -> Pool | None:
@@ -89,10 +78,7 @@ def _in_pool(inputs: Inputs) -> int:
     return sum(clip.clip in ids for clip in pool.clips)
 
 
-def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:
-    short = []
-    for m in measured:
-        end = music[m.id].end_s if m.id in music else None
-        if end is not None and m.end_s > end + _TOLERANCE_S:
-            short.append(m.id)
+def _short_music(measured: MeasuredSet) -> list[str]:
+    ends = {clip: music.end_s for clip, music in measured.music.items()}
+    short = [m.id for m in measured.clips if (end := ends.get(m.id)) is not None and m.end_s > end + _TOLERANCE_S]
     return [f"the music ends before the motion of {counted(len(short), 'clip')}: {listed(short)}"] if short else []

@@ -130,15 +130,9 @@ class Evaluator:
             raise scaling.unstated(f"{self.store.path}, field {self.field}")
         self.reader = replace(columns, scaling=scaling)
         request = EvaluationOptions(
-            what={},
-            protocol=rules,
-            pool=pool,
-            pool_split=split,
-            like=self.store,
-            field=self.field,
-            normalized=scaling.normalized,
-            scaler=scaling.scaler if scaling.normalized else None,
-        )
+            what={}, protocol=rules, pool=pool, pool_split=split, like=self.store, field=self.field,
+            normalized=scaling.normalized, scaler=scaling.scaler if scaling.normalized else None,
+        )  # fmt: skip
         self._cache = Cache.at(cache)
         self.pool = pool_for(request, self._cache, jobs=jobs)
         if self.pool is not None:

@@ -23,7 +23,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.music import ClipMusic, Resources
+from dancedata.evaluation.music import ClipMusic, Resources, clip_music
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.files.documents import document_of
 from dancedata.kernel import Cache, run_units
@@ -194,18 +194,23 @@ def _each(of: Callable[[Float64Array], Float64Array], joints: Float64Array) -> F
     return of(joints) if joints.ndim == 3 else np.stack([of(dancer) for dancer in joints])
 
 
-def measure_clips(
-    resources: Resources,
-    protocol: Protocol,
-    clip_set: ClipSet,
-    numbers: Sequence[int],
-    music: Mapping[str, ClipMusic],
-) -> tuple[list[MeasuredClip], list[Reject]]:
-    """Measure clips, with music by their ids; those that cannot be measured are rejects.
+@dataclass(frozen=True, eq=False)
+class MeasuredSet:
+    """The numbers of a set, its clips without numbers, beats by the ids of clips, and problems in words."""
+
+    clips: list[MeasuredClip]
+    rejects: list[Reject]
+    music: Mapping[str, ClipMusic]
+    problems: list[str]
+
+
+def measure_clips(resources: Resources, protocol: Protocol, clip_set: ClipSet, numbers: Sequence[int]) -> MeasuredSet:
+    """Find the music of clips, and measure them.
 
     DataError "nothing_left" if no clip can be measured; StoreError if a dataset has other bytes than the build wrote.
     """
     cache, role = resources.cache, clip_set.role
+    music, problems = clip_music(resources, protocol, clip_set)
     if clip_set.store is not None:
         read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
         clip_set.store.require_intact(read, sha256=cache.file_sha256)
@@ -235,7 +240,7 @@ def measure_clips(
         raise DataError(
             "no clip can be measured", reason="nothing_left", where=clip_set.source, found=rejects[0].detail
         )
-    return measured, rejects
+    return MeasuredSet(measured, rejects, music, problems)
 
 
 def measure_clip(

@@ -29,12 +29,11 @@ from dancedata.kernel import (
     SignalId,
     Store,
     identify_audio,
-    make_named,
     run_units,
     song_rows,
 )
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.inputs.songs import MusicSources, Song
+from dancedata.scene.inputs.songs import Song
 
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
@@ -94,11 +93,9 @@ class ClipMusic:
         return [str(self.beats.grid), self.beats.frames.tolist(), pieces, *(b.seconds.tolist() for b in read)]
 
 
-def clip_music(
-    resources: Resources, protocol: Protocol, clip_set: ClipSet, sources: MusicSources | None
-) -> tuple[dict[str, ClipMusic], list[str]]:
+def clip_music(resources: Resources, protocol: Protocol, clip_set: ClipSet) -> tuple[dict[str, ClipMusic], list[str]]:
     """Return beats by the id of a clip, and problems in words."""
-    rule, role = protocol.music, clip_set.role
+    rule, role, sources = protocol.music, clip_set.role, clip_set.music
     if rule is None or sources is None:
         return {}, []
     clips = clip_set.clips
@@ -112,9 +109,7 @@ def clip_music(
         without = [clip for clip in clips if clip.id not in music]
         if store is not None and without:
             lacking = replace(clip_set, clips=tuple(without))
-            stored = stored_beats(
-                store, rule, protocol.pieces(role), lacking, sources.songs, resources.cache.file_sha256
-            )
+            stored = stored_beats(store, rule, protocol.pieces(role), lacking, resources.cache.file_sha256)
             problems += about_slices(store, rule) if stored else []
             music |= stored
     silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
@@ -192,7 +187,12 @@ def song_beats(
 
 
 def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
-    feature, grid = _feature(protocol, rule), rule.grid or _DEFAULT
+    name, grid = rule.features[0], rule.grid or _DEFAULT
+    if name not in FEATURES.names():
+        raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
+                         found=f"features {', '.join(FEATURES.names())}",
+                         fix="take the beats from a dataset that has the field, or leave out --music")  # fmt: skip
+    feature: AudioFeature = FEATURES.make(name, {})
     if not rule.by_piece:
         return MusicField(feature.name, grid, feature)
     length, stride = protocol.pieces(role).frames(grid)
@@ -201,15 +201,6 @@ def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
             f"{protocol.name}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
         )
     return MusicField(feature.name, grid, feature, windows=WindowSpec(length, stride, grid))
-
-
-def _feature(protocol: Protocol, rule: MusicRule) -> AudioFeature:
-    name = rule.features[0]
-    if name not in FEATURES.names():
-        raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
-                         found=f"features {', '.join(FEATURES.names())}",
-                         fix="take the beats from a dataset that has the field, or leave out --music")  # fmt: skip
-    return make_named(FEATURES, "audio", name, {})
 
 
 def _by_piece(rows: Sequence[Any], field: MusicField) -> ClipMusic:
@@ -224,15 +215,15 @@ def stored_beats(
     rule: MusicRule,
     pieces: Pieces,
     clip_set: ClipSet,
-    songs: Mapping[str, str],
     sha256: Callable[[Path], str],
 ) -> dict[str, ClipMusic]:
     """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
 
-    A clip of the store, or a sample of one, has its own beats. One that is not in the store, or for which `songs`
-    names another song, has those of the longest clip with its song. StoreError if shards have other bytes than the
+    A clip of the store, or a sample of one, has its own beats. One that is not in the store, or whose song the caller
+    names as another one, has those of the longest clip with its song. StoreError if shards have other bytes than the
     build wrote, by `sha256` of files.
     """
+    songs = {} if clip_set.music is None else clip_set.music.songs
     name = beat_field(store, rule, pieces)
     if name is None:
         return {}

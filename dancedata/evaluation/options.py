@@ -16,7 +16,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
-from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of, without_field
+from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -42,9 +42,7 @@ class Inputs:
 
     `numbers`, `pool_numbers`: Measures of the protocol that are computed of the set and of the pool.
     `pool`: Clips, or the pool of a file; None: metrics that need one are not computed.
-    `music`: Sources of beats; None: no metric takes them.
     `truth`: The dances of the dataset that generated ones are of, or to the same songs; None without a dataset.
-    `save_pool`: File to write the pool to.
     `dataset`: The reader of the real dances, "" without any; only its published figures compare.
     """
 
@@ -53,7 +51,6 @@ class Inputs:
     numbers: list[int]
     pool: ClipSet | Pool | None
     pool_numbers: list[int]
-    music: MusicSources | None
     truth: ClipSet | None = None
     draws: int = DRAWS
     save_pool: Path | None = None
@@ -116,8 +113,9 @@ class EvaluationOptions:
         """Return the clips, the pool and the music; UsageError if one cannot be read as the options state."""
         if self.save_pool is not None:
             check_target(self.save_pool, self.protocol)
-        numbers = self.numbers
-        music = self._music_sources(numbers)
+        numbers, rules = self.numbers, self.protocol
+        takes_music = rules.music is not None and any(rules.measures[n].metric.needs_music for n in numbers)
+        music = replace(self.music, like=self.like) if takes_music else None
         # A pool that is saved has the metrics that this report leaves out, too.
         pool, pool_numbers = self.pool_input(numbers if self.save_pool is None else None)
         if self.save_pool is not None and pool is None:
@@ -133,15 +131,15 @@ class EvaluationOptions:
             raise UsageError("beats given for unknown clips", found=listed(unknown))
         clip_set, real = self._named(clip_set, music), store or self.like
         return Inputs(
-            protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
-            music=music, truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
+            protocol=rules, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
+            truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
             dataset="" if real is None else real.reader_name,
         )  # fmt: skip
 
     def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:
         """Return clips with what their names say."""
         named = named_clips(clip_set.clips, self.music, self.like or clip_set.store)
-        clip_set = replace(clip_set, clips=named.clips, samples=named.samples)
+        clip_set = replace(clip_set, clips=named.clips, samples=named.samples, music=music)
         if self.like is None or clip_set.store is not None:
             return clip_set
         nothing = None
@@ -160,15 +158,16 @@ class EvaluationOptions:
         like = self.like
         if like is None or clip_set.role == "truth" or clip_set.store is not None:
             return None
+        music = None if clip_set.music is None else MusicSources(files=self.music.files, like=like)
         if clip_set.samples and self.split is None:
             clips = truth_of(clip_set.samples, self.protocol, self.field)
             samples = {str(replace(of.id, take=0)): of for of in clip_set.samples.values()}
-            return ClipSet(clips, f"the same dances of {like.path.name}", clip_set.role, like, samples=samples)
+            return ClipSet(clips, f"the same dances of {like.path.name}", clip_set.role, like, music, samples=samples)
         split = self.split or ("test" if "test" in like.splits else None)
         truth = self._clip_set(like, split, "truth")
         songs = {clip.music for clip in clip_set.clips}
         to_them = tuple(clip for clip in truth.clips if clip.music in songs)
-        return replace(truth, clips=to_them or truth.clips)
+        return replace(truth, clips=to_them or truth.clips, music=music)
 
     def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
         """Return the pool, by default that of --like or of the dataset itself, and the measures that need one."""
@@ -192,13 +191,13 @@ class EvaluationOptions:
         store = _as_store(what)
         if store is not None:
             role = role or "truth"
-            clips = store_clips(store, self.protocol, split=split, field=self.field, role=role)
+            clips, left_out = store_clips(store, self.protocol, split=split, field=self.field, role=role)
             place = os.path.normpath(store.path) if store.origin is None else store.origin.address
-            left_out = without_field(store, self.protocol, split=split, field=self.field)
             source = f"{place}" + (f", split {split}" if split else "")
             return ClipSet(clips, source, role, store, left_out=left_out)
         if split is not None and self.like is None:
-            raise UsageError("only a dataset has splits", found=f"split {split}", where=_name(what))
+            raise UsageError("only a dataset has splits", found=f"split {split}",
+                             where=what if isinstance(what, str | Path) else "clips in memory")  # fmt: skip
         role = role or "generated"
         if isinstance(what, Mapping):
             of = _groups_in_memory if self.protocol.of_groups else _in_memory
@@ -248,12 +247,6 @@ class EvaluationOptions:
             clamp=self.clamp,
         )  # fmt: skip
 
-    def _music_sources(self, numbers: Iterable[int]) -> MusicSources | None:
-        protocol = self.protocol
-        if protocol.music is None or not any(protocol.measures[n].metric.needs_music for n in numbers):
-            return None
-        return replace(self.music, like=self.like)
-
 
 def _as_store(what: MotionInput) -> Store | None:
     if isinstance(what, Store):
@@ -284,10 +277,6 @@ def _about_samples(samples: Mapping[str, Sample], *, of_groups: bool) -> list[st
     groups = {of.id.clip for of in samples.values() if of.id.dancer is not None or of.clip.group}
     alone = f"{counted(len(groups), 'group')} measured dancer by dancer; together: --protocol groups"
     return [f"{lost}; their truth is as stored"] * bool(changes) + [alone] * bool(groups and not of_groups)
-
-
-def _name(what: MotionInput) -> str:
-    return str(what) if isinstance(what, str | Path) else "clips in memory"
 
 
 def _in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tuple[ClipInput, ...]:

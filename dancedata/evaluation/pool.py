@@ -35,11 +35,7 @@ _HEADER, _IDS, _ROWS, _CLIPS = "about", "clips", "rows_", "clip_of_rows_"
 class Pool:
     """The numbers of a pool, for each metric of a protocol that needs one.
 
-    `protocol`, `version`: Name and version of the protocol.
-    `fps`: Rate that was measured.
-    `ids`: Clips.
     `rows`: (M, C) by the number of the measure.
-    `source`: Origin, for reports.
     `undefined`: Pieces without features, by outcome.
     `scaler`: Hash of the scaler that its columns were normalised by; "" if they were not.
     `clips`: (M,) number of the clip of each row, by the number of the measure.
@@ -91,7 +87,7 @@ def measured_pool(
     """Return a pool that was read from a file, or measure its clips."""
     if not isinstance(pool, ClipSet):
         return pool
-    measured, _ = measure_clips(resources, protocol, pool, numbers, {})
+    measured = measure_clips(resources, protocol, pool, numbers).clips
     return pool_of(protocol, measured, pool.source, pool.scaler_sha256)
 
 
@@ -194,8 +190,7 @@ def _measured_by(protocol: Protocol) -> str:
 
 
 def save_pool(path: Path, protocol: Protocol, pool: Pool) -> None:
-    """Write a pool to an .npz file, atomically; the same pool gives the same bytes; errors as of `check_target`."""
-    check_target(path, protocol)
+    """Write a pool to an .npz file that `check_target` allows, atomically; the same pool gives the same bytes."""
     header = {"pool": POOL_FORMAT, "protocol": pool.protocol, "version": pool.version, "fps": pool.fps}
     header["measured"] = _measured_by(protocol)
     header |= {"dancedata": __version__, "undefined": dict(pool.undefined)}

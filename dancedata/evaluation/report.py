@@ -45,13 +45,7 @@ _FEW = 10
 class Report:
     """The scores of a set of clips under a protocol.
 
-    `protocol`: Protocol of the scores.
-    `role`: "truth" or "generated".
-    `source`: Origin of the clips.
-    `scores`: One for each line of the table.
     `clips`: Ids of the clips that were measured.
-    `pieces`: Number of pieces.
-    `fps`: Frames per second that were measured.
     `seconds`: Length of the shortest piece, the median and the longest.
     `pool`: Pool that the set was compared with; None: none.
     `left_out`: Clips that could not be measured, with the reason.

@@ -162,27 +162,12 @@ def evaluate(
         named, field = named or of, field or saved.field
         scaler = saved.chosen_scaler(scaler, normalized) if isinstance(named, Store) else scaler
     request = EvaluationOptions(
-        what=what,
-        protocol=with_metrics(_protocol(protocol), metrics),
-        pool=pool,
-        split=split,
-        pool_split=pool_split,
-        role=role,
-        like=None if named is None else store_of(named),
-        reader=None if isinstance(named, Store) else named,
-        field=field,
-        normalized=normalized,
-        scaler=scaler,
-        clamp=clamp,
-        fps=fps,
-        up=up,
-        unit=unit,
-        body=body,
-        music=MusicSources.of(music),
-        metrics=tuple(metrics),
-        intervals=intervals,
-        save_pool=folder_of(save_pool),
-    )
+        what=what, protocol=with_metrics(_protocol(protocol), metrics), pool=pool, split=split, pool_split=pool_split,
+        role=role, like=None if named is None else store_of(named),
+        reader=None if isinstance(named, Store) else named, field=field, normalized=normalized, scaler=scaler,
+        clamp=clamp, fps=fps, up=up, unit=unit, body=body, music=MusicSources.of(music), metrics=tuple(metrics),
+        intervals=intervals, save_pool=folder_of(save_pool),
+    )  # fmt: skip
     return evaluate_inputs(
         request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
         progress=Progress(quiet=not progress),

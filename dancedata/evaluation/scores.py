@@ -61,7 +61,6 @@ class SameN:
 class Score:
     """One line of a table.
 
-    `name`: Name in the metric: "fid_k".
     `value`: None where it is undefined, see `undefined`.
     `interval`: 95 percent, see `jackknife`; None where there is none.
     `median`, `chance`, `pool`: Where the metric has them: median over pieces, score of beats shifted at random, the
@@ -69,7 +68,6 @@ class Score:
     `n`: Pieces that have a value.
     `undefined`: Ids of clips without a value, by outcome.
     `published`: The figure of the ground truth that was published under the protocol.
-    `better`: "higher", "lower" or "closer" to the ground truth.
     `recordings`, `samples`: Independent clips, and samples, that have a value.
     `truth`, `truth_interval`: Value and interval of the real dances that samples are of.
     `same_n`: Of a distance, that of as many real dances.

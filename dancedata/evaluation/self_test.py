@@ -23,10 +23,8 @@ from dancedata.scene.inputs.songs import MusicSources
 
 @dataclass(frozen=True)
 class SelfTest:
-    """The reports of all protocols that have a published ground-truth row for a dataset.
+    """The reports of all protocols that have a published ground-truth row for a dataset, each with that row.
 
-    `dataset`, `source`: Name of the reader, and the folder.
-    `reports`: One for each protocol, with its published row.
     `skipped`: Protocols that could not be computed, with the reason.
     """
 
@@ -42,13 +40,11 @@ class SelfTest:
             values = {score.name: score.value for score in report.scores}
             for name, figure in published.values.items():
                 value = values.get(name)
-                rows.append(
-                    {
-                        "protocol": report.protocol.name, "score": name, "measured": value, "published": figure,
-                        "difference": None if value is None else value - figure, "clips": len(report.clips),
-                        "pool": None if report.pool is None else report.pool["clips"],
-                    }
-                )  # fmt: skip
+                rows.append({
+                    "protocol": report.protocol.name, "score": name, "measured": value, "published": figure,
+                    "difference": None if value is None else value - figure, "clips": len(report.clips),
+                    "pool": None if report.pool is None else report.pool["clips"],
+                })  # fmt: skip
         return rows
 
     def to_json(self) -> dict[str, Any]:
@@ -118,10 +114,10 @@ def self_test(
             continue
         numbers = list(range(len(tested.measures)))
         pool_numbers = [number for number in numbers if tested.measures[number].metric.needs_pool]
+        clip_set = _clip_set(reader, truth, source, MusicSources(files=_music_files(tested, truth)))
         inputs = Inputs(
-            protocol=tested, clip_set=_clip_set(reader, truth, source), numbers=numbers,
+            protocol=tested, clip_set=clip_set, numbers=numbers, draws=draws, dataset=reader.name,
             pool=_clip_set(reader, everything, source) if pool_numbers else None, pool_numbers=pool_numbers,
-            music=MusicSources(files=_music_files(tested, truth)), draws=draws, dataset=reader.name,
         )  # fmt: skip
         reports.append((evaluate_inputs(inputs, jobs=jobs, cache=cache, progress=progress), published))
     return SelfTest(reader.name, str(source), tuple(reports), tuple(skipped))
@@ -136,14 +132,14 @@ def _with(reader: Dataset, **values: str) -> Dataset:
         return reader
 
 
-def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path) -> ClipSet:
+def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path, music: MusicSources | None = None) -> ClipSet:
     clips = [
         DatasetClip(
             id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, audio_start=ref.audio_start, dataset=reader, ref=ref
         )
         for ref in refs
     ]
-    return ClipSet(tuple(clips), str(source), "truth")
+    return ClipSet(tuple(clips), str(source), "truth", music=music)
 
 
 def _music_files(protocol: Protocol, refs: Sequence[ClipRef]) -> dict[str, Path]:

@@ -34,9 +34,7 @@ DRAWS, LEAST_OF_POOL = 20, 4
 class Circumstances:
     """What a verdict depends on besides the score.
 
-    `metric`, `rows`: The metric, and its numbers of the set.
-    `pool`: (M, C) numbers of the pool; None without one.
-    `generated`: Whether the set is of a model.
+    `rows`, `pool`: Numbers of the set, and (M, C) of the pool; None without one.
     `truth`: Scores of the real dances, by name.
     `same_n`: Distances of as many real dances, by the name of the score.
     `in_pool`: How many clips of the set are in the pool.

@@ -204,9 +204,10 @@ def test_beats_of_music_files_are_counted_from_frame_0(tmp_path, cache, build, s
     found = {}
     resources = Resources(Cache(cache), 1, Progress(quiet=True))
     protocol = PROTOCOLS.get("dancedata")()
-    clip_set = ClipSet(store_clips(store, protocol), "out", "truth", store)
+    clips, _ = store_clips(store, protocol)
     for name, files in (("store", {}), ("files", {"m": tmp_path / "source" / "a.wav"})):
-        music, _ = clip_music(resources, protocol, clip_set, MusicSources(files=files))
+        clip_set = ClipSet(clips, "out", "truth", store, MusicSources(files=files))
+        music, _ = clip_music(resources, protocol, clip_set)
         found[name] = music["a"].beats.seconds
     within = found["files"][found["files"] < SECONDS - 0.1]
     np.testing.assert_allclose(within, found["store"][found["store"] < SECONDS - 0.1], atol=1e-9)
