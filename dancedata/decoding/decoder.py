@@ -130,7 +130,7 @@ class Decoder:
             like, self.field, self.representation.columns.labels, normalized=self.normalized, scaler=self.scaler,
             clamp=self.clamp,
         )  # fmt: skip
-        return scaling.undo(array, self.representation, file=self.file), grid
+        return scaling.undone(array, self.representation, file=self.file)[0], grid
 
     def _motion(self, array: npt.NDArray[Any], grid: FrameGrid, where: str) -> Motion:
         try:

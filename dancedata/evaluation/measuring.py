@@ -29,7 +29,7 @@ from dancedata.files.documents import document_of
 from dancedata.kernel import Cache, run_units
 from dancedata.metrics.root import STEADY_FPS, steady
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.poses import Pose
+from dancedata.scene.poses import Pose, interpolated
 
 #: Raised by hand when a stage here gives other numbers for the same input.
 EVALUATE_STAGE = 1
@@ -173,7 +173,7 @@ def _outcome(measure: Measure, role: Role, piece: _Piece, beats: MusicBeats | No
         joints, grid = piece.steady, FrameGrid.of(STEADY_FPS)
     elif measure.fps is not None:
         target = FrameGrid.of(measure.fps)
-        joints, grid = _each(lambda each: interpolated(each, piece.grid, target), joints), target
+        joints, grid = _each(lambda each: _at_rate(each, piece.grid, target), joints), target
     music = beats if measure.metric.needs_music else None
     joints = joints[..., : measure.frames(role), :, :]
     dances = [joints] if joints.ndim == 3 or measure.metric.of_groups else list(joints)
@@ -375,13 +375,10 @@ def in_axes(joints: Float64Array, rule: MotionRule) -> Float64Array:
     return joints
 
 
-def interpolated(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Float64Array:
+def _at_rate(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Float64Array:
     """Return positions (T, J, 3) at another rate, linearly interpolated, from the same first frame."""
     if grid == target:
         return joints
     period, target_period = grid.common_period(target)
     frames = np.arange(grid.resampled_length(len(joints), target), dtype=np.float64) * period / target_period
-    lower = np.minimum(frames.astype(np.int64), max(len(joints) - 2, 0))
-    upper = np.minimum(lower + 1, len(joints) - 1)
-    share = (frames - lower)[:, None, None]
-    return np.asarray(joints[lower] * (1 - share) + joints[upper] * share)
+    return interpolated(joints, frames)

@@ -70,8 +70,6 @@ class ItemComparison(Comparison):
     @override
     def figure(self, scene: Scene) -> Figure:
         figure = self.scenes.scene(self.item).figure
-        if figure is None:
-            raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
         return _from(figure, self.name, begins_after(scene.item, scene.grid, self.item, scene.grid), scene)
 
 
@@ -99,14 +97,13 @@ class StoreComparison(Comparison):
         later = [(begins_after(scene.item, scene.grid, item, self.scenes.grid), item) for item in named]
         within = (one for one in later if 0 <= one[0] < self.scenes.grid.seconds(one[1].n_frames))
         begin, compared = next(within, later[0])
-        figure = self.scenes.scene(compared).figure
-        if figure is None:
-            raise DataError(f"{self.name} has no joint positions", reason="missing_joints")
-        return _from(figure, self.name, begin, scene)
+        return _from(self.scenes.scene(compared).figure, self.name, begin, scene)
 
 
-def _from(figure: Figure, name: str, begin: Fraction, scene: Scene) -> Figure:
+def _from(figure: Figure | None, name: str, begin: Fraction, scene: Scene) -> Figure:
     """Return the part of a figure beside a scene that begins later, by seconds; DataError if it begins earlier."""
+    if figure is None:
+        raise DataError(f"{name} has no joint positions", reason="missing_joints")
     if begin < 0:
         raise DataError(f"{name} begins {float(-begin):g} s later in the song", reason="too_short")
     return figure.part(float(begin), scene.seconds)
@@ -160,11 +157,7 @@ def file_format(
 
     `store`: The dataset whose fields and scalers their columns have; None for none.
     `grid`: Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
-    `field`: What two-dimensional arrays are columns of, as in `dancedata.decode`. Default: they are refused.
-    `normalized`: Whether they are normalised by the scaler of the store's field of that name; has to be stated where
-        the store has it, here or by the entry ``normalized`` of the files.
-    `scaler`: Another scaler, or its file: they are normalised by it.
-    `clamp`: Whether normalised values are cut to [-1, 1] before, as EDGE and Lodge do.
+    `field`, `normalized`, `scaler`, `clamp`: As in `dancedata.decode`. Default: two-dimensional arrays are refused.
     `fps`: Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
     Raises UsageError: for an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
     """
@@ -190,22 +183,16 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
     """Return the comparison of scenes with a path: another dataset, a folder of motion files, or one file.
 
     Raises UsageError: if nothing can be compared, or it is unknown whether columns are normalised.
-    Raises StoreError: if the dataset cannot be opened.
     """
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
     files = motion_files(path, "compare with")
     paths = {file.stem: file for file in files}
     any_clip = None if len(files) > 1 or path.is_dir() or scenes.has(files[0].stem) else files[0]
-    _require_stated(files[0], form)
-    return FilesComparison(paths=paths, any_clip=any_clip, form=form, body=scenes.body, name=path.name)
-
-
-def _require_stated(path: Path, form: FileFormat) -> None:
-    """Raise UsageError if the scaling of a file's columns is not stated, or they clearly have another one."""
-    if form.columns is not None:
+    if form.columns is not None:  # UsageError where their scaling is not stated, or is clearly another one
         with suppress(DataError):  # which is a note on the page
-            FileClip(id=path.stem, path=path, format=form).pose()
+            FileClip(id=files[0].stem, path=files[0], format=form).pose()
+    return FilesComparison(paths=paths, any_clip=any_clip, form=form, body=scenes.body, name=path.name)
 
 
 def comparison_payload(comparison: Comparison, scene: Scene) -> Json:

@@ -20,7 +20,7 @@ from dancedata.formats.body_mesh import BodyMesh, Float32
 from dancedata.metrics.key_motion import KeyMotion, key_motion
 from dancedata.scene.body import floor_height, lowest_feet, standing_height
 from dancedata.scene.limbs import Limbs, chest_looks, looks, sides_of
-from dancedata.scene.poses import ColumnsReader, Pose
+from dancedata.scene.poses import ColumnsReader, Pose, interpolated
 from dancedata.scene.turns import rest_pose, turns_of_bones
 
 BoolArray = npt.NDArray[np.bool_]
@@ -36,7 +36,6 @@ class Movement:
 
     `speed`: (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) /
         rate.
-    `grid`: Rate of `speed`.
     `key_times`: (M,) instants of the key motions, seconds.
     `prominence`: (M,) their depth, metres per second.
     `stored`: Name of the stored field; "" if they were computed from the figure.
@@ -61,12 +60,8 @@ class Figure:
     """A dancer.
 
     `joints`: (T, J, 3) positions, metres, +Y up, read-only.
-    `skeleton`: Names, parents, pairs and feet of the J joints.
-    `grid`: Rate of the frames.
-    `contacts`: (T, 4) whether a foot joint is on the ground.
-    `contact_joints`: (4,) joints of the columns of `contacts`.
-    `contacts_stored`: Whether the contacts are those of the dataset; if not, they were computed by the rule
-        "velocity".
+    `contacts`: (T, 4) whether a foot joint, one of `contact_joints`, is on the ground.
+    `contacts_stored`: Whether they are those of the dataset; if not, they were computed by the rule "velocity".
     `facing`: (T, 3) unit vectors in which the head faces; None where rotations are unknown.
     `rotations`: (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
     `mesh`: Body model that is drawn, whose bones the figure has; None for limbs.
@@ -94,19 +89,12 @@ class Figure:
 
     @classmethod
     def of_pose(cls, pose: Pose, body: Skeleton, where: object) -> Figure:
-        """Make the figure of a pose; `body` has the bones of positions whose names are those of its joints.
-
-        Raises DataError: for positions that are too far away to be drawn.
-        """
+        """Make the figure of a pose; `body` has the bones of positions whose names are those of its joints."""
         farthest = float(np.abs(pose.joints).max())
         if not farthest <= _FARTHEST_M:
-            raise DataError(
-                "joint positions are too far away to be drawn",
-                reason="out_of_range",
-                where=str(where),
-                found=f"{farthest:g} m",
-                allowed=f"at most {_FARTHEST_M:g} m, of numbers in the unit that --unit names",
-            )
+            raise DataError("joint positions are too far away to be drawn", reason="out_of_range", where=str(where),
+                            found=f"{farthest:g} m", allowed=f"at most {_FARTHEST_M:g} m, "
+                            "of numbers in the unit that --unit names")  # fmt: skip
         if pose.motion is not None:
             return cls._of_motion(pose.joints, pose.motion)
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)
@@ -114,10 +102,7 @@ class Figure:
 
     @classmethod
     def of_columns(cls, rows: npt.NDArray[np.generic], reader: ColumnsReader) -> Figure:
-        """Make the figure of the (T, D) columns of a representation.
-
-        Raises DataError: if the columns are not those of the representation, or not finite.
-        """
+        """Make the figure of the (T, D) columns of a representation; DataError as `ColumnsReader.pose`."""
         pose = reader.pose(rows)
         checked_joints(pose.joints)
         skeleton = reader.representation.skeleton
@@ -146,7 +131,7 @@ class Figure:
     @property
     def bones(self) -> tuple[tuple[int, int], ...]:
         """Pairs (parent, joint) of the J - 1 bones."""
-        return _bones_of(self.skeleton)
+        return tuple((parent, joint) for joint, parent in enumerate(self.skeleton.parents) if parent >= 0)
 
     @cached_property
     def sides(self) -> tuple[int, ...]:
@@ -208,10 +193,7 @@ class Figure:
         return float(speed[on].mean()) if on.any() else 0.0
 
     def part(self, begin: float, seconds: float) -> Figure:
-        """Return the frames of a part of the time; fewer where the figure ends before.
-
-        Raises DataError: if the figure has no frame there.
-        """
+        """Return the frames of a part of the time, fewer where the figure ends before; DataError for none."""
         first = round(begin * float(self.grid.rate))
         count = max(1, round(seconds * float(self.grid.rate)))
         frames = slice(first, first + count)
@@ -254,10 +236,7 @@ class Figure:
         period, new = self.grid.common_period(grid)
         begin = late * float(self.grid.rate)
         frames = np.clip(np.arange(count, dtype=np.float64) * period / new - begin, 0, self.n_frames - 1)
-        lower = frames.astype(np.int64)
-        upper = np.minimum(lower + 1, self.n_frames - 1)
-        share = (frames - lower)[:, None, None]
-        joints = self.joints[lower] * (1 - share) + self.joints[upper] * share
+        joints, lower = interpolated(self.joints, frames), frames.astype(np.int64)
         facing = None if self.facing is None else self.facing[lower]
         turns = None if self.rotations is None else slerp(self.rotations, frames)
         contacts = self.contacts[lower]
@@ -315,17 +294,9 @@ class Figure:
         inside = frames <= len(theirs) - 1
         if not names or not inside.any():
             return distance
-        lower = frames[inside].astype(np.int64)
-        upper = np.minimum(lower + 1, len(theirs) - 1)
-        share = (frames[inside] - lower)[:, None, None]
-        at = theirs[lower] * (1 - share) + theirs[upper] * share
+        at = interpolated(theirs, frames[inside])
         distance[inside] = np.linalg.norm(ours[inside] - at, axis=-1).mean(axis=-1) * 1000
         return distance
 
     def __repr__(self) -> str:
         return f"Figure({self.n_frames} frames at {self.grid} per second, {self.skeleton.n_joints} joints)"
-
-
-def _bones_of(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
-    """Return the pairs (parent, joint) of a skeleton."""
-    return tuple((parent, joint) for joint, parent in enumerate(skeleton.parents) if parent >= 0)

@@ -24,7 +24,6 @@ _BODY = SMPL24.joints[:22]
 class Pair:
     """Two dancers of a group.
 
-    `first`, `second`: Their places in the group.
     `distance_m`: (T,) distance of their roots.
     `facing_deg`: (2, T) angle between where the hips of the first face and the direction to the second, and that of
         the second to the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
@@ -49,7 +48,6 @@ class Pair:
 class GroupScene:
     """All pairs of a group's dancers.
 
-    `grid`: Rate of the frames.
     `floor`: Height of the floor, metres: one for all, that of the lowest dancer, so that a lifted one stays in the
         air.
     `touch`: Whether contacts and collisions were measured: bodies need the first 22 joints of SMPL.

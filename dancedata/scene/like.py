@@ -54,20 +54,16 @@ def scaling_of(
     store = None if like is None else store_of(like)
     if scaler is not None:
         if normalized is False:
-            raise UsageError(
-                "a scaler is given for columns that are not normalised", fix="leave out the one that is wrong"
-            )
+            raise UsageError("a scaler is given for columns that are not normalised",
+                             fix="leave out the one that is wrong")  # fmt: skip
         read = scaler_from(scaler, field)
         stored = None if store is None else _stored(store, field)
         dataset = "" if stored is None else stored.sha256
         return Scaling(read.require(field=field, columns=columns, dataset=dataset), True, clamp)
     if like is None or store is None:
         if normalized:
-            raise UsageError(
-                "normalised columns need the scaler of a dataset",
-                fix="name it: like= or scaler=",
-                options="name it: --like DATASET or --scaler FILE",
-            )
+            raise UsageError("normalised columns need the scaler of a dataset", fix="name it: like= or scaler=",
+                             options="name it: --like DATASET or --scaler FILE")  # fmt: skip
         return Scaling(None, False)
     if field not in store.fields:
         raise UsageError(f"no field named {field!r}", where=store.path, fix=did_you_mean(field, store.fields))

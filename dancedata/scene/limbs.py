@@ -53,10 +53,8 @@ class Tip(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cones:
-    """Round cones in the world, K of them.
+    """Round cones in the world, metres: (K, 3) ends, and (K, 2) radii.
 
-    `begin`, `end`: (K, 3) metres.
-    `radii`: (K, 2) metres.
     `tones`: (K,) 0 trunk and head, 1 left limbs, 2 right limbs, 3 face.
     """
 
@@ -70,10 +68,8 @@ class Cones:
 class Limbs:
     """Girth of the bones of a body.
 
-    `parents`: Parent of each joint.
     `girths`: Radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn.
-    `tones`: Tone of the bone to each joint, as in `Cones`: bones from the spine to a hip or a collar are of the
-        trunk.
+    `tones`: Of the bone to each joint, as in `Cones`; bones from the spine to a hip or a collar are of the trunk.
     `tips`: Heels, toes and fingers beyond the last joints.
     `head`: Joint of the head; -1 without one.
     `scale`: Height of the body, of 1.7 m.

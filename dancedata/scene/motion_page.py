@@ -31,10 +31,7 @@ _CELL_HEIGHT = 640
 
 @dataclass(frozen=True)
 class Page:
-    """A page that plays motions: the output of a notebook cell, or a file.
-
-    `title`, `page`: Title, and text of the HTML page, which is complete in itself.
-    """
+    """A page that plays motions, complete in itself: the output of a notebook cell, or a file."""
 
     title: str
     page: str

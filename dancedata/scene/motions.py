@@ -35,11 +35,7 @@ _FEATURE, _RATE = "librosa35", 30
 
 @dataclass(frozen=True, eq=False)
 class MusicFiles:
-    """Music files of clips that are not of a dataset, by their ids.
-
-    `clips`: The clips, each with the second of its song at its first frame.
-    `files`: Their songs.
-    """
+    """Music files of clips that are not of a dataset, and the clips, by their ids."""
 
     clips: Mapping[str, ClipInput]
     files: Mapping[str, Path]
@@ -48,11 +44,10 @@ class MusicFiles:
     def beside(cls, path: Path, clips: Sequence[ClipInput], like: Store | None = None) -> MusicFiles:
         """Return the music of clips.
 
-        `path`: A music file, a folder of them or a list, as `MusicSources.of` takes it; files are also those of clips
-            whose names they are, or a part of these between underscores.
+        `path`: As `MusicSources.of` takes it; files are also those of clips whose names they are, or a part of these
+            between underscores.
         `like`: The dataset whose samples clips are: it knows where they begin in their songs.
-        Raises UsageError: if there is no such file, or none for any clip; if it is not known where a window begins in
-            its song; if a file is named for samples that dance to another song.
+        Raises UsageError: if there is no such file, or none for any clip; and as `named_clips`.
         """
         sources = MusicSources.of(path)
         named = named_clips(clips, sources, like).clips
@@ -84,11 +79,7 @@ class MotionScenes(SceneList):
     """Motions that are not in a dataset, each an item; they are read at once.
 
     `clips`: The motions, by unique ids.
-    `name`: Name for the page.
-    `music`: Their music; None without any.
-    `body`: Body of positions whose joints have no names.
     `beats`: Instants of the beats of clips whose music is not at hand, seconds.
-    Raises UsageError: if there is no clip.
     Raises DanceDataError: if not one of them can be read: the reason of the first.
     """
 
@@ -208,11 +199,7 @@ def figures_of(clip: ClipInput, body: Skeleton) -> tuple[Figure, ...]:
 def motion_scenes(
     path: Path, form: FileFormat, music: Path | None = None, body: Skeleton = SMPL24, like: Store | None = None
 ) -> MotionScenes:
-    """Read the motion files of a folder, or one file; `like` is the dataset whose windows they may be.
-
-    Raises UsageError: if there is none, two have one name, or nothing states how their columns are scaled.
-    Raises DataError: if none of them can be read.
-    """
+    """Read the motion files of a folder, or one file; `like` is the dataset whose windows they may be."""
     clips = [clip for file in motion_files(path, "look at") for clip in clips_of(file, form)]
     require_unique([clip.id for clip in clips], path)
     beside = None if music is None else MusicFiles.beside(music, clips, like)

@@ -23,11 +23,7 @@ _LAYOUT = re.compile(r"^[ \t]*(?://.*)?\n|^[ \t]+|[ \t]+// .*$", re.MULTILINE)
 
 @dataclass(frozen=True)
 class Parts:
-    """The viewer's part of a page.
-
-    `css`, `html`, `script`: Texts of a style element, of the body, and of a script element that follows the element
-        with the data.
-    """
+    """The viewer's part of a page; the script follows the element with the data."""
 
     css: str
     html: str
@@ -70,11 +66,7 @@ def source_hash(text: str) -> str:
 
 @dataclass(frozen=True)
 class PageSound:
-    """Music inside a page.
-
-    `files`: Bytes of an audio file by the number of its item, each exactly as long as the item.
-    `notice`: Sentence on their licence, for the foot of the page.
-    """
+    """Music inside a page: an audio file as long as it by the number of each item, and a notice of their licence."""
 
     files: Mapping[int, bytes] = field(default_factory=dict)
     notice: str = ""
@@ -94,8 +86,7 @@ def page_data(
 ) -> Json:
     """Return the data of a page.
 
-    `items`: Entries of its list; they are numbered from 0.
-    `clips`: Payloads by number in that list. Default: none.
+    `clips`: Payloads by number in the list of items.
     `side`: Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
     `sound`: Music inside the page, or whether its server has music.
     `comparisons`: Names of what the clips can be compared with.

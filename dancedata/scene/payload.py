@@ -209,9 +209,6 @@ def link(
 
     `at`: Seconds from the item's first frame.
     `loop`: First frame and end of a loop, frames at the store's rate from the item's first frame.
-    `field`: Motion field to draw; "": the page's default.
-    `compared`: Name of the comparison that is shown; "" for none.
-    `mirrored`, `overlay`: Whether the dancer is mirrored, and the comparison drawn over him.
     """
     parts = [f"{'group' if item.members else 'clip'}={quote(item.name, safe='')}"]
     parts += [f"window={item.start}"] if item.window is not None else []

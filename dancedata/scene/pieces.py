@@ -27,7 +27,6 @@ _KEY_COLUMNS = ("speed", "minimum", "prominence")
 class Piece:
     """A clip as it is measured.
 
-    `figure`: Joints and contacts.
     `key`: Its key motions, frames of the figure's grid.
     `beats`: Beats of the music from the first frame on; None without music.
     `music_s`: Length of the music from the first frame on, seconds; None without music.
@@ -58,8 +57,7 @@ def figure_key_motion(figure: Figure) -> KeyMotion:
 class ClipReader:
     """Reads the clips of a store.
 
-    `motion`: Motion field that joints and contacts are read from; None if no field has joints.
-    `reader`: Decodes the motion field.
+    `motion`, `reader`: Motion field that joints and contacts are read from; None if no field has joints.
     `keymotion`, `music`: Field with key motions, and with beats; None if there is none.
     """
 
@@ -80,13 +78,8 @@ class ClipReader:
         fields = [store.field(name) for name in store.fields]
         keys = (f for f in fields if f.kind == "keymotion" and f.columns.names == _KEY_COLUMNS)
         music = rhythm_fields(store)
-        return cls(
-            store,
-            None if motion is None else store.field(motion),
-            None if motion is None else readers[motion],
-            next(keys, None),
-            store.field(music[0]) if music else None,
-        )
+        drawn, beats = None if motion is None else store.field(motion), store.field(music[0]) if music else None
+        return cls(store, drawn, readers.get(motion or ""), next(keys, None), beats)
 
     def piece(self, clip: Clip) -> Piece | None:
         """Read a clip; None without motion. DataError if columns are not those of the representation."""

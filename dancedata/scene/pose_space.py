@@ -39,10 +39,7 @@ _BLOCK = 1000
 def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
     """Return joints (T, J, 3) relative to the root, turned about +Y so that the left hip lies along +X.
 
-    A body of SMPL then faces +Z. Bodies without named hips are not turned.
-
-    `joints`: Metres, +Y up; joint 0 is the root.
-    `names`: Names of the joints.
+    A body of SMPL then faces +Z. Bodies without named hips are not turned. +Y is up; joint 0 is the root.
     """
     poses = joints - joints[:, :1]
     if "left_hip" not in names or "right_hip" not in names:
@@ -58,7 +55,7 @@ def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
 
 @dataclass(frozen=True)
 class Nearness:
-    """Distances of poses to the nearest pose of train, rms over joints, metres."""
+    """Distances of `n` poses to the nearest pose of train, rms over joints, metres: median and 95 % quantile."""
 
     n: int
     p50: float
@@ -107,12 +104,10 @@ class FrechetLevels:
 class Poses:
     """Poses of the splits; see `Space`.
 
-    `joints`: Names of the joints of a pose.
     `n`: Poses by split.
     `every_s`: Seconds between two poses of a clip.
     `variance`: Shares of the variance along the first five components.
-    `radius`: Of a hexagon, metres.
-    `hexagons`: The map.
+    `radius`, `hexagons`: The map, and the radius of a hexagon, metres.
     `to_train`, `chance`: Distances of each other split to train, and of one random half of the clips of train to the
         other.
     `frechet`: By features ("kinetic", "geometric") and split.
@@ -196,8 +191,7 @@ def measured_poses(store: Store) -> Poses:
     reader, windows = ClipReader.of(store), {clip.id: store[clip.id].windows() for clip in store}
     space = Space.of(store, windows)
     for clip in (clip for dancers in measured_units(store) for clip in dancers):
-        piece = reader.piece(clip)
-        if piece is not None:
+        if (piece := reader.piece(clip)) is not None:
             space.add(clip, piece, windows[clip.id])
     return poses_of(space, store.splits)
 

@@ -42,8 +42,6 @@ class Pose:
     """One clip in canonical axes: metres, +Y up.
 
     `joints`: (T, J, 3) float64.
-    `names`: Names of the J joints.
-    `grid`: Rate of the frames.
     `true_pelvis`: Whether the pelvis is where the body has it.
     `motion`: Root and rotations, where they are known.
     `doubt`: Why it is doubtful that its columns were scaled as stated; "" where it is not.
@@ -84,14 +82,17 @@ class Pose:
         return cls(positions, joints_of_body[0], grid, joints_of_body[1])
 
 
+def interpolated(joints: Float64Array, frames: Float64Array) -> Float64Array:
+    """Return positions (N, J, 3) of (T, J, 3) at frames (N,) from 0 to T - 1, linear between whole ones."""
+    lower = np.minimum(frames.astype(np.int64), max(len(joints) - 2, 0))
+    upper = np.minimum(lower + 1, len(joints) - 1)
+    share = (frames - lower)[:, None, None]
+    return np.asarray(joints[lower] * (1 - share) + joints[upper] * share)
+
+
 @dataclass(frozen=True, eq=False)
 class ColumnsReader:
-    """Turns (T, D) columns into a pose.
-
-    `representation`: Plug-in of the columns.
-    `grid`: Rate of the rows.
-    `scaling`: Whether columns are normalised, and by which scaler.
-    """
+    """Turns (T, D) columns of a representation at a rate into a pose."""
 
     representation: Representation
     grid: FrameGrid
@@ -100,7 +101,7 @@ class ColumnsReader:
     def pose(self, columns: npt.NDArray[Any], *, file: StatedScaling = UNSTATED, where: object = None) -> Pose:
         """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape".
 
-        `file` is what their file states of normalising; UsageError as `Scaling.undo`.
+        `file` is what their file states of normalising; UsageError as `Scaling.undone`.
         """
         plugin = self.representation
         rows = np.asarray(columns)

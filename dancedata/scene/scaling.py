@@ -53,17 +53,6 @@ class Scaling:
                           fix="state it: normalized=True or normalized=False",
                           options="state it: --normalized or --not-normalized")  # fmt: skip
 
-    def undo(
-        self,
-        columns: npt.NDArray[Any],
-        representation: Representation,
-        *,
-        file: StatedScaling = UNSTATED,
-        where: Any = None,
-    ) -> npt.NDArray[Any]:
-        """Return the columns of `undone`."""
-        return self.undone(columns, representation, file=file, where=where)[0]
-
     def undone(
         self,
         columns: npt.NDArray[Any],

@@ -35,8 +35,7 @@ class Rhythm:
     """Beats and onsets of a clip's music, as the dataset stores them.
 
     `beats`: (B,) instants of the beats, seconds from the clip's first frame.
-    `onset`: (n,) onset curve, 0 to 1; empty if none is stored.
-    `onset_rate`: Values of `onset` per second.
+    `onset`: (n,) onset curve, 0 to 1, `onset_rate` values per second; empty if none is stored.
     `field`: Audio field that they are read from; "" if there is none.
     `downbeats`: Numbers of the beats that begin a bar; empty where the field does not tell.
     """
@@ -83,11 +82,9 @@ class Item:
     `number`: Place in the list; a dancer has that of the group.
     `clip`: The clip's row of the table /clips; that of the first dancer of a group.
     `start`, `n_frames`: First frame in the clip and number of frames, at the store's rate.
-    `window`: The window; None for a whole clip.
     `members`: The dancers of a group, in stored order; empty for a clip.
     `n_source`: Dancers of the group in the source, more than `members` where some were left out.
     `source`: Id of the clip, or of the group, that this one is a copy of; else empty.
-    `called`: What a dancer is called beside the others; "": by number and role.
     `sample`: Id of the sample that it is the truth of; "" for none.
     """
 
@@ -143,7 +140,6 @@ class Word:
 
     `layer`: Name of its layer, with the language where there is one.
     `begin`, `end`: Seconds from the item's first frame, half-open.
-    `text`: Its label, or its first text.
     `member`: Place of the dancer in the group; -1 for a clip, and for segments of the whole group.
     """
 
@@ -156,10 +152,7 @@ class Word:
 
 @dataclass(frozen=True)
 class Flag:
-    """A quality flag of an item.
-
-    `time`: Seconds from the item's first frame; None for a flag of the whole clip.
-    """
+    """A quality flag of an item; `time` is in seconds from its first frame, None for a flag of the whole clip."""
 
     time: float | None
     kind: str
@@ -174,14 +167,11 @@ class Scene:
 
     `grid`: The store's rate, of windows and of loops in links.
     `field`: Motion field that is drawn; "" if none can be.
-    `figure`: The dancer; None if no field of the dataset has joint positions, and for a group.
-    `movement`: Speed and key motions; None without a figure and a stored field of them, and for a group.
+    `figure`, `movement`: The dancer, with speed and key motions; None where there are none, and for a group.
     `windows`: First frame and length of the dataset's windows, frames at the store's rate.
     `notes`: Sentences on what is missing or was computed.
-    `members`: Scenes of the dancers of a group; empty for a clip.
     `together`: Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
     `numbers`: What is measured of a dancer of a wall: name and value as text.
-    `words`: Segments, in the order of their layers and times.
     """
 
     item: Item
@@ -222,10 +212,7 @@ class Scene:
         return replace(self, figure=None if self.figure is None else self.figure.mirrored(), members=members)
 
     def with_mesh(self, mesh: BodyMesh) -> Scene:
-        """Return the scene with body models in the place of limbs; where that is impossible, a note says so.
-
-        Raises UsageError: if no dancer can be drawn so.
-        """
+        """Return the scene with body models in the place of limbs, and notes where not; UsageError for none."""
         if self.members:
             members, notes, refused = [], list(self.notes), []
             for member in self.members:
@@ -272,11 +259,7 @@ class SceneList(ABC):
 
     @abstractmethod
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
-        """Read an item.
-
-        `field`: Motion field to draw, one of `fields`. Default: the first.
-        `first_s`: Seconds of the dancers that are enough, from the first frame on. Default: all.
-        """
+        """Read an item, with a field of `fields`, by default the first; `first_s` seconds of dancers are enough."""
 
     def sliding(self, item: Item) -> float | None:
         """Return how fast the feet of a dancer slide in contact, metres per second; None without a figure."""
@@ -308,10 +291,7 @@ class SceneList(ABC):
         return False
 
     def items_of(self, name: str) -> list[Item]:
-        """Return the items of a clip or a group, of windows several; a dancer of a group is an item by himself.
-
-        Raises UsageError: for an unknown name.
-        """
+        """Return the items of a clip, group or dancer, of windows several; UsageError for an unknown name."""
         named = self._by_name.get(name, [])
         if not named:
             kind = "clip or group" if any(item.members for item in self.items) else "clip"
@@ -327,10 +307,7 @@ class SceneList(ABC):
         return name in self._by_name
 
     def find(self, name: str) -> Item:
-        """Return the item of a clip or a group, of samples of one clip the first.
-
-        Raises UsageError: for an unknown name.
-        """
+        """Return the item of a clip or a group, of samples of one clip the first; UsageError as `items_of`."""
         return self.items_of(name)[0]
 
     @cached_property

@@ -70,9 +70,7 @@ def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
 class Scenes(SceneList):
     """The items of a dataset; arrays are read item by item.
 
-    `store`: An open dataset.
-    `field`: Motion field to draw. Default: the first one that decodes to the motion itself.
-    Raises UsageError: if the field is unknown or cannot be drawn.
+    `field`: Motion field to draw. Default: the first one that decodes to the motion itself. UsageError for another.
     """
 
     def __init__(self, store: Store, field: str | None = None) -> None:
@@ -95,15 +93,8 @@ class Scenes(SceneList):
             items.append(self._group(members) if dancers[0].group else members[0])
         return tuple(items)
 
+    @override
     def scene(self, item: Item, field: str | None = None, *, first_s: float | None = None) -> Scene:
-        """Read an item.
-
-        `field`: Motion field to draw, one of `readers`. Default: that of these scenes.
-        `first_s`: Seconds of the dancers that are read, from the first frame on; music, windows and flags are those
-            of the whole item. Default: all.
-        Raises UsageError: for a field that cannot be drawn.
-        Raises StoreError: if the dataset cannot be read, or was built again in the meantime.
-        """
         name = self._drawn(item) if field is None else self._drawable(field)
         if item.members:
             return self._group_scene(item, name, first_s)
@@ -259,7 +250,7 @@ class Scenes(SceneList):
     def _group(self, members: tuple[Item, ...]) -> Item:
         first = members[0]
         source = self.store[first.clip.source].group if first.clip.source else ""
-        n_source = self._sizes.get(first.clip.group, len(members))
+        n_source = self.store.group_sizes.get(first.clip.group, len(members))
         return replace(first, members=members, n_source=n_source, source=source)
 
     def _group_scene(self, item: Item, name: str | None, first_s: float | None) -> Scene:
@@ -278,9 +269,10 @@ class Scenes(SceneList):
         words = dict.fromkeys(
             replace(word, member=places.get(word.member, -1)) for member in members for word in member.words
         )
+        ordered = tuple(sorted(words, key=lambda word: word.layer))
         return Scene(
             item,
-            self.store.grid,
+            self.grid,
             name or "",
             None,
             None,
@@ -290,13 +282,8 @@ class Scenes(SceneList):
             tuple(notes),
             members,
             together,
-            words=tuple(sorted(words, key=lambda word: word.layer)),
+            words=ordered,
         )
-
-    @cached_property
-    def _sizes(self) -> dict[str, int]:
-        """Dancers of each group in the source."""
-        return self.store.group_sizes
 
     @cached_property
     def _quality(self) -> dict[str, list[Mapping[str, Any]]]:

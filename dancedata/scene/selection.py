@@ -95,9 +95,7 @@ class ViewRequest:
         if (self.path / DATASET_FILE).exists():
             self._refuse("goes with motion files, and this is a dataset", ("like",))
             if not self.compare:
-                self._refuse(
-                    "would have no effect without --compare", _OF_FILES, fix="name the files: --compare FOLDER"
-                )
+                self._refuse("would have no effect without --compare", _OF_FILES, "name the files: --compare FOLDER")
             store = open_store(self.path)
             samples = samples_in(store, [path for path in self.compare if not (path / DATASET_FILE).exists()])
             scenes = SampleScenes(store, self.field, samples) if samples else Scenes(store, self.field)
@@ -123,8 +121,7 @@ class ViewRequest:
         store = scenes.store if isinstance(scenes, Scenes) else None
         if store is None and self.like is not None:
             store = open_store(self.like)
-        original = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
-        comparisons: list[Comparison] = [*original]
+        comparisons: list[Comparison] = [OriginalComparison(source=source)] if isinstance(source, ClipSource) else []
         for path in self.compare:
             comparisons.append(comparison_of(path, scenes, self._format(store, scenes.grid, path)))
             if not matched(comparisons[-1], scenes):
@@ -157,16 +154,9 @@ class ViewRequest:
             named = "--scaler" if self.normalized is None else "--normalized"
             raise UsageError(f"{named} goes with columns", where=path, fix="name them: --field FIELD")
         return file_format(
-            store,
-            grid=grid,
-            field=field,
-            normalized=self.normalized,
-            scaler=scaler,
-            clamp=self.clamp,
-            fps=self.fps,
-            up=self.up,
-            unit=self.unit,
-        )
+            store, grid=grid, field=field, normalized=self.normalized, scaler=scaler, clamp=self.clamp, fps=self.fps,
+            up=self.up, unit=self.unit,
+        )  # fmt: skip
 
     def first(self, scenes: SceneList, compared: Sequence[Comparison] = ()) -> tuple[Item, tuple[int, int] | None]:
         """Return the item to begin with, and the loop; without a clip the first that most of `compared` have."""
@@ -203,7 +193,6 @@ class ViewSelection:
     """Contents of a request.
 
     `item`, `loop`: The item to begin with; first frame and end of the loop, None without one.
-    `sounds`: Music; None without any.
     `compared`: The comparison that is shown at the beginning; "" for none.
     """
 
@@ -217,11 +206,7 @@ class ViewSelection:
 
     @classmethod
     def of(cls, request: ViewRequest) -> ViewSelection:
-        """Open the data of a request.
-
-        Raises UsageError, StoreError, SourceError, DataError: if the dataset, the files, the clip or the source
-            cannot be used.
-        """
+        """Open the data of a request."""
         asked, request = request, request.beside_truth()
         scenes = request.scenes()
         sounds: Sounds | None = None

@@ -29,11 +29,7 @@ MAX_RATE, MAX_SECONDS = 48_000, 600.0
 
 @dataclass(frozen=True, eq=False)
 class ClipSound:
-    """The music of an item.
-
-    `signal`: Mono, exactly as long as the item; silent where the music has ended.
-    `notes`: Notes for listeners, such as that the file has changed since the build.
-    """
+    """The music of an item: mono, exactly as long as it, silent where the music has ended; and notes on it."""
 
     signal: AudioSignal
     notes: tuple[str, ...] = ()
@@ -47,10 +43,8 @@ class Sounds(Protocol):
 
 
 class ClipSource:
-    """A folder with the files that a dataset was built from.
+    """The folder that a dataset was built from, or one with audio files that have the names of its clips or songs.
 
-    `store`: The dataset.
-    `folder`: Its source, or a folder with audio files that have the names of its clips or songs.
     Raises SourceError: if the folder does not exist.
     """
 
@@ -59,10 +53,7 @@ class ClipSource:
         self.music = SourceMusic.of(store, folder)
 
     def sound(self, item: Item) -> ClipSound | None:
-        """Decode the music of an item and cut it to the item; None if the source has none.
-
-        Raises DataError: if the file cannot be decoded.
-        """
+        """Return the music of an item; None without any. DataError if it cannot be decoded."""
         clip = self.store[item.clip.id]
         if clip.id not in self.music.files:
             return None
@@ -83,10 +74,7 @@ class ClipSource:
         return ClipSound(cut(signal, begin, seconds), tuple(notes))
 
     def original(self, scene: Scene, item: Item) -> Figure:
-        """Read the motion of an item from the source, on the body and at the rate of the figure of its scene.
-
-        Raises DataError: if the source does not have it, or it cannot be read.
-        """
+        """Read the motion of an item from the source, on the body and at the rate of the figure of its scene."""
         figure = scene.figure
         ref = self._refs.get(item.clip.slice_of or item.clip.id)
         reader = dataset_of(self.store)

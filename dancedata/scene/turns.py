@@ -12,11 +12,7 @@ _PARENT = 1e-4
 
 
 def rest_pose(joints: Float64Array, skeleton: Skeleton, measured: bool) -> Float64Array:
-    """Return the joints at rest, (J, 3) metres, the root at 0.
-
-    `joints`: (T, J, 3) positions, metres.
-    `measured`: Whether bones have their mean length in `joints`; else that of the skeleton.
-    """
+    """Return the joints at rest, (J, 3) metres, the root at 0; bones have the skeleton's or a `measured` length."""
     rest = np.zeros((skeleton.n_joints, 3))
     for joint, parent in list(enumerate(skeleton.parents))[1:]:
         offset = skeleton.offsets[joint]
@@ -31,9 +27,7 @@ def turns_of_bones(joints: Float64Array, rest: Float64Array, skeleton: Skeleton)
     """Return rotations that take bones at rest to those of a motion, (T, J, 3) axis-angle in the parent's axes.
 
     A joint of several bones has the rotation that fits them best (Kabsch 1976), one of a single bone the shortest
-    from where its parent takes it, one without bones that of its parent.
-
-    `joints`, `rest`: (T, J, 3) and (J, 3), metres.
+    from where its parent takes it, one without bones that of its parent. `joints` are (T, J, 3), `rest` (J, 3).
     """
     world = np.empty((len(joints), skeleton.n_joints, 3, 3))
     local = np.empty_like(world)

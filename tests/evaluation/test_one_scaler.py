@@ -238,10 +238,10 @@ def test_normalised_positions_of_a_model_that_errs_are_not_taken_as_plain(store:
     scaling = Scaling(scaler, normalized=False)
     normal = scaler.normalize(rows) + np.random.default_rng(0).normal(0, 0.01, rows.shape)
     with raises_message(UsageError, "stated"):
-        scaling.undo(normal, plugin)
-    np.testing.assert_array_equal(scaling.undo(rows, plugin), rows)
+        scaling.undone(normal, plugin)
+    np.testing.assert_array_equal(scaling.undone(rows, plugin)[0], rows)
     for size in (0.15, 0.3, 0.6, 1.0):  # a network that is not trained
-        scaling.undo(np.random.default_rng(1).normal(0, size, rows.shape), plugin)
+        scaling.undone(np.random.default_rng(1).normal(0, size, rows.shape), plugin)
 
 
 @pytest.mark.parametrize("field", [FIELD, "joints"])
@@ -250,9 +250,9 @@ def test_a_column_of_nan_hides_nothing(store: Store, field: str) -> None:
     rows = np.array(store.read(store.windows("train")[0], field))
     for normalized, right in ((True, scaler.normalize(rows)), (False, rows)):
         right[:, 0], right[3, 5] = np.nan, np.inf
-        Scaling(scaler, normalized).undo(right, plugin)
+        Scaling(scaler, normalized).undone(right, plugin)
         with raises_message(UsageError, "stated"):
-            Scaling(scaler, not normalized).undo(right, plugin)
+            Scaling(scaler, not normalized).undone(right, plugin)
 
 
 def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) -> None:
@@ -266,8 +266,8 @@ def test_doubts_are_a_warning(store: Store, caplog: pytest.LogCaptureFixture) ->
     ):  # fmt: skip
         _warn_once.cache_clear()
         caplog.clear()
-        scaling.undo(columns, plugin)
-        scaling.undo(columns, plugin)
+        scaling.undone(columns, plugin)
+        scaling.undone(columns, plugin)
         assert [words in message for message in caplog.messages] == ([True] if words else [])
 
 

@@ -193,12 +193,9 @@ class GroupClip(ClipInput):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoreClip(ClipInput):
-    """A clip of a store, or one of its windows.
+    """A clip of a store, or one of its windows, or the mirror image of it.
 
     `reference`: Path of the store and hash of its dataset.json.
-    `field`: Motion field that is read.
-    `window`: The window; None for a whole clip.
-    `mirrored`: Whether its mirror image is read.
     """
 
     stored: ClassVar[bool] = True

@@ -74,9 +74,8 @@ class FileFormat:
         if self.up not in (None, *UPRIGHT):
             raise UsageError("invalid up axis", found=self.up, allowed=", ".join(UPRIGHT))
         if self.unit is not None and self.unit != "guess" and metres(self.unit) is None:
-            raise UsageError(
-                "invalid unit", found=self.unit, allowed=f"{', '.join(UNITS)}, guess (for BVH), or a number"
-            )
+            allowed = f"{', '.join(UNITS)}, guess (for BVH), or a number"
+            raise UsageError("invalid unit", found=self.unit, allowed=allowed)
         if self.fps is not None:
             as_rate(self.fps)
 
