@@ -10,6 +10,9 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns
 from dancedata.core.grid import FrameGrid
 
+#: Gates of librosa35 against what others compute: MFCC reach 500, so 1e-3 is a few float32 steps; beats are equal.
+LIBROSA35 = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
+
 
 def bailando438_rows(
     self: Bailando438, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None

@@ -17,10 +17,9 @@ from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import pcm16
 from dancedata.core.grid import FrameGrid
 from dancedata.music.signal import load_audio
-from tests.features import assert_within
+from tests.features import LIBROSA35, assert_within
 
 FEATURE = Librosa35()
-GATES = {"onset_envelope": 1e-4, "mfcc": 1e-3, "chroma_cens": 1e-6, "onset_peak": 0.0, "beat": 0.0}
 
 
 def _json(path: Path) -> Any:
@@ -56,7 +55,7 @@ def test_edge_windows(peers: Any, split: str, n_windows: int) -> None:
         features = FEATURE.extract_windows(
             signal, starts, 5 * signal.sample_rate, FrameGrid.of(30), 150, start_bpm=_bpm(clip)
         )
-        assert_within(GATES, FEATURE.columns, features, expected[[row for row, _ in windows]])
+        assert_within(LIBROSA35, FEATURE.columns, features, expected[[row for row, _ in windows]])
 
 
 def test_edge_slice_samples(peers: Any) -> None:
@@ -76,7 +75,7 @@ def test_fact_tracks_at_60_fps(peers: Any) -> None:
     for music, clip in sources.items():
         signal = load_audio(_song(peers, clip))
         features = FEATURE.extract(signal, FrameGrid.of(60), start_bpm=_bpm(clip))
-        assert_within(GATES, FEATURE.columns, features, expected[music])
+        assert_within(LIBROSA35, FEATURE.columns, features, expected[music])
 
 
 def test_lodge_tracks_without_a_known_tempo(peers: Any) -> None:
@@ -84,4 +83,4 @@ def test_lodge_tracks_without_a_known_tempo(peers: Any) -> None:
     assert len(expected)
     for track, rows in expected.items():
         (path,) = (peers / "inputs" / "finedance" / "music_wav").glob(f"{track}.*")
-        assert_within(GATES, FEATURE.columns, FEATURE.extract(load_audio(path), FrameGrid.of(30)), rows)
+        assert_within(LIBROSA35, FEATURE.columns, FEATURE.extract(load_audio(path), FrameGrid.of(30)), rows)

@@ -223,10 +223,11 @@ def test_an_exception_of_soundfile_is_the_files(tmp_path, what, monkeypatch):
 
 
 def test_what_a_cut_file_lacks_is_noted(tmp_path: Path) -> None:
-    for kind in ("WAV", "MP3", "AIFF", "AU", "W64"):
+    for kind in ("WAV", "MP3", "AIFF", "AU", "W64", "OGG"):
         path, data = tmp_path / f"a.{kind.lower()}", written(kind)
-        path.write_bytes(data[: len(data) // 2])
-        assert dict(load_audio(path).findings)["cut_music"] == pytest.approx(SECONDS / 2, abs=0.2)
+        assert length(path, data[: len(data) // 2]) == pytest.approx(SECONDS / 2, abs=0.2 if kind != "OGG" else 0.7)
+        if kind != "OGG":  # its header states no length
+            assert dict(load_audio(path).findings)["cut_music"] == pytest.approx(SECONDS / 2, abs=0.2)
 
 
 def test_what_damage_has_taken_from_mp3_is_noted() -> None:

@@ -31,14 +31,8 @@ def test_workers_in_another_folder_read_the_same_music(tmp_path: Path, monkeypat
     pytest.importorskip("distributed")
     for seed, name in enumerate(("here", "there")):
         write_synthetic(tmp_path / name, seed=seed, songs=2, clips_per_song=2, clip_s=6.0)
-    options: dict[str, Any] = {
-        "fps": 60,
-        "up": "y",
-        "unit": "m",
-        "metrics": ("bas",),
-        "intervals": False,
-        "music": ".",
-    }
+    options: dict[str, Any] = {"fps": 60, "up": "y", "unit": "m", "metrics": ("bas",), "intervals": False}
+    options["music"] = "."
     monkeypatch.chdir(tmp_path / "there")
     with dask_cluster(os.environ, workers=1) as address:
         monkeypatch.chdir(tmp_path / "here")

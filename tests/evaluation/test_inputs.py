@@ -34,13 +34,8 @@ def assert_same(one: Report, other: Report, rtol: float, atol: float = 1e-6) -> 
 
 
 def evaluated(what: object, store: Store, protocol: str = "dancedata", **options: object) -> Report:
-    options = {
-        "protocol": protocol,
-        "pool": store,
-        "pool_split": "all",
-        "role": "truth",
-        "intervals": False,
-    } | options
+    options = {"pool": store, "pool_split": "all", "role": "truth", "intervals": False} | options
+    options["protocol"] = protocol
     options |= {"split": "all"} if what is store or what == store.path else {}
     return dancedata.evaluate(what, **options)
 

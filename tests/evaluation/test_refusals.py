@@ -58,12 +58,6 @@ def test_a_store_without_the_joints(store: Store) -> None:
         dancedata.evaluate(store, split="all", field="edge15")
 
 
-def test_a_file_with_a_batch(store: Store, tmp_path: Path) -> None:
-    np.save(tmp_path / "samples.npy", np.zeros((3, 60, 151)))
-    with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path, like=store, field="edge151", normalized=True)
-
-
 def test_metrics_have_the_names_of_the_table(store: Store) -> None:
     scores = dancedata.evaluate(store, split="all", metrics=["FSR"], intervals=False).scores
     assert [s.name for s in scores][-1] == "skating"
@@ -163,7 +157,9 @@ def test_columns_that_cannot_be_decoded_are_named_with_their_file(tmp_path, stor
 def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:
     still = np.broadcast_to(dance()[:1], (300, 24, 3))
     clips = dances() | {"still": still, "short": dance(60)}
-    report = dancedata.evaluate(clips, fps=30, pool=store, music=dict.fromkeys(clips, _beats()), intervals=False)
+    report = dancedata.evaluate(
+        clips, fps=30, pool=store, music=dict.fromkeys(clips, beats_of_music()), intervals=False
+    )
     pfc = next(s for s in report.scores if s.name == "pfc")
     assert pfc.undefined == {"short": ("short",), "still": ("still#0", "still#1", "still#2")}
     bas = next(s for s in report.scores if s.name == "bas")
@@ -174,7 +170,7 @@ def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:
     assert alone.to_json()["scores"]["pfc"]["value"] is None
 
 
-def _beats() -> Any:
+def beats_of_music() -> Any:
     from dancedata.metrics import MusicBeats
 
     return MusicBeats.of([10, 70, 130, 190, 250], FrameGrid.of(30))
@@ -200,40 +196,36 @@ def test_options_that_do_not_go_together(options: dict[str, Any], message: str |
         dancedata.evaluate(dances(), **given)
 
 
-def test_undeclared_facts_of_files(tmp_path: Path) -> None:
-    np.save(tmp_path / "a.npy", dance())
+COLUMNS: dict[str, Any] = {"field": "edge151", "normalized": False}
+
+
+@pytest.mark.parametrize(("arrays", "options"), [
+    ({"": dance()}, {"fps": 30}), ({"": dance()}, {"up": "y"}),  # no direction, no rate
+    ({"poses": np.zeros((9, 72)), "trans": np.zeros((9, 3)), "mocap_framerate": 30}, {}),
+    *(({"joints": dance(), "fps": rate}, {"fps": 30, "up": "y"})
+      for rate in (0, -30, np.nan, np.inf, 1e300, [30, 30])),
+    ({"": np.zeros((3, 60, 151))}, COLUMNS),  # a batch
+    ({"columns": None, "fps": 60}, COLUMNS), ({"columns": None, "fps": 30}, {**COLUMNS, "intervals": False}),
+])  # fmt: skip
+def test_facts_of_files_that_are_not_stated_or_wrong(store, tmp_path, arrays, options):
+    options = options | ({"like": store} if "field" in options else {})
+    arrays = {k: store.clips()[0].read("edge151") if v is None else v for k, v in arrays.items()}
+    if "" in arrays:
+        np.save(tmp_path / "a.npy", arrays[""])
+    else:
+        np.savez(tmp_path / "a.npz", **arrays)
+    if "intervals" in options:  # columns at the rate that their file states
+        assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"].value is not None
+        return
     with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path, fps=30)
-    with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path, up="y")
-    np.savez(tmp_path / "a.npz", poses=np.zeros((9, 72)), trans=np.zeros((9, 3)), mocap_framerate=30)
-    (tmp_path / "a.npy").unlink()
-    with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path)
-    with raises_message(UsageError, "evaluate", where="b"):
-        dancedata.evaluate(tmp_path / "b")
+        dancedata.evaluate(tmp_path, metrics=["pfc"], **options)
+
+
+def test_folders_with_nothing_to_evaluate(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
-    with raises_message(UsageError, "evaluate", where="empty"):
-        dancedata.evaluate(tmp_path / "empty")
-
-
-@pytest.mark.parametrize("rate", [0, -30, np.nan, np.inf, 1e300, [30, 30]])
-def test_invalid_stored_rates(tmp_path: Path, rate: Any) -> None:
-    np.savez(tmp_path / "a.npz", joints=dance(), fps=rate)
-    with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path, fps=30, up="y", metrics=["pfc"])
-
-
-def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: Path) -> None:
-    columns = store.clips()[0].read("edge151")
-    np.savez(tmp_path / "a.npz", columns=columns, fps=60)
-    with raises_message(DataError, "measured", reason="nothing_left"):
-        dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"])
-    np.savez(tmp_path / "a.npz", columns=columns, fps=30)
-    assert (
-        dancedata.evaluate(tmp_path, like=store, normalized=False, metrics=["pfc"], intervals=False)["pfc"].value
-        is not None
-    )
+    for name in ("b", "empty"):
+        with raises_message(UsageError, "evaluate", where=name):
+            dancedata.evaluate(tmp_path / name)
 
 
 def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from dancedata.metrics.kinetic_features import Kinetic
 from dancedata.scene.inputs.songs import read_songs
 from dancedata.store import Store
 from tests.evaluation.test_command import run
-from tests.evaluation.test_refusals import dance, dances
+from tests.evaluation.test_refusals import beats_of_music, dance, dances
 from tests.messages import raises_message
 
 
@@ -130,18 +130,14 @@ def test_only_the_requested_metrics(store: Store, tmp_path: Path) -> None:
     assert "nown: bas, beat_alignment, " in run(store.path, "--metric", "fid", code=2)
 
 
-def test_only_beats_without_music(store: Store) -> None:
+def test_only_beats_without_music() -> None:
     with raises_message(UsageError, "could", where="clips in memory"):
         dancedata.evaluate(dances(), fps=30, metrics=["bas"])
     some = dancedata.evaluate(
-        dances(n_frames=200), fps=30, metrics=["bas"], music={"d0": _beats(store)}, intervals=False
+        dances(n_frames=200), fps=30, metrics=["bas"], music={"d0": beats_of_music()}, intervals=False
     )
     assert [s.undefined for s in some.scores] == [{"no_music": ("d1", "d2")}]
     assert some.fps == "30"
-
-
-def _beats(store: Store) -> dancedata.metrics.MusicBeats:
-    return dancedata.metrics.MusicBeats.of([10, 40, 70, 100], store.grid)
 
 
 def test_tables_are_the_same_each_time(store: Store, tmp_path: Path) -> None:
