@@ -120,10 +120,7 @@ def features(
 
 
 def find_jobs(feature: str | None, like: str | None) -> list[MusicField]:
-    """Return the features to compute: those of a built dataset or recipe, or defaults at 30 rows per second.
-
-    Without `feature`, all audio features of `like`, or librosa35.
-    """
+    """Return the audio features of `like`, a dataset or recipe, or `feature`; else librosa35 at 30 rows a second."""
     if like is None:
         plugin = make_named(FEATURES, "audio", feature or "librosa35", {})
         return [MusicField(plugin.name, FrameGrid.of(30), plugin)]
@@ -151,19 +148,12 @@ def write_features(
     *,
     like: str | None = None,
 ) -> list[dict[str, Any]]:
-    """Write OUT/<song>.<feature>.npy and a .json that describes it; return the content of the JSON files.
+    """Write OUT/<song>.<feature>.npy, as `features` returns it, and a .json about it; return the JSON's content.
 
-    Songs are files, folders of them, and patterns such as ``songs/*.wav``.
+    Songs are files, folders of them, and patterns such as ``songs/*.wav``. An error leaves no file behind.
 
-    (T, D); (W, L, D) for a dataset of slices, each window by itself as in training. An error leaves no file
-    behind; an interrupt leaves those of the songs that are done.
-
-    `bpm`: Tempo of the songs. None: what the dataset `like` states for a song with the same samples, or else of the
-        same name; without such a song it is estimated.
+    `bpm`: Tempo of the songs. None: as `like` states for the same samples or name; without such a song an estimate.
     `weights`: Folders of networks' weights: "FIELD=FOLDER", or a folder alone where one feature needs weights.
-    `like`: The dataset or recipe of the jobs, see `find_jobs`.
-    Raises UsageError: for songs, weights or a tempo that cannot be used, or if the dataset states several tempos of a
-        song.
     """
     if bpm is not None and not 0 < bpm < float("inf"):
         fix = "without --bpm the tempo is estimated"

@@ -71,13 +71,7 @@ def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
 
 
 class MotionExport(Export):
-    """Base of exports of decoded motion.
-
-    Attributes
-    ----------
-    field
-        Parameter of the subclasses: motion field to decode; "" takes the first with rotations.
-    """
+    """Base of exports of decoded motion; `field` "" takes the first with rotations."""
 
     field: str
 

@@ -39,12 +39,9 @@ _MIB = 1 << 20
 
 @dataclass(frozen=True)
 class SampleTable:
-    """The samples of a dataset as rows: the columns of `Store.to_pandas`, and one per field.
+    """Samples as rows: the columns of `Store.to_pandas`, and one per field.
 
-    A field of windows is a fixed-size list of L rows of D values, one of clips a list of rows of D values.
-
-    `fields`: Names of the fields.
-    `whole`: Whether samples are clips.
+    A field of windows is a fixed-size list of L rows of D values, one of clips (`whole`) a list of rows of D values.
     """
 
     job: ExportJob

@@ -64,8 +64,6 @@ class SliceExport(Export):
 class SliceWriter:
     """Writes the slices of a dataset.
 
-    `feature`: Audio feature.
-    `sound`: "cut": from the music; "silence".
     `repeat`: How often each frame is in a pickle: 2 where the loader keeps every second one.
     `batch`: Batch size of the trainer, whose loaders drop the last, smaller batch.
     `place`: Puts a motion into the trainer's axes, from +Y up; None: these are its own.

@@ -33,11 +33,7 @@ if TYPE_CHECKING:
 
 
 def _find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
-    """Return the clip with the longest signal of each music id, and ids with signals that are different music.
-
-    Datasets that hold the music of each sequence by itself have several files for one id, of which loaders read one:
-    this works if the shorter files are the beginning of the longest.
-    """
+    """Return the clip with the longest signal of each music, which the others begin, and what is missing."""
     songs: dict[str, Clip] = {}
     missing: list[Missing] = []
     by_music: dict[str, list[Clip]] = {}

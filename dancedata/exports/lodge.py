@@ -32,10 +32,9 @@ _one_at_a_time = threading.Lock()
 
 
 def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
-    """Return a pickle of torch of Lodge's class ``Normalizer``, min-max to [-1, 1], fitted on rows (T, D) of pieces.
+    """Return torch's pickle of Lodge's ``Normalizer``, min-max to [-1, 1] in float32 over rows (T, D) of pieces.
 
-    Its attribute ``scaler`` has those of Lodge's ``MinMaxScaler``, float32 as Lodge computes them. Where
-    `torch.load` reads it, the module ``dld.data.utils.preprocess`` of Lodge has to be importable.
+    To read it the module ``dld.data.utils.preprocess`` of Lodge has to be importable.
     """
     import torch
 

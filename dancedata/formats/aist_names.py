@@ -31,10 +31,7 @@ def parse_name(stem: str) -> SequenceName | None:
 
 
 def tempo_bpm(music: str) -> float | None:
-    """Return the tempo in BPM of a music id such as ``mBR2``; None where no rule is known.
-
-    80 + 10 n, house (``mHOn``) 110 + 5 n, for the six songs n = 0..5 of each of the ten genres.
-    """
+    """Return the tempo in BPM of a music id such as ``mBR2``, one of ten genres' six songs; None without a rule."""
     facts, match = manifest("aistpp"), SONG.fullmatch(music)
     if match is None or match[1] not in facts["tempo_bpm"] or len(match[2]) > 1:
         return None

@@ -30,10 +30,7 @@ Array = NDArray[Any]
 
 
 class ArrayFile:
-    """Named arrays of a file; an .npy file and a pickled array have the single name "".
-
-    `names`: All names in the file, whether or not they hold numbers.
-    """
+    """Named arrays of a file, "" the name of an .npy file's; `names` has all, whether numbers or not."""
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
@@ -355,10 +352,7 @@ UNSTATED = StatedScaling()
 
 
 def stated_scaling(arrays: ArrayFile) -> StatedScaling:
-    """Return what the entries "normalized" and "scaler_sha256" of a file state of its columns.
-
-    DataError "undeclared" if the first is neither True nor False.
-    """
+    """Return what the entries "normalized" and "scaler_sha256" state; DataError "undeclared" for no truth value."""
     scaler = arrays.text(_SCALER) if _SCALER in arrays.names else ""
     if _NORMALIZED not in arrays.names:
         return StatedScaling(None, scaler)

@@ -52,11 +52,9 @@ class BodyMesh:
 
     @classmethod
     def read(cls, path: str | Path, betas: npt.ArrayLike | None = None) -> BodyMesh:
-        """Read a model file; nothing in it is executed.
+        """Read a file of SMPL, SMPL-H or SMPL-X as published; nothing in it is executed. UsageError if it is none.
 
-        `path`: SMPL, SMPL-H or SMPL-X as published: SMPLX_NEUTRAL.npz, SMPL_MALE.pkl, ...
         `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
-        Raises UsageError: if it does not exist, is not such a file, or has fewer betas.
         """
         file = Path(path).expanduser()
         if not file.is_file():
@@ -76,12 +74,7 @@ class BodyMesh:
         )
 
     def on(self, motion: Motion) -> Motion:
-        """Put a motion on the model's bones; the pelvis stays where it is, joints match by name.
-
-        Joints that the motion lacks do not turn; those that the model lacks are left out, see `lost`.
-
-        Raises UsageError: if the motion is not of the SMPL family.
-        """
+        """Put a motion on the model's joints by name, the pelvis where it is; UsageError for another family."""
         return transfer_to(motion, self.skeleton)
 
     def lost(self, motion: Motion) -> str:

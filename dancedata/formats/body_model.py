@@ -42,16 +42,11 @@ Floats = NDArray[np.float64]
 def body_model_skeleton(
     path: Path, *, joints: Skeleton = SMPLX55, betas: ArrayLike | None = None, gender: str = "neutral"
 ) -> Skeleton:
-    """Return a skeleton with the bones of a body model.
+    """Return a skeleton with the bones of a body model, metres; its name has a hash of them. UsageError.
 
-    `path`: A model file (SMPLX_NEUTRAL.npz, SMPL_MALE.pkl), or a folder of models, where `gender` and the number of
-        joints select one: SMPLX_MALE.npz, smplx/SMPLX_MALE.npz, smplh/male/model.npz, ..., or the same as .pkl.
+    `path`: A model file, or a folder, where `gender` and `joints` select one, such as smplh/male/model.npz.
     `joints`: The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
     `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
-    `gender`: "neutral", "male" or "female". Not used for a model file, which has a single gender.
-    Returns: Metres; joint 0's offset is its rest position. Its name identifies the body: "smplx55:1a2b3c4d".
-    Raises UsageError: if the model does not exist, is neither .npz nor .pkl, lacks an array, or has other joints or
-        fewer betas.
     """
     file = find_model(path, joints=joints, gender=gender)
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
@@ -77,10 +72,7 @@ def skeleton_of(rest: Floats, body: Skeleton, joints: Skeleton) -> Skeleton:
 
 
 def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral") -> Path:
-    """Return the model's file: `path` itself, or the one with that gender and joints in a folder.
-
-    Raises UsageError: if it does not exist; lists the expected files.
-    """
+    """Return the model's file: `path`, or the one of a folder with that gender and joints; UsageError if none."""
     if gender not in GENDERS:
         raise UsageError("invalid gender of a body model", found=repr(gender), allowed=", ".join(GENDERS))
     path = Path(path).expanduser()

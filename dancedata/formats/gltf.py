@@ -30,12 +30,9 @@ _COLOUR, _ROUGHNESS = [0.6, 0.6, 0.62, 1.0], 0.7
 
 
 def motion_glb(motion: Motion, mesh: BodyMesh | None = None) -> bytes:
-    """Return a motion as a .glb file.
+    """Return a motion as a .glb file, frame k at k / rate seconds, rotations as quaternions, linear in between.
 
-    `motion`: Its frame k is at k / rate seconds. Rotations are quaternions, linear in between.
-    `mesh`: The body model to animate, with the 4 largest weights of each vertex and without pose correctives, which
-        glTF does not have; the motion is put onto its bones. Default: a skeleton without a mesh.
-    Raises UsageError: if the motion is not of the family of the body model.
+    `mesh`: The body model to animate, whose bones it is put on, with 4 weights a vertex, without correctives.
     """
     motion = motion if mesh is None else mesh.on(motion)
     skeleton = motion.skeleton

@@ -16,11 +16,9 @@ MAX_BYTES = 1 << 24
 
 
 def read_texts(path: Path, layer: Layer) -> list[Segment]:
-    """Read the captions of a clip; those of one span are alternatives of one segment.
+    """Read the captions of a clip, seconds; those of one span are alternatives of one segment. DataError with line.
 
-    Times are seconds. 0 to 0 is the whole clip; HumanML3D's code takes a time that is not a number as 0.
-
-    Raises DataError: ``bad_segment``, with the line.
+    0 to 0 is the whole clip; HumanML3D's code takes a time that is not a number as 0.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
@@ -74,10 +72,7 @@ def plain_tokens(text: str) -> str:
 
 
 def texts_file(lines: Iterable[Caption]) -> str:
-    """Return the content of a file.
-
-    A ``#`` or a line break of a caption, which a loader takes as the end of a part, becomes a space.
-    """
+    """Return the content of a file; a ``#`` or line break in a caption, where loaders end a part, becomes a space."""
     return "".join(
         f"{' '.join(caption.replace('#', ' ').split())}#{tokens}#{float(start)!r}#{float(end)!r}\n"
         for caption, tokens, start, end in lines

@@ -27,12 +27,7 @@ _N_BETAS = 16
 
 
 def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
-    """Return AMASS's arrays on SMPL-H's 52 joints: poses (T, 156), trans, betas, gender, mocap_framerate.
-
-    Joints that the motion lacks do not turn; SMPL's two hand joints, jaw and eyes are left out.
-
-    Raises UsageError: for a motion on another family of bodies.
-    """
+    """Return AMASS's arrays on SMPL-H's 52 joints: poses (T, 156), trans, betas, gender, rate. UsageError."""
     poses, trans = _upright(motion, SMPLH52)
     return {
         "trans": trans,
@@ -44,10 +39,7 @@ def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
 
 
 def smplx_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
-    """Return the arrays of an SMPL-X file of AMASS on its 55 joints: poses (T, 165), its parts, trans and the rest.
-
-    Raises UsageError: for a motion on another family of bodies.
-    """
+    """Return AMASS's SMPL-X arrays on 55 joints: poses (T, 165), its parts, trans and the rest. UsageError."""
     poses, trans = _upright(motion, SMPLX55)
     rows = poses.reshape(len(poses), -1)
     return {

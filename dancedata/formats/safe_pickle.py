@@ -336,11 +336,7 @@ ArrayUnpickler.dispatch |= {
 
 
 def _read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
-    """Return the content of a file, unpacked if zlib, gzip, bz2, lzma or xz has packed it, and the file's size.
-
-    Raises ValueError: if it is larger than the limit, truncated, or packed more than 100-fold.
-    Raises OSError: if it cannot be read.
-    """
+    """Return the content of a file, unpacked, and its size; ValueError if too large, cut, or packed over 100-fold."""
     data = read_regular(path, limit)
     kind = next((make for head, make in _UNPACKERS.items() if data.startswith(head)), None)
     if data.startswith(b"\x04\x22\x4d\x18"):
@@ -357,10 +353,7 @@ def _read_unpacked(path: Path, limit: int) -> tuple[bytes, int]:
 
 
 def as_array(value: object) -> np.ndarray[Any, Any] | None:
-    """Return a value of a pickle as an array if it is an array, a number or a list of numbers; else None.
-
-    Nested lists are not expanded: where they are shared, a small file can describe more than fits into memory.
-    """
+    """Return an array, a number or a flat list of numbers as an array, else None: nested lists can fill memory."""
     if isinstance(value, np.ndarray) and value.dtype.hasobject:  # as tables of pandas are saved
         numbers = as_array(value.reshape(-1).tolist()) if value.size else None
         return value if numbers is None or numbers.dtype.hasobject else numbers.reshape(value.shape)

@@ -43,10 +43,7 @@ _NUMBER = re.compile(r"\+?(\d{1,9}\.?\d{0,30}|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
 def rate_of_text(text: str) -> Fraction | None:
-    """Return a rate such as "60", "59.94" or "30000/1001" exactly as written; None if it is not a rate.
-
-    Only short numbers are accepted: "1e999999999" would have a billion digits.
-    """
+    """Return a rate such as "59.94" or "30000/1001" exactly as written; None if it is none, or long ("1e999999")."""
     top, slash, bottom = text.strip().partition("/")
     if not _NUMBER.fullmatch(top) or (slash and not _NUMBER.fullmatch(bottom)):
         return None
@@ -55,11 +52,7 @@ def rate_of_text(text: str) -> Fraction | None:
 
 
 def exact_rate(value: float) -> Fraction | None:
-    """Return the rate that a file stores as a binary number; None if it is not a rate.
-
-    A value within one millionth of a usual rate is that rate (59.94005994 is 60000/1001, and 120.00000763,
-    rounded to 32 bits, is 120); any other is taken as written.
-    """
+    """Return the usual rate within a millionth of a number (59.94005994 is 60000/1001), else as written; or None."""
     rate = rate_of_text(repr(float(value)))
     if rate is None:
         return None
@@ -70,9 +63,7 @@ def exact_rate(value: float) -> Fraction | None:
 def rate_of_period(text: str) -> Fraction | None:
     """Return the rate of a frame time in seconds, as written: "0.0333333" is 30, ".0083333" 120.
 
-    A frame time is a rounded number. It is read as a usual rate whose frame time differs by at most one
-    unit of the last decimal (or one millionth of it), and by at most 1.5 %: integer rates first, the closest
-    first, then NTSC rates such as 24000/1001. Otherwise the rate is exactly 1 / text.
+    It is a usual rate, whole ones first, whose frame time differs by one unit of the last decimal at most, or exact.
     """
     period = Fraction(text)
     mantissa, _, exponent = text.lower().partition("e")
@@ -104,10 +95,7 @@ def _in_range(rate: Fraction) -> Fraction | None:
 
 
 def stored_rate(arrays: ArrayFile, key: str) -> Fraction:
-    """Return the frame rate that a file states, as one number or as its text ("120", b"120.0", "30000/1001").
-
-    Raises DataError: ``bad_rate``.
-    """
+    """Return the rate that a file states, as one number or text ("120", b"120.0", "30000/1001"); DataError."""
     try:
         text = arrays.text(key)
         values = [] if text else arrays.read(key).reshape(-1).tolist()

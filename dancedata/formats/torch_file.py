@@ -92,11 +92,7 @@ def torch_for(path: Path) -> Any:
 
 
 def load_torch(path: Path) -> Any:
-    """Read what torch.save has written, in any version: tensors, as arrays, in plain containers.
-
-    Raises DataError: "unsafe_pickle" if the file names anything else (which is not executed); "broken_file" if it is
-        truncated, not such a file, or larger than MAX_PICKLE_BYTES, and without torch 2.6 or later.
-    """
+    """Read what torch.save has written: tensors, as arrays, in plain containers; DataError, nothing is executed."""
     try:
         torch = torch_for(path)
         data = read_regular(path, MAX_PICKLE_BYTES)

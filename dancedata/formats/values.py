@@ -37,11 +37,7 @@ MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *VALUE_SUFFIXES[1:])
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
-    """Open a file; its suffix decides the format (anything but .npz and VALUE_SUFFIXES is read as .npy).
-
-    Raises DataError: ``broken_file``, ``unsafe_pickle`` (pickled objects), ``bad_shape`` (not numbers),
-        ``too_large``.
-    """
+    """Open a file by its suffix, others than .npz and VALUE_SUFFIXES as .npy; DataError if it has no numbers."""
     kind = path.suffix.lower()
     if holds_values(path):
         yield ValueArrays(path, load_values(path))
@@ -55,8 +51,7 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
 def holds_values(path: Path) -> bool:
     """Return whether a file holds a pickle: one of VALUE_SUFFIXES, or numpy's with a dict in an array of objects.
 
-    ``numpy.save(file, {...})`` and ``numpy.savez(file, results={...})`` write such arrays. Archives that hold arrays
-    of numbers as well are read without their objects.
+    Archives that hold arrays of numbers as well are read without their objects.
     """
     kind = path.suffix.lower()
     try:
@@ -72,12 +67,7 @@ def holds_values(path: Path) -> bool:
 
 
 def load_values(path: Path) -> object:
-    """Return the content of a pickle, a file of joblib.dump or torch.save, under any name, or of numpy's objects.
-
-    A list of dicts, which may be people, is a dict by their numbers.
-
-    Raises DataError: ``broken_file``, ``unsafe_pickle``, ``too_large``.
-    """
+    """Return the content of a pickle, a file of joblib or torch, or numpy's objects; people by number. DataError."""
     size = path.stat().st_size if path.is_file() else 0
     if size > MAX_PICKLE_BYTES:
         raise DataError(
@@ -111,10 +101,7 @@ def _unboxed(value: object) -> object:
 
 
 def load_object(path: Path) -> object:
-    """Return the object in an .npy file with an array () of objects, such as the dict of ``numpy.save(file, {...})``.
-
-    Raises DataError: ``broken_file``, ``unsafe_pickle``; ``bad_shape`` for any other array.
-    """
+    """Return the object of an .npy file with an array () of objects, as of numpy.save(file, {...}); DataError."""
     with reading(path), open_regular(path) as file:
         header = read_header(path, file)
     if header.shape != () or not header.dtype.hasobject:
@@ -137,10 +124,7 @@ def _is_torch(path: Path) -> bool:
 
 
 class ValueArrays(ArrayFile):
-    """The named values of a container; one that has no names is itself the value "".
-
-    `content`: Of the file, or of a part of it.
-    """
+    """The named values of a container; one that has no names is itself the value ""."""
 
     def __init__(self, path: Path, content: object) -> None:
         if not isinstance(content, Mapping):

@@ -47,12 +47,9 @@ Values = Mapping[Any, Any]
 
 
 class PersonArrays(ValueArrays):
-    """The arrays of one person of a file, or of a file as a whole.
+    """The arrays of one person of a file, or of a file as a whole (`person` "").
 
-    `person`: The file's own name for the person, such as "1"; "" for a file that is not divided by people.
-    `tool`: One of TOOLS, or "" for any other layout.
-    `tracks`: The file's own names for this person, where it has several, see `joined`.
-    `frames`: (T,) the frames of the video in which the person was seen; None where the file does not have them.
+    `tool`: One of TOOLS, or "". `tracks`: The file's names for this person, if it has several, see `joined`.
     """
 
     def __init__(
@@ -83,12 +80,7 @@ class PersonArrays(ValueArrays):
 
 
 def open_people(path: Path) -> tuple[PersonArrays, ...]:
-    """Read a pickle, a file of joblib or one of torch, and divide it by people.
-
-    Returns: One for each person, in the order of the file; one with the name "" where it is not divided.
-    Raises DataError: As `load_values` does; ``bad_shape`` for a file in PHALP's layout whose lists contradict each
-        other, and for more than `MAX_PEOPLE` people.
-    """
+    """Read a file's people in its order, one without a name if it is not divided; DataError for no such file."""
     stat = path.stat() if path.is_file() else None
     key = (path, stat.st_size, stat.st_mtime_ns) if stat is not None else None
     if key is not None and _last.key == key:

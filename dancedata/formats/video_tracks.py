@@ -32,8 +32,7 @@ Floats = NDArray[np.float64]
 def joined(people: Sequence[PersonArrays]) -> tuple[PersonArrays, ...]:
     """Return the people of a file, of whom each is one person whatever the number of its tracks.
 
-    A track goes on in another one that begins at most `MAX_GAP` frames after its last frame, with nearly its pose and
-    place, where no other track ends or begins so. It has the name of its first track.
+    A track goes on in the only one that begins within `MAX_GAP` frames of its end with nearly its pose and place.
     """
     after = dict(_links(people))
     if len(set(after.values())) < len(after):

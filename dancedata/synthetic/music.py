@@ -23,12 +23,8 @@ _PROGRESSIONS = (
 class SyntheticSong:
     """A song and its ground truth.
 
-    `signal`: Mono AudioSignal: the mean of the channels of `pcm`.
-    `pcm`: (n, channels) int16, the samples of the wav file.
-    `beat_times_s`: (B,) seconds of the beats, kick or snare on each.
-    `downbeat_times_s`: (M,) the first beats of the bars, where the chord changes.
-    `chord_roots`: (M,) pitch class 0..11 of each bar's chord (0 = C).
-    `tempo_bpm`: Beats per minute, exact.
+    `pcm`: (n, channels) int16, of which `signal` is the mean. `beat_times_s`: (B,), kick or snare on each.
+    `downbeat_times_s`, `chord_roots`: (M,) first beats of bars, and the pitch class 0..11 of their chords.
     """
 
     signal: AudioSignal

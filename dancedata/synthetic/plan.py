@@ -117,10 +117,7 @@ def beat_times(music: str, seed: int, length_s: float) -> NDArray[np.float64]:
 
 
 def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
-    """Plan a corpus.
-
-    Raises UsageError: if a number is outside the range of the names.
-    """
+    """Plan a corpus; UsageError if a number is outside the range of the names."""
     _check("songs", songs, 2, len(CATALOGUE))
     _check("clips_per_song", clips_per_song, 2, 40)
     _check("clip_s", clip_s, 2.0, 600.0)

@@ -32,12 +32,8 @@ _LONGEST_SWING = 24
 class Timeline:
     """Key frames of a clip and the position of each frame between them.
 
-    `n_frames`: Number of frames N.
-    `beats`: Frames (B,) of all beats, from before frame 0 to after frame N.
-    `keys`: Frames (K,) of the key poses, a subset of the beats; the first is <= 0 and the last >= N.
-    `interval`: (N,) index of the last key at or before each frame.
-    `phase`: (N,) position in that interval, 0 <= phase < 1.
-    `beat_phase`: (N,) position between two beats, 0 <= phase < 1.
+    `beats`, `keys`: Frames of all beats (B,), and (K,) of the key poses among them, from before frame 0 to after N.
+    `interval`, `phase`: (N,) last key at or before each frame, and how far it is to the next, 0 <= phase < 1.
     """
 
     n_frames: int
@@ -208,11 +204,7 @@ def _choose_turns(actions: Ints, advanced: bool, rng: np.random.Generator) -> Fl
 
 
 def _place_feet(actions: Ints, heading: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return the positions of the ankles (K, 2, 2) and the headings of the feet (K, 2) on each key.
-
-    A step is placed relative to the standing foot, so feet never cross; steps away from the start are shortened, so
-    the dance stays near it.
-    """
+    """Return ankles (K, 2, 2) and headings (K, 2) on each key, a step beside the standing foot, near the start."""
     count = len(actions)
     sides = np.array([1.0, -1.0])
     noise = rng.uniform(-0.2, 0.2, (count, 12, 2))

@@ -68,11 +68,7 @@ _MAX_NAME = 200
 
 @dataclass(frozen=True)
 class ExportResult:
-    """A finished export.
-
-    `path`: Absolute path of its folder.
-    `about`: What its export.json holds.
-    """
+    """A finished export: the absolute path of its folder, and what its export.json holds."""
 
     path: Path
     about: Mapping[str, Any]

@@ -22,13 +22,9 @@ KEYWORDS = ("HIERARCHY", "ROOT", "JOINT", "End Site", "OFFSET", "CHANNELS", "MOT
 
 @dataclass(frozen=True)
 class BvhJoint:
-    """A joint of the hierarchy.
+    """A joint of the hierarchy, after its parent (index, -1 for the root); names need not be unique.
 
-    `parent`: Index among the joints, -1 for the root. Parents come first. Names need not be unique.
-    `offset`: (3,) from the parent, in the file's unit.
-    `channels`: Names, in the file's order.
-    `first`: Column of the first channel.
-    `line`: Where it is declared.
+    `offset`: (3,) from the parent, in the file's unit. `first`: Column of the first channel.
     """
 
     name: str
@@ -69,10 +65,7 @@ def bvh_error(
 
 
 def parse_hierarchy(path: Path, lines: Sequence[bytes]) -> tuple[tuple[BvhJoint, ...], int]:
-    """Return the joints in the file's order, and the number of the line with MOTION.
-
-    Raises DataError: ``broken_file``, ``missing_channels`` or ``truncated``, with the line.
-    """
+    """Return the joints in the file's order, and the number of the line with MOTION; DataError with the line."""
     hierarchy = _Hierarchy(path)
     for line, text in _statements(lines):
         if hierarchy.take(line, text):

@@ -18,11 +18,7 @@ SPINE = ("spine1", "spine2", "spine3")
 
 @dataclass(frozen=True)
 class JointMap:
-    """The mapping of a file's joints.
-
-    `producer`: The producers whose names match, with the evidence; "" if all names were given.
-    `of`: Index in SMPL24 -> index in the file.
-    """
+    """The mapping of a file's joints, index in SMPL24 -> index in the file, and the producer with evidence."""
 
     producer: str
     of: Mapping[int, int]
@@ -35,16 +31,10 @@ class JointMap:
 
 
 def map_joints(path: Path, joints: Sequence[BvhJoint], declared: Mapping[str, str] | str | None) -> JointMap:
-    """Map SMPL's joints to a file's.
+    """Map SMPL's joints to a file's; DataError if required ones are missing, or the tree is not SMPL's.
 
-    `declared` is the name of a producer, or names of joints that take precedence ("" excludes a joint); the others
-    follow the producer that `dancedata.formats.bvh.producers.detect` finds. The spine follows from the tree: of the
-    joints from the pelvis to the joint where neck and arms branch, the first is spine1, the last spine3, the middle
-    one spine2.
-
-    Raises DataError: ``unknown_joints`` if required ones are missing or a declared name is not in the file; as
-        `detect`; ``bad_joint_map`` if the file's tree differs from SMPL's: a knee that is not below its hip;
-        ``missing_channels`` if neither the pelvis nor a joint above it moves or turns the body.
+    `declared`: A producer, or names that take precedence ("" excludes a joint) over those that are detected.
+    Of the joints from the pelvis to where neck and arms branch, the first is spine1, the last spine3.
     """
     chosen, declared = (declared, {}) if isinstance(declared, str) else ("", declared or {})
     # A joint with a namesake above it is the end of that one.

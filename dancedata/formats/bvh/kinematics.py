@@ -12,10 +12,7 @@ Floats = NDArray[np.float64]
 
 
 def bone_offsets(bvh: Bvh) -> Floats:
-    """Return (J, 3) offsets from the parents, in the file's unit.
-
-    Position channels of a joint below the root replace its OFFSET (`Bvh.placed`); its bone is their median.
-    """
+    """Return (J, 3) offsets from the parents, in the file's unit; of position channels (`Bvh.placed`) the median."""
     offsets = np.array([joint.offset for joint in bvh.joints], dtype=np.float64)
     for k in bvh.placed:
         for axis, column in bvh.joints[k].position_columns.items():
@@ -24,11 +21,7 @@ def bone_offsets(bvh: Bvh) -> Floats:
 
 
 def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
-    """Return the largest distance of position channels from the bone that represents them, in the file's unit.
-
-    `root`: Joint whose channels move the body; those of the joints below it change bones.
-    `indices`: Joints that are used.
-    """
+    """Return how far position channels of `indices`, below `root`, are at most from their bones, file's unit."""
     needed = set(_with_ancestors(bvh.joints, indices)) - set(_with_ancestors(bvh.joints, [root]))
     bones = bone_offsets(bvh)
     apart = [np.linalg.norm(_offset(bvh, k, bvh.values) - bones[k], axis=1).max() for k in needed]
@@ -36,14 +29,9 @@ def stretch(bvh: Bvh, root: int, indices: Sequence[int]) -> float:
 
 
 def world(bvh: Bvh, indices: Sequence[int], rows: slice) -> tuple[Floats, Floats]:
-    """Return rotations and positions of some joints.
+    """Return rotations (T, K, 3, 3) to the file's axes and positions (T, K, 3), the file's unit, of K joints.
 
-    Angles are in degrees about the joint's own axes in the order of the channels; the position channels of a
-    joint replace its OFFSET, also for the root, as in all common programs.
-
-    `indices`: K joints.
-    `rows`: Frames.
-    Returns: (T, K, 3, 3) from the joint's axes to the file's, and (T, K, 3) in the file's unit.
+    Angles are in degrees about the joint's own axes in the order of the channels; position channels replace OFFSET.
     """
     values = bvh.values[rows]
     rotations: dict[int, Floats] = {}

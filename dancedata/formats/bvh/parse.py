@@ -34,7 +34,6 @@ Floats = NDArray[np.float64]
 class Bvh:
     """A parsed file.
 
-    `frame_time`: Seconds as written; a decimal number above 0.
     `values`: (T, C) channels as in the file; its first frame at most if only the header was read.
     """
 
@@ -56,10 +55,7 @@ class Bvh:
 
     @cached_property
     def placed(self) -> frozenset[int]:
-        """The joints below the root whose position channels replace their OFFSET.
-
-        Not those whose channels are always 0, up to rounding: a bone that is a point beside the largest one.
-        """
+        """The joints below the root whose position channels, unless they are always 0, replace their OFFSET."""
         columns = {k: list(joint.position_columns.values()) for k, joint in enumerate(self.joints) if k}
         reach = {k: float(np.abs(self.values[:, c]).max(initial=0.0)) for k, c in columns.items() if c}
         largest = max([0.0, *reach.values(), *(math.hypot(*joint.offset) for joint in self.joints[1:])])
@@ -67,12 +63,7 @@ class Bvh:
 
 
 def read_bvh(path: Path) -> Bvh:
-    """Read a complete file.
-
-    Raises DataError: ``broken_file`` (syntax, wrong counts, invalid numbers, too large), ``missing_channels``,
-        ``bad_rate`` (invalid frame time), ``empty``, ``truncated`` (fewer frames than announced), ``length_mismatch``
-        (more), ``nan``, ``out_of_range``. Each names the line.
-    """
+    """Read a complete file; DataError with the line."""
     lines = _lines(path, _read(path, MAX_FILE_BYTES))
     header, first = _header(path, lines)
     rows = [(k + 1, line) for k, line in enumerate(lines[first:], start=first) if line.strip()]
@@ -81,10 +72,7 @@ def read_bvh(path: Path) -> Bvh:
 
 
 def read_bvh_header(path: Path) -> Bvh:
-    """Read hierarchy, number of frames, frame time and the first frame. Raises as `read_bvh` does.
-
-    `values` is (1, C), or (0, C) where the first frame cannot be read, which `read_bvh` reports.
-    """
+    """Read hierarchy, frames, frame time and the first frame: (1, C), or (0, C) if it cannot be read. DataError."""
     lines = _lines(path, _read(path, MAX_FILE_BYTES, MAX_HEADER_BYTES))
     header, first = _header(path, lines)
     row = next(((k + 1, line) for k, line in enumerate(lines[first:], start=first) if line.strip()), None)

@@ -37,8 +37,7 @@ def affixed(
 ) -> Iterator[tuple[tuple[str, str], dict[int, str]]]:
     """Yield what joints may all have before and behind their names, and the names of those that have it, without it.
 
-    `joints`: `plain` names by index: {0: "character1hips", 1: "character1leftleg"}.
-    `known`: Names of each joint that a body needs, all of which have the prefix and the suffix.
+    `joints`: `plain` names by index. `known`: Names of each joint that a body needs, all of which have both.
     """
     shared: set[tuple[str, str]] | None = None
     for names in known:
@@ -59,12 +58,7 @@ def affixed(
 
 @dataclass(frozen=True)
 class Producer:
-    """A program or dataset that writes BVH.
-
-    `name`, `about`: Its name in `joint_map`, and what it is.
-    `joints`: SMPL joint -> names, the preferred one first. Namespaces, case, spaces and _ - . do not matter.
-    `evidence`, `without`: Names that are typical of it, and names that it does not have.
-    """
+    """A program that writes BVH: its names of SMPL's joints, the preferred first, typical ones, and ones it lacks."""
 
     name: str
     about: str
@@ -92,11 +86,8 @@ class Producer:
 
 @dataclass(frozen=True)
 class Detected:
-    """The producers that a file may come from, all of which map its joints in the same way.
+    """The producers with most evidence, which map the joints of a file in one way (index in SMPL24 -> in the file).
 
-    `producers`: Those with most evidence; empty if no name is known.
-    `evidence`: The names that are typical of them, in the file.
-    `of`: Index in SMPL24 -> index in the file.
     `affixes`: What all these joints have before and behind the producers' names, as written: "Character1_", "".
     """
 
@@ -135,15 +126,10 @@ def _read(path: Path) -> Producer:
 
 
 def detect(path: Path, names: Sequence[str], declared: Mapping[str, str], chosen: str = "") -> Detected:
-    """Return the producer of a file by the names of its joints.
+    """Return the producers whose names match most joints of a file, of equal ones those with most evidence.
 
-    The producer whose names match most joints; of several that map the joints in the same way, those with most
-    evidence.
-
-    `declared`: SMPL joint -> name, which is not looked for; "" excludes a joint.
-    `chosen`: A producer, which is not questioned.
-    Raises DataError: ``ambiguous_joint_map`` if a file has all required joints by the names of several producers that
-        map them differently, or several joints of one name; ``bad_declaration`` for an unknown producer.
+    `declared`: SMPL joint -> name, which is not looked for. `chosen`: A producer, which is not questioned.
+    Raises DataError: ``ambiguous_joint_map`` for several bodies or namesakes, ``bad_declaration`` for no producer.
     """
     known = producers()
     if chosen and chosen not in known:
@@ -214,10 +200,7 @@ def _as_written(names: Sequence[str], affixes: tuple[str, str]) -> tuple[str, st
 
 
 def _best(path: Path, names: Sequence[str], found: Sequence[_Match], need: Sequence[str]) -> _Match:
-    """Return the match with most joints; of those that have all that a body needs, one that others do not contradict.
-
-    Where they name different joints, those with evidence count.
-    """
+    """Return the match with most joints; DataError if complete ones, with evidence first, contradict each other."""
     complete = [match for match in found if match.has(need)]
     required = [SMPL24.index(joint) for joint in need]
 

@@ -65,7 +65,6 @@ _CHUNK = 4096
 class Rig:
     """Mapping from the joints of a BVH to SMPL's.
 
-    `joints`: The joint map.
     `align`: (24, 3, 3); identity for joints without a counterpart.
     `child_of`: The next mapped joint below each joint that has bending unmapped joints in between.
     `offsets`: (24, 3) bones in SMPL's rest pose, in the file's unit; the root's is 0.
@@ -80,13 +79,9 @@ class Rig:
 
 
 def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
-    """Compute the constant rotations and the bones.
+    """Compute the constant rotations and the bones; `up` (3,) is the file's up axis. DataError: ``bad_skeleton``.
 
-    `bvh`: With all frames, or as a header: then the rest pose is assumed to be a pose of a body, which affects
-        rotations but not lengths.
-    `up`: (3,) the file's up axis.
-    Raises DataError: ``bad_skeleton`` for limbs, a trunk, hips or shoulders of length 0 and for bones that change
-        their length.
+    Of a header the rest pose is assumed to be a pose of a body, which affects rotations but not lengths.
     """
     rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
@@ -120,11 +115,7 @@ def skeleton_of(rig: Rig, metres: float) -> Skeleton:
 
 
 def retarget(bvh: Bvh, rig: Rig, upright: Floats) -> tuple[Floats, Floats]:
-    """Return the rotations of SMPL's joints and the position of the pelvis.
-
-    `upright`: (3, 3) from the file's axes to +Y up.
-    Returns: (T, 24, 3) axis-angle relative to the parent, radians; (T, 3) in the file's unit, +Y up.
-    """
+    """Return rotations (T, 24, 3), axis-angle to the parents, and the pelvis (T, 3), file's unit; `upright` to +Y."""
     mapped = sorted(rig.joints.of)
     indices = [rig.joints.of[s] for s in mapped]
     rotations = np.empty((bvh.n_frames, 24, 3))
