@@ -225,7 +225,8 @@ class FileRows(FileFeature):
             As `open_arrays`; ``bad_shape`` for another width, ``bad_dtype`` for whole numbers that are not codes, or
             codes that are not, ``empty``.
         """
-        shape, dtype = npy_header(path)
+        header = npy_header(path)
+        shape, dtype = header.shape, header.dtype
         is_code = self.codebook is not None
         if is_code and len(shape) == 1:
             if shape[0] % self.columns_per_row:

@@ -28,13 +28,7 @@ from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.text import listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import (
-    DOWNLOAD_AGAIN,
-    bad_shape,
-    read_frames,
-    require_keys,
-    require_upright,
-)
+from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, read_frames, require_keys, require_upright
 from dancedata.datasets.files import files_by_stem, list_audio, require_folder
 from dancedata.datasets.published import Folders, Layout, Listing, PairedDataset
 from dancedata.files.listing import describe, list_folder, relative

@@ -18,13 +18,7 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.exports._aist import PARTS, is_ignored, needs_aist_names, note_ignored
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
-from dancedata.exports.base.needs import (
-    needs_feature,
-    needs_field,
-    needs_music,
-    needs_music_from_start,
-    needs_splits,
-)
+from dancedata.exports.base.needs import needs_field, needs_music, needs_music_from_start, needs_splits
 
 if TYPE_CHECKING:
     from dancedata.core.audio_signal import AudioSignal
@@ -138,7 +132,7 @@ class Bailando(Export):
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
         missing = needs_field(job, _MOTION, kind="motion", width=72, rate=_RATE)
-        missing += needs_feature(_FEATURE) + needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
+        missing += needs_field(job, self.feature, kind="audio", width=438, rate=_RATE)
         missing += needs_splits(job, "train", "test")
         clips = [clip for part in PARTS for clip in self._clips(job, part)]
         missing += needs_aist_names(job, clips) + self._needs_ignored(job)

@@ -26,9 +26,6 @@ if TYPE_CHECKING:
 
 #: Castagnoli's polynomial, bits reversed.
 _POLYNOMIAL = 0x82F63B78
-#: Bytes that are taken one after another; pieces of this many bytes are taken side by side.
-_PIECE = 256
-_UInt32Array = npt.NDArray[np.uint32]
 Feature = bytes | npt.NDArray[np.float32] | tuple[int, ...]
 
 
@@ -48,49 +45,26 @@ def example(features: Mapping[str, Feature]) -> bytes:
 
 def crc32c(data: bytes) -> int:
     """Return the CRC-32C (Castagnoli) of data."""
-    n_pieces = 1
-    while n_pieces * _PIECE < len(data):
-        n_pieces *= 2
-    padded = np.zeros(n_pieces * _PIECE, np.uint8)  # zeros in front do not change a remainder
-    padded[len(padded) - len(data) :] = np.frombuffer(data, np.uint8)
-    table = _table()
-    state = np.zeros(n_pieces, np.uint32)
-    for column in np.ascontiguousarray(padded.reshape(n_pieces, _PIECE).T):
-        state = table[(state ^ column) & 0xFF] ^ (state >> np.uint32(8))
-    operator = _zeros_operator(_PIECE)
-    while len(state) > 1:  # the remainder of two neighbours: that of the first, moved on by the length of the second
-        state = _apply(operator, state[0::2]) ^ state[1::2]
-        operator = _apply(operator, operator)
-    start = _apply(_zeros_operator(len(data)), np.array([0xFFFFFFFF], np.uint32))
-    return int(state[0] ^ start[0]) ^ 0xFFFFFFFF
+    table, remainder = _compiled()
+    return int(remainder(np.frombuffer(data, np.uint8), table)) ^ 0xFFFFFFFF
 
 
 @lru_cache(maxsize=1)
-def _table() -> _UInt32Array:
+def _compiled() -> tuple[npt.NDArray[np.uint32], Any]:
+    """Return the remainders of all bytes, and the loop over the bytes of data."""
+    from numba import njit
+
     table = np.arange(256, dtype=np.uint32)
     for _ in range(8):
         table = np.where(table & 1, (table >> np.uint32(1)) ^ np.uint32(_POLYNOMIAL), table >> np.uint32(1))
-    return table
 
+    def remainder(data: npt.NDArray[np.uint8], table: npt.NDArray[np.uint32]) -> int:
+        state = 0xFFFFFFFF
+        for byte in data:
+            state = table[(state ^ byte) & 0xFF] ^ (state >> 8)
+        return state
 
-def _zeros_operator(n_bytes: int) -> _UInt32Array:
-    """Return the linear map, as the images of 32 bits, that moves a remainder on by zero bytes."""
-    bits = np.uint32(1) << np.arange(32, dtype=np.uint32)
-    operator, power = bits, _table()[bits & 0xFF] ^ (bits >> np.uint32(8))
-    while n_bytes:
-        if n_bytes & 1:
-            operator = _apply(power, operator)
-        power = _apply(power, power)
-        n_bytes >>= 1
-    return operator
-
-
-def _apply(operator: _UInt32Array, state: _UInt32Array) -> _UInt32Array:
-    """Apply a linear map over bits to each of a number of remainders."""
-    product = np.zeros_like(state)
-    for bit in range(32):
-        product ^= np.where(state >> np.uint32(bit) & 1, operator[bit], np.uint32(0))
-    return product
+    return table, njit(remainder)
 
 
 def _masked(crc: int) -> bytes:
@@ -157,11 +131,7 @@ class Fact(Export):
     """
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {
-        "fps": _RATE,
-        "motion": {_MOTION: {}},
-        "audio": {"librosa35": {}},
-    }
+    recipe: ClassVar[Mapping[str, Any]] = {"fps": _RATE, "motion": {_MOTION: {}}, "audio": {"librosa35": {}}}
     reference: ClassVar[str] = "google-research/mint, commit b8f8bdf, tools/preprocessing.py and mint/core/inputs.py"
     guide_text: ClassVar[str] = _GUIDE
 

@@ -36,10 +36,7 @@ class MotoricaPP(Export):
     """
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {
-        "dataset": {"motorica": {}},
-        "motion": {"joints": {"body": "motorica21"}},
-    }
+    recipe: ClassVar[Mapping[str, Any]] = {"dataset": {"motorica": {}}, "motion": {"joints": {"body": "motorica21"}}}
     reference: ClassVar[str] = "SeongJong-Yoo/STREAM, commit a0a10fd, src/preprocessing"
     listed_folders: ClassVar[tuple[str, ...]] = ("sliced_labels",)
 

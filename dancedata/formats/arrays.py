@@ -51,7 +51,7 @@ class ArrayFile:
 
     def text(self, name: str) -> str:
         """Return a short text such as a gender, "True" or "False" for a truth value; "" for any other entry."""
-        raise NotImplementedError
+        return ""
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return the texts of a list, such as the names of joints; none for any other entry."""
@@ -118,37 +118,23 @@ class NpyFile(ArrayFile):
 
     @override
     def shape(self, name: str) -> tuple[int, ...]:
-        with reading(self.path), open_regular(self.path) as file:
-            return self._header(file).shape
+        return npy_header(self.path).shape
 
     @override
     def read(self, name: str) -> NDArray[np.float64]:
-        with reading(self.path), open_regular(self.path) as file:
-            self._header(file)
-            file.seek(0)
-            return as_numbers(np.lib.format.read_array(file, allow_pickle=False))
-
-    @override
-    def text(self, name: str) -> str:
-        return ""
-
-    def _header(self, file: IO[bytes]) -> Header:
-        size = os.fstat(file.fileno()).st_size
-        return _numeric_header(self.path, "", file, size, size)
+        return as_numbers(read_npy(self.path))
 
 
-def npy_header(path: Path) -> tuple[tuple[int, ...], np.dtype[Any]]:
-    """Return shape and dtype of an .npy file of numbers; DataError as `formats.values.open_arrays`."""
+def npy_header(path: Path) -> Header:
+    """Return the header of an .npy file of numbers; DataError as `formats.values.open_arrays`."""
     with reading(path), open_regular(path) as file:
-        header = _numeric_header(path, "", file, size := os.fstat(file.fileno()).st_size, size)
-        return header.shape, header.dtype
+        return _numeric_header(path, "", file, size := os.fstat(file.fileno()).st_size, size)
 
 
 def read_npy(path: Path) -> Array:
     """Return an .npy file of numbers in its own dtype; DataError as `formats.values.open_arrays`."""
     with reading(path), open_regular(path) as file:
-        size = os.fstat(file.fileno()).st_size
-        _numeric_header(path, "", file, size, size)
+        _numeric_header(path, "", file, size := os.fstat(file.fileno()).st_size, size)
         file.seek(0)
         return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
@@ -202,8 +188,8 @@ class NpzFile(ArrayFile):
     def holds_objects(self) -> bool:
         """Whether it has pickled objects and no array of two dimensions besides."""
         headers = [self._any_header(name) for name in self.names]
-        objects = [header.dtype.hasobject for header in headers]
-        return any(objects) and not any(len(h.shape) > 1 and h.dtype.kind in NUMBERS for h in headers)
+        is_array = any(len(header.shape) > 1 and header.dtype.kind in NUMBERS for header in headers)
+        return not is_array and any(header.dtype.hasobject for header in headers)
 
     def values(self) -> dict[str, object]:
         """Return all members by name, objects as the pickles in them."""

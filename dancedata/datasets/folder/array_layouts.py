@@ -28,15 +28,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
 from dancedata.datasets.checks import check_rows, lengths_differ, require_rotations, rotations_of
-from dancedata.datasets.folder.facts import (
-    Fact,
-    bad_declaration,
-    bad_shape,
-    finite,
-    from_matrices,
-    scales,
-    scaling,
-)
+from dancedata.datasets.folder.facts import Fact, bad_declaration, bad_shape, finite, from_matrices, scales, scaling
 from dancedata.datasets.folder.positions import positions_in
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.stated import RATE_KEYS

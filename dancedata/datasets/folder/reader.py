@@ -23,14 +23,7 @@ from dancedata.datasets._words import stated_words
 from dancedata.datasets.files import absence, require_folder
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names, points_note
-from dancedata.datasets.folder.load import (
-    NO_LENGTH,
-    Reading,
-    describe,
-    load_motion,
-    motion_of,
-    stated_time,
-)
+from dancedata.datasets.folder.load import NO_LENGTH, Reading, describe, load_motion, motion_of, stated_time
 from dancedata.datasets.folder.manifest import (
     Row,
     check_row,

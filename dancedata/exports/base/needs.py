@@ -7,7 +7,6 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from dancedata.core.errors import DanceDataError, did_you_mean
-from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed, quoted
 from dancedata.exports.base.job import ExportJob, Missing
 
@@ -58,36 +57,30 @@ def needs_fields(job: ExportJob, names: Iterable[str]) -> list[Missing]:
 
 def needs_train(job: ExportJob, scaler: str, fitted: str) -> list[Missing]:
     """Check that there is a split train where a scaler is fitted on it alone."""
-    if scaler != "train" or "train" in job.store.splits:
-        return []
-    return [Missing(f"the dataset has no split train to fit {fitted} on", "--scaler all")]
+    lacks = scaler == "train" and "train" not in job.store.splits
+    return [Missing(f"the dataset has no split train to fit {fitted} on", "--scaler all")] if lacks else []
 
 
 def needs_fps(job: ExportJob, fps: int) -> list[Missing]:
     """Check the frame rate of the dataset."""
-    if job.store.fps == fps:
-        return []
-    return [Missing(f"the dataset has {job.store.fps} frames per second, not {fps}", f"fps: {fps}")]
+    missing = Missing(f"the dataset has {job.store.fps} frames per second, not {fps}", f"fps: {fps}")
+    return [missing] if job.store.fps != fps else []
 
 
 def needs_splits(job: ExportJob, *splits: str) -> list[Missing]:
     """Check that splits have clips."""
     absent = [split for split in splits if split not in job.store.splits]
-    if not absent:
-        return []
     problem = f"the dataset has no clips in {' and '.join(absent)} (its splits: {', '.join(job.store.splits)})"
     fix = "a source with clips of them, a recipe with these splits, such as dataset: {aist++: {split: crossmodal}}"
-    return [Missing(problem, fix)]
+    return [Missing(problem, fix)] if absent else []
 
 
 def needs_music_from_start(clips: Sequence[Clip], *, exactly: bool = False) -> list[Missing]:
     """Check that music is there from each clip's first frame; with `exactly`, that its file begins there."""
     beside = [clip.id for clip in clips if (clip.audio_start if exactly else clip.audio_start < 0)]
-    if not beside:
-        return []
     where = "elsewhere" if exactly else "later"
     problem = f"music has to begin with its motion, and that of {listed(beside)} begins {where}"
-    return [Missing(problem, "a source whose music files begin with the motion")]
+    return [Missing(problem, "a source whose music files begin with the motion")] if beside else []
 
 
 def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
@@ -102,21 +95,10 @@ def needs_music(job: ExportJob, clips: list[Clip]) -> list[Missing]:
     if stretched:
         problem = f"copies at another tempo, whose music no source holds: {listed(stretched)}"
         return [Missing(problem, "a recipe without copies at another tempo under augment")]
-    if not missing:
-        return []
-    return [Missing(f"no music below {job.music_folder} for {listed(missing)}", _SOURCE)]
+    return [Missing(f"no music below {job.music_folder} for {listed(missing)}", _SOURCE)] if missing else []
 
 
 def needs_names(clips: Iterable[Clip], is_read_right: Callable[[str], bool], form: str) -> list[Missing]:
     """Check that the loader does not misread the names of clips; `form` describes the names that it reads."""
     bad = [quoted(clip.id) for clip in clips if not is_read_right(clip.id)]
-    if not bad:
-        return []
-    return [Missing(f"names that the loader would read wrongly: {listed(bad)}", f"name clips {form}")]
-
-
-def needs_feature(name: str) -> list[Missing]:
-    """Check that an audio feature is registered."""
-    if name in FEATURES.names():
-        return []
-    return [Missing(f"the audio feature {name} is not installed", "install a version of dancedata that has it")]
+    return [Missing(f"names that the loader would read wrongly: {listed(bad)}", f"name clips {form}")] if bad else []
