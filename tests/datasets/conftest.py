@@ -65,6 +65,13 @@ def empty_copy(tmp_path: Path) -> AistCopy:
 
 
 @pytest.fixture
+def source(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """The example of the module's READER; the path has a space and letters beyond ASCII."""
+    request.module.READER().make_example(tmp_path / "мой dänce")
+    return tmp_path / "мой dänce"
+
+
+@pytest.fixture
 def official(empty_copy: AistCopy) -> AistCopy:
     """Official layout: one clip of each split, one in none, one on the shipped ignore list."""
     for name in (TRAIN, VAL, TEST, UNASSIGNED, IGNORED):

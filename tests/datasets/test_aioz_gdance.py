@@ -17,14 +17,10 @@ from dancedata.representations.gcd151 import Gcd151
 from tests.datasets.scans import change_pickle, notes, rejects, splits
 from tests.messages import raises_message
 
+READER = AiozGdance
+
 DASH, LEAK = "-Ab_cdEf123_01_0_180", "-Ab_cdEf123_02_187_367"
 BODY, PLAIN = "Zz9_8-7_6Q1_02_300_481", "plainid0123_04_829_1009"
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    AiozGdance().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
 
 
 def pickle_of(source: Path, name: str) -> Path:
@@ -32,11 +28,8 @@ def pickle_of(source: Path, name: str) -> Path:
 
 
 def test_names_are_split_from_the_right() -> None:
-    assert [AiozGdance().unit_of(name) for name in (DASH, BODY, PLAIN)] == [
-        "-Ab_cdEf123",
-        "Zz9_8-7_6Q1",
-        "plainid0123",
-    ]
+    units = [AiozGdance().unit_of(name) for name in (DASH, BODY, PLAIN)]
+    assert units == ["-Ab_cdEf123", "Zz9_8-7_6Q1", "plainid0123"]
     assert frames_of("-abcDEF_123_01_187_1358") == 1171
 
 

@@ -16,11 +16,7 @@ from dancedata.store import verify_store
 from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    DD100().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
+READER = DD100
 
 
 def file_of(source: Path, name: str) -> Path:
@@ -38,11 +34,8 @@ def change(path: Path, **changes: Any) -> None:
 def test_scan(source: Path) -> None:
     scan = DD100().scan(source)
     assert [clip.id for clip in scan.clips[:2]] == ["Ballet_9_0_00", "Ballet_9_0_01"]
-    assert {clip.group: clip.split for clip in scan.clips} == {
-        "Ballet_9_0": "test",
-        "Waltz_5_0": "test",
-        "Waltz_6_0": "train",
-    }
+    splits = {clip.group: clip.split for clip in scan.clips}
+    assert splits == {"Ballet_9_0": "test", "Waltz_5_0": "test", "Waltz_6_0": "train"}
     follower, leader = scan.clips[:2]
     assert (follower.member, follower.role, leader.member, leader.role) == (0, "follower", 1, "leader")
     assert (leader.group, leader.music, leader.genre) == ("Ballet_9_0", "Ballet_9_0", "Ballet")

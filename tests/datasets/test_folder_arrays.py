@@ -38,6 +38,14 @@ def load(path: Path, declared: dict[str, str] | None = None, **parameters: Any) 
     return Folder(**parameters).load(clip)
 
 
+def write(path: Path, content: dict[str, Any]) -> Path:
+    if path.suffix == ".npz":
+        np.savez_compressed(path, **content)
+    else:
+        path.write_bytes(pickle.dumps(content))
+    return path
+
+
 def standing(joints: int, n: int = N) -> tuple[Floats, Floats]:
     """Poses (n, joints, 3) of a person who stands and sways, and translation, +Y up."""
     rng = np.random.default_rng(4)
@@ -67,19 +75,9 @@ def height(motion: Motion) -> float:
 def test_amass(tmp_path: Path, skeleton: Skeleton, rate_key: str, suffix: str) -> None:
     poses, trans = standing(skeleton.n_joints)
     turned, moved = z_up(poses, trans, skeleton)
-    content = {
-        "poses": turned.reshape(N, -1),
-        "trans": moved,
-        "betas": np.zeros(16),
-        "gender": np.array("male"),
-        "dmpls": np.zeros((N, 8)),
-        rate_key: np.array(120.0, np.float32),
-    }
-    path = tmp_path / f"a_poses{suffix}"
-    if suffix == ".npz":
-        np.savez_compressed(path, **content)
-    else:
-        path.write_bytes(pickle.dumps(content))
+    more = {"betas": np.zeros(16), "gender": np.array("male"), "dmpls": np.zeros((N, 8))}
+    content = {"poses": turned.reshape(N, -1), "trans": moved, rate_key: np.array(120.0, np.float32), **more}
+    path = write(tmp_path / f"a_poses{suffix}", content)
     motion = load(path)
     assert motion.grid.rate == 120
     assert motion.skeleton.name == skeleton.name
@@ -97,17 +95,10 @@ def test_amass_in_parts_with_additional_objects(tmp_path: Path) -> None:
     flat = turned.reshape(N, 165)
     path = tmp_path / "a_stageii.npz"
     np.savez(
-        path,
-        trans=moved,
-        root_orient=flat[:, :3],
-        pose_body=flat[:, 3:66],
-        pose_jaw=flat[:, 66:69],
-        pose_eye=flat[:, 69:75],
-        pose_hand=flat[:, 75:],
-        gender=np.array("neutral"),
-        mocap_frame_rate=np.array(59.940059661865234),
-        markers=np.array({"an": "object"}, dtype=object),
-    )
+        path, trans=moved, root_orient=flat[:, :3], pose_body=flat[:, 3:66], pose_jaw=flat[:, 66:69],
+        pose_eye=flat[:, 69:75], pose_hand=flat[:, 75:], gender=np.array("neutral"),
+        mocap_frame_rate=np.array(59.940059661865234), markers=np.array({"an": "object"}, dtype=object),
+    )  # fmt: skip
     motion = load(path)
     assert motion.grid.rate == Fraction(60000, 1001)
     assert motion.skeleton is SMPLX55
@@ -161,20 +152,15 @@ def test_smplx_in_parts(tmp_path: Path) -> None:
     poses, trans = standing(55)
     poses[:, 22:25] = 0
     path = tmp_path / "a.npz"
-    parts = {
-        "global_orient": poses[:, :1],
-        "body_pose": poses[:, 1:22],
-        "left_hand_pose": poses[:, 25:40].reshape(N, 45),
-        "right_hand_pose": poses[:, 40:].reshape(N, 45),
-        "transl": trans,
-        "fps": np.array([25]),
-    }
+    hands = {"left_hand_pose": poses[:, 25:40].reshape(N, 45), "right_hand_pose": poses[:, 40:].reshape(N, 45)}
+    body = {"global_orient": poses[:, :1], "body_pose": poses[:, 1:22], "transl": trans, "fps": np.array([25])}
+    parts = body | hands
     np.savez(path, **parts)
     motion = load(path, up="y")
     assert motion.grid.rate == 25
     assert np.allclose(motion.joints(), forward_kinematics(SMPLX55, poses, trans))
     # The body alone, and as SMPL-H.
-    np.savez(path, **{k: v for k, v in parts.items() if "hand" not in k})
+    np.savez(path, **body)
     assert not load(path, up="y").rotations[:, 22:].any()
     assert load(path, up="y", layout="smplh").skeleton is SMPLH52
     np.savez(path, **{**parts, "left_hand_pose": np.zeros((N, 12))})
@@ -261,11 +247,7 @@ NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
 )
 @pytest.mark.parametrize("suffix", [".npz", ".pkl"])
 def test_bad_content(tmp_path: Path, content: dict[str, Any], reason: str, suffix: str) -> None:
-    path = tmp_path / f"bad ü{suffix}"
-    if suffix == ".npz":
-        np.savez(path, **content)
-    else:
-        path.write_bytes(pickle.dumps(content))
+    path = write(tmp_path / f"bad ü{suffix}", content)
     declared = {"up": "y", "unit": "m"} | ({} if reason == "bad_rate" else {"fps": "30"})
     with raises_message(DataError, "body_pose|save|trans", reason=reason):
         load(path, declared)

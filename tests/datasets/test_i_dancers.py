@@ -22,15 +22,11 @@ from dancedata.torch import GroupDataset
 from tests.datasets.scans import notes, rejects, splits
 from tests.messages import raises_message
 
+READER = IDancers
+
 DANCE, _ = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=121)
 DANCE = DANCE.resampled(FrameGrid.of(30))
 RATE, BOTH = Fraction(30), (0, 1)
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    IDancers().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
 
 
 def write(path: Path, content: Any) -> Path:
@@ -44,11 +40,8 @@ def write(path: Path, content: Any) -> Path:
 def test_scan(source: Path) -> None:
     scan = IDancers().scan(source)
     assert not scan.rejects
-    assert {clip.group: clip.split for clip in scan.clips} == {
-        "seq_001": "train",
-        "seq_002": "train",
-        "seq 010": "test",
-    }
+    found = {clip.group: clip.split for clip in scan.clips}
+    assert found == {"seq_001": "train", "seq_002": "train", "seq 010": "test"}
     assert [clip.id for clip in scan.clips if clip.group == "seq_002"] == [f"seq_002_p{k}" for k in range(3)]
     assert scan.clips[0].audio_path == source / "music" / "seq 010.wav"
     assert "Rate: 30 frames per second, by the lengths of motion and music." in notes(scan)
@@ -207,20 +200,13 @@ def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:
     content["smpl_trans"][1, 30] = np.nan
     path.write_bytes(pickle.dumps(content))
     recipe = {
-        "recipe": 1,
-        "name": "own",
-        "dataset": {"i-dancers": {"trim_frames": 15}},
-        "fps": 30,
-        "windows": {"length_s": 4, "stride_s": 0.5},
-        "motion": {"edge151": {}},
-        "audio": {"librosa35": {}},
-    }
+        "recipe": 1, "name": "own", "dataset": {"i-dancers": {"trim_frames": 15}}, "fps": 30,
+        "windows": {"length_s": 4, "stride_s": 0.5}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+    }  # fmt: skip
     dancedata.build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
     with dancedata.open(tmp_path / "out") as store:
-        assert {r["clip"]: r["reason"] for r in store.rejects} == {
-            "seq_001_p0": "incomplete_group",
-            "seq_001_p1": "nan",
-        }
+        reasons = {r["clip"]: r["reason"] for r in store.rejects}
+        assert reasons == {"seq_001_p0": "incomplete_group", "seq_001_p1": "nan"}
         assert {int(clip.n_frames) for clip in store} == {153}
         assert {clip.audio_start for clip in store} == {Fraction(1, 2)}
     sample = GroupDataset(tmp_path / "out", "train", scale=None)[0]

@@ -31,13 +31,9 @@ from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 from tests.video_files import joblib_bytes
 
+READER = InfiniteDance
+
 OWN, LIVE, AIST, TEST = "video_0001", "my clip 2 (live)", "gBR_sBM_cAll_d04_mBR0_ch02", "video_0002"
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    InfiniteDance().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
 
 
 def fit_of(source: Path, clip: str = OWN) -> dict[str, Any]:

@@ -17,14 +17,10 @@ from dancedata.synthetic import synthesise_motion
 from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
+READER = PhantomDance
+
 DANCE, _ = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=361)
 DANCE = DANCE.resampled(FrameGrid.of(30))
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    PhantomDance().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
 
 
 def write(path: Path, content: Any) -> Path:

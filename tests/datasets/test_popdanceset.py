@@ -20,14 +20,10 @@ from dancedata.testing.dataset_checks import recipe_with
 from tests.datasets.scans import change_pickle, load, notes, rejects, splits
 from tests.messages import raises_message
 
+READER = PopDanceSet
+
 FIRST, SECOND = "BVaaaaaaaa1a_Clip_1", "BVaaaaaaaa1a_Clip_2"
 MATRICES, TEST = "BVbbbbbbbb2b_Clip_1", "BVcccccccc3c_Clip_7"
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    PopDanceSet().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
 
 
 def test_scan(source: Path) -> None:

@@ -56,9 +56,8 @@ def mirrored(text: str) -> str:
     signs = np.array([-1 if name in ("Xposition", "Yrotation", "Zrotation") else 1 for name in channels])
     hierarchy = re.sub(r"OFFSET (\S+)", lambda found: f"OFFSET {-float(found[1])!r}", hierarchy)
     head, rows = motion.strip().splitlines()[:2], motion.strip().splitlines()[2:]
-    return (
-        hierarchy + "\n".join(["MOTION", *head, *(show(np.array(row.split(), float) * signs) for row in rows)]) + "\n"
-    )
+    rows = [show(np.array(row.split(), float) * signs) for row in rows]
+    return hierarchy + "\n".join(["MOTION", *head, *rows]) + "\n"
 
 
 def show(row: Any) -> str:
@@ -129,11 +128,8 @@ def test_a_body_along_an_axis_that_cannot_be_declared(tmp_path: Path) -> None:
 
 
 def test_real_files_with_planted_swaps(shared: Path, tmp_path: Path) -> None:
-    for name, unit, up in (
-        ("rokoko_jesse_dance", "cm", None),
-        ("cmu_01_01", "cmu", None),
-        ("fair1_dab", "guess", "z"),
-    ):
+    files = (("rokoko_jesse_dance", "cm", None), ("cmu_01_01", "cmu", None), ("fair1_dab", "guess", "z"))
+    for name, unit, up in files:
         text = (shared / f"realdata/bvh/{name}.bvh").read_text()
         assert implausible_flags(load(shared / f"realdata/bvh/{name}.bvh", unit=unit, up=up)) == []
         path = tmp_path / f"{name}.bvh"
