@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dancedata.core.arguments import whole
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.grid import FrameGrid, as_rate
 from dancedata.core.hashing import canonical_json, self_hash
@@ -218,8 +219,8 @@ def _parse(document: dict[str, Any], path: Path) -> Description:
         description = Description(
             meta=document,
             fps=as_rate(document["fps"]),
-            length=_positive(windows["length"]),
-            stride=_positive(windows["stride"]),
+            length=whole("windows: length", windows["length"], 1, _LARGEST),
+            stride=whole("windows: stride", windows["stride"], 1, _LARGEST),
             fields=tuple(Field.from_json(f) for f in document["fields"]),
             skeleton=Skeleton.from_json(document["skeleton"]),
             shards=tuple(_shard(s) for s in document["shards"]),
@@ -262,7 +263,7 @@ def _check_about(document: Mapping[str, Any]) -> None:
         raise ValueError(f"a recipe of more than {MAX_RECIPE:,} characters")
     for split, counts in document["splits"].items():
         for name in ("clips", "windows", "frames", "songs", *(["groups"] if "groups" in counts else [])):
-            _whole(counts[name])
+            whole(name, counts[name], most=_LARGEST)
         if not _is_number(counts["hours"]):
             raise ValueError(f"{shown(split)} has {quoted(counts['hours'])} hours")
     for entry in document.get("licences", []):
@@ -296,15 +297,16 @@ def _shard(entry: Mapping[str, Any]) -> ShardEntry:
     file = entry["file"]
     if not isinstance(file, str) or not is_shard_name(file) or Path(file).name != file:
         raise ValueError(f"{quoted(file)} is not the name of a shard")
-    numbers = {name: _whole(entry[name]) for name in ("size", "clips", "windows")}
+    numbers = {name: whole(name, entry[name], most=_LARGEST) for name in ("size", "clips", "windows")}
     fields = {
-        str(f): (None if first is None else _whole(first), _whole(n)) for f, (first, n) in entry["fields"].items()
+        str(f): (None if first is None else whole(f, first, most=_LARGEST), whole(f, n, most=_LARGEST))
+        for f, (first, n) in entry["fields"].items()
     }
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), fields=fields, **numbers)
 
 
 def _file(entry: Mapping[str, Any]) -> dict[str, Any]:
-    return {"size": _whole(entry["size"]), "sha256": str(entry["sha256"])}
+    return {"size": whole("size", entry["size"], most=_LARGEST), "sha256": str(entry["sha256"])}
 
 
 def _check_shards(description: Description) -> None:
@@ -316,18 +318,6 @@ def _check_shards(description: Description) -> None:
         raise ValueError("the shards of a split are not neighbours")
     if TABLES_FILE not in description.files:
         raise ValueError(f"it does not list {TABLES_FILE}")
-
-
-def _whole(value: Any) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < _LARGEST:
-        raise ValueError(f"{quoted(value)} is not a whole number, or too large")
-    return value
-
-
-def _positive(value: Any) -> int:
-    if not _whole(value):
-        raise ValueError("windows of 0 frames")
-    return int(value)
 
 
 def _is_number(value: Any) -> bool:

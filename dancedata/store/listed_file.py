@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 import time
@@ -166,17 +165,13 @@ def lists_file(description: Description, name: str, size: int, sha256: str) -> b
 
 
 def read_listed(folder: Path, description: Description, name: str, limit: int) -> str:
-    """Read a side file of an open dataset, such as stats.json, of at most `limit` bytes.
-
-    StoreError if its bytes are not those that the build wrote, or the dataset was built again, so that the file
-    belongs to another one. OSError or UnicodeDecodeError if it cannot be read.
-    """
+    """Read a side file, of at most `limit` bytes; StoreError if its bytes are not those that the build wrote."""
     entry = description.files.get(name)
     require_file(folder / name)
     try:
         data: bytes | None = read_regular(folder / name, limit)
-    except FileNotFoundError:
-        data = None
+    except FileNotFoundError as error:
+        data, missing = None, error
     actual = None if data is None else sha256_bytes(data)
     if entry is not None and actual != entry["sha256"]:
         try:
@@ -188,7 +183,7 @@ def read_listed(folder: Path, description: Description, name: str, limit: int) -
         if actual is not None:
             raise other_bytes(folder / name, actual, entry["sha256"])
     if data is None:
-        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), str(folder / name))
+        raise missing
     return data.decode("utf-8")
 
 

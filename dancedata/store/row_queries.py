@@ -48,10 +48,10 @@ from dancedata.store.windowing import (
     cut_windows,
     locate_view,
     locate_windows,
-    requested_grid,
     stored_windows,
     whole_clips,
     whole_period,
+    window_frames,
     window_starts,
 )
 
@@ -243,7 +243,11 @@ class RowQueries:
         stride_s: float | str | Fraction | None = None,
         stride: int | None = None,
     ) -> WindowGrid:
-        return requested_grid(self._description, length_s, length, stride_s, stride)
+        stored = self._description
+        return WindowGrid(
+            window_frames(self.grid, "length", length_s, length, stored.length),
+            window_frames(self.grid, "stride", stride_s, stride, stored.stride),
+        )
 
     def _without(self, clip_id: str, fields: Iterable[str]) -> tuple[str, ...]:
         """Return those of some fields that a clip does not have."""

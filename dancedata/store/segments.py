@@ -89,28 +89,12 @@ def _exact_s(seconds: float) -> Fraction:
 
 
 class PlacedSegment(NamedTuple):
-    """A segment that a window overlaps: frames [start, end) of the window, and the share of it that they are.
-
-    Examples
-    --------
-    >>> from fractions import Fraction
-    >>> from dancedata.core.segments import Layer, Segment
-    >>> from dancedata.store.segments import PlacedSegment
-    >>> wave = Segment(Layer("moves"), Fraction(1), Fraction(2), "wave")
-    >>> PlacedSegment.of(wave, 30, 60, start=45, length=60)[1:]
-    (0, 15, 0.25)
-    """
+    """A segment that a window overlaps: frames [start, end) of the window, and the share of it that they are."""
 
     segment: Segment
     start: int
     end: int
     share: float
-
-    @classmethod
-    def of(cls, segment: Segment, begin: int, end: int, start: int, length: int) -> PlacedSegment:
-        """Place frames [begin, end) of a clip in the window of `length` frames from `start`."""
-        first, last = max(begin - start, 0), min(end - start, length)
-        return cls(segment, first, last, (last - first) / length)
 
 
 class PlacedRow(NamedTuple):
@@ -126,22 +110,24 @@ class PlacedRow(NamedTuple):
     @classmethod
     def of_segment(cls, segment: Segment, begin: int, end: int, window: Window) -> PlacedRow:
         """Place frames [begin, end) of a clip in a window."""
-        placed = PlacedSegment.of(segment, begin, end, window.start, window.length)
-        return cls(*placed[1:], segment.whole, len(segment.texts), lambda: segment)
+        return cls._placed(begin, end, window, segment.whole, len(segment.texts), lambda: segment)
 
     @classmethod
     def of_table(
         cls, table: SegmentTable, k: int, layers: Sequence[Layer], ids: Sequence[str], window: Window
     ) -> PlacedRow:
         """Place row k of a table in a window."""
-        columns = table.columns
-        begin, end = max(int(columns["start"][k]) - window.start, 0), int(columns["end"][k]) - window.start
-        end = min(end, window.length)
-        texts = columns["texts"].offset
-        n_texts, share = int(texts[k + 1]) - int(texts[k]), (end - begin) / window.length
-        return cls(
-            begin, end, share, bool(columns["whole"][k]), n_texts, lambda: segments_of(table, [k], layers, ids)[0]
-        )
+        columns, texts = table.columns, table.columns["texts"].offset
+        begin, end = int(columns["start"][k]), int(columns["end"][k])
+        n_texts, whole = int(texts[k + 1]) - int(texts[k]), bool(columns["whole"][k])
+        return cls._placed(begin, end, window, whole, n_texts, lambda: segments_of(table, [k], layers, ids)[0])
+
+    @classmethod
+    def _placed(
+        cls, begin: int, end: int, window: Window, whole: bool, n_texts: int, load: Callable[[], Segment]
+    ) -> PlacedRow:
+        begin, end = max(begin - window.start, 0), min(end - window.start, window.length)
+        return cls(begin, end, (end - begin) / window.length, whole, n_texts, load)
 
     def loaded(self) -> PlacedSegment:
         """Read the segment."""

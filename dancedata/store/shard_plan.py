@@ -38,20 +38,14 @@ class ShardPlan:
     file: str = ""
     clips: list[StoredClip] = field(default_factory=list)
     rows: dict[str, int] = field(default_factory=dict)
-    motion: dict[str, list[Span]] = field(default_factory=dict)
-    audio: dict[str, list[Span]] = field(default_factory=dict)
+    spans: dict[str, list[Span]] = field(default_factory=dict)
     #: First row and array of each timeline, by field and key.
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
     first_bytes: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for f in self.header.fields:
-            self.rows[f.name] = 0
-            if f.per_clip:
-                self.motion[f.name] = []
-            else:
-                self.audio[f.name] = []
-                self.blocks[f.name] = {}
+            self.rows[f.name], self.spans[f.name], self.blocks[f.name] = 0, [], {}
 
     def bytes_with(self, unit: Sequence[StoredClip] = ()) -> int:
         """Count the bytes of the fields' rows, with the clips of `unit` added."""
@@ -69,13 +63,14 @@ class ShardPlan:
 
     def add(self, clip: StoredClip) -> None:
         """Add a clip, and assign its rows."""
-        for name, spans in self.motion.items():
-            n = clip.motion[name].shape[0]
-            spans.append(Span(self.rows[name], n))
-            self.rows[name] += n
-        for name, spans in self.audio.items():
-            (block,) = clip.audio[name]
-            spans.append(Span(self._add_block(name, block, clip.id), block.array.shape[0], block.offset))
+        for f in self.header.fields:
+            if f.per_clip:
+                span = Span(self.rows[f.name], clip.motion[f.name].shape[0])
+                self.rows[f.name] += span.length
+            else:
+                (block,) = clip.audio[f.name]
+                span = Span(self._add_block(f.name, block, clip.id), block.array.shape[0], block.offset)
+            self.spans[f.name].append(span)
         self.clips.append(clip)
 
     def _add_block(self, name: str, block: AudioBlock, clip: str) -> int:
@@ -100,8 +95,7 @@ class ShardPlan:
         return WindowTable(clip, start, {f.name: self._window_rows(f, clip, start) for f in self.header.fields})
 
     def _window_rows(self, f: Field, clip: IntArray, start: IntArray) -> IntArray:
-        spans = self.motion[f.name] if f.per_clip else self.audio[f.name]
-        first = np.asarray([s.start + s.offset for s in spans], dtype=np.int64)
+        first = np.asarray([s.start + s.offset for s in self.spans[f.name]], dtype=np.int64)
         return first[clip] + self.header.grid.rows_of_all(start, of=f.grid)[0]
 
 

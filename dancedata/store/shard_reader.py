@@ -122,7 +122,6 @@ class ShardReader:
     """One shard of an open store, safe under threads and fork; holds at most one file descriptor, opened late."""
 
     def __init__(self, file: ListedFile, entry: ShardEntry, fields: tuple[Field, ...]) -> None:
-        """Nothing is opened yet."""
         self.path = file.path
         self.n_clips = entry.clips
         self.file, self._entry, self._fields = file, entry, fields
@@ -171,7 +170,8 @@ class ShardReader:
         """Read rows [first, first + len(out)) of a field into `out`, (rows, D), converting to its dtype."""
         layout = self.layout(field)
         if first < 0 or first + len(out) > layout.n_rows:
-            raise _outside(self.path, field, first, first + len(out), layout.n_rows)
+            where, rows = f"{self.path}, field {field}", f"rows {first} to {first + len(out)} of {layout.n_rows}"
+            raise StoreError("rows lie outside the shard", where=where, found=rows, fix=_CHECK)
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
         if target.size and layout.offset is None:
@@ -282,11 +282,6 @@ class _Map:
 def _too_short(path: Path, missing: int, position: int) -> StoreError:
     actual = f"{missing} bytes missing at byte {position}"
     return StoreError("a shard ends too early", where=str(path), found=actual, fix=_CHECK)
-
-
-def _outside(path: Path, field: str, first: int, stop: int, n_rows: int) -> StoreError:
-    where, actual = f"{path}, field {field}", f"rows {first} to {stop} of {n_rows}"
-    return StoreError("rows lie outside the shard", where=where, found=actual, fix=_CHECK)
 
 
 def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:

@@ -28,10 +28,8 @@ _CHUNK_VALUES = 1 << 18
 def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Iterator[None]:
     """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
 
-    Leaving the context flushes it to the disk and renames it, which another thread may do. On any exception nothing
-    of the shard is left. `progress` is called after each clip.
-    StoreError for values that are not finite or do not fit the field's dtype, naming clip and field. OSError if the
-    disk is full or cannot be written.
+    Leaving the context flushes and renames it, which another thread may do; after an exception nothing of it is left.
+    StoreError for values that are not finite or do not fit the field's dtype.
     """
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
@@ -87,7 +85,7 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
         for f in plan.header.fields:
             where = f"clip {clip.id}, field {f.name}"
             if f.per_clip:
-                yield _Piece(number, f, plan.motion[f.name][number].start, clip.motion[f.name], where)
+                yield _Piece(number, f, plan.spans[f.name][number].start, clip.motion[f.name], where)
                 continue
             for block in clip.audio[f.name]:
                 if block.key not in written[f.name]:

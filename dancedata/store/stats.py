@@ -1,10 +1,9 @@
 """stats.json: statistics of the rows that train windows cover, per field and column, in one pass over the shards."""
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from hashlib import sha256
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,8 +37,8 @@ class Block(NamedTuple):
 KeyedRows = tuple[Hashable, int, int]
 #: Rows of a field in a shard: first rows of its windows (W,), number of rows, its clips or timelines.
 ShardRows = tuple[IntArray, int, Iterable[KeyedRows]]
-#: Opens a shard by its number: gives a function of first row and number of rows that reads them.
-OpenShard = Callable[[int], AbstractContextManager[Callable[[int, int], npt.NDArray[Any]]]]
+#: Reads rows of a shard: its number, first row, number of rows.
+ReadRows = Callable[[int, int, int], npt.NDArray[Any]]
 
 
 def covered(shards: Iterable[ShardRows], length: int) -> list[Block]:
@@ -63,7 +62,7 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
         length, shards = header.grid.rows(header.length, of=f.grid), (_windows_and_rows(plan, f) for plan in train)
-        numbers = row_stats(f, _rows(covered(shards, length), partial(_opened, out, train, f)))
+        numbers = row_stats(f, _rows(covered(shards, length), partial(_read, out, train, f)))
         result["fields"] |= {f.name: numbers} if numbers else {}
     return result
 
@@ -88,17 +87,14 @@ def train_quantiles(store: RowQueries, f: Field, q: Sequence[float]) -> npt.NDAr
     step = max(1, _VALUES // max(1, sum(int(block.counts.sum()) for block in blocks)))
     parts = []
     for left in range(0, f.columns.width, step):
-        rows = _rows(blocks, lambda k: nullcontext(partial(readers[k].rows, f.name)))
+        rows = _rows(blocks, lambda k, first, n: readers[k].rows(f.name, first, n))
         values = np.concatenate([part[:, left : left + step] for part in rows]) + np.float64(0)  # no -0.0
         parts.append(np.quantile(values, q, axis=0, overwrite_input=True))
     return np.concatenate(parts, axis=1)
 
 
 def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[ShardRows]:
-    """Yield what `covered` takes of the train shards of a dataset.
-
-    Timelines have the hash of their rows as key, as several shards may hold one; without `hashed` a shard is one key.
-    """
+    """Yield what `covered` takes of train's shards; timelines, which several may hold, by hash where `hashed`."""
     tables, train = store._tables, store._rows_of_split("train")
     has_rows = tables.has_rows(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][has_rows]
@@ -118,17 +114,9 @@ def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[
         yield starts[of_shard == number], n_rows, keyed
 
 
-@contextmanager
-def _opened(
-    out: Path, plans: Sequence[ShardPlan], f: Field, number: int
-) -> Iterator[Callable[[int, int], npt.NDArray[Any]]]:
-    with open(out / plans[number].file, "rb") as file:
-
-        def read(first: int, n: int) -> npt.NDArray[Any]:
-            file.seek(plans[number].first_bytes[f.name] + first * f.row_bytes)
-            return np.fromfile(file, f.disk_dtype, n * f.columns.width).reshape(n, -1)
-
-        yield read
+def _read(out: Path, plans: Sequence[ShardPlan], f: Field, shard: int, first: int, n: int) -> npt.NDArray[Any]:
+    offset = plans[shard].first_bytes[f.name] + first * f.row_bytes
+    return np.fromfile(out / plans[shard].file, f.disk_dtype, n * f.columns.width, offset=offset).reshape(n, -1)
 
 
 def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
@@ -136,7 +124,7 @@ def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
     starts = windows.rows[f.name]
     if not f.per_clip:
         return starts, n_rows, [(key, first, array.shape[0]) for key, (first, array) in plan.blocks[f.name].items()]
-    spans = plan.motion[f.name]
+    spans = plan.spans[f.name]
     has_rows = np.array([span.length > 0 for span in spans])
     keyed: list[KeyedRows] = [
         (clip.id, span.start, span.length) for clip, span in zip(plan.clips, spans, strict=True)
@@ -144,16 +132,14 @@ def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
     return starts[has_rows[windows.clip]], n_rows, keyed
 
 
-def _rows(blocks: Sequence[Block], opened: OpenShard) -> Iterator[npt.NDArray[Any]]:
+def _rows(blocks: Sequence[Block], read: ReadRows) -> Iterator[npt.NDArray[Any]]:
     """Yield rows (n, D), n > 0, each as often as it counts: those of a clip alone, at most _ROWS stored ones."""
-    for shard, of_shard in groupby(blocks, key=lambda block: block.shard):
-        with opened(shard) as read:
-            for block in of_shard:
-                for begin in range(0, len(block.counts), _ROWS):
-                    counts = block.counts[begin : begin + _ROWS]
-                    if counts.any():
-                        rows = read(block.first + begin, len(counts))
-                        yield rows if (counts == 1).all() else np.repeat(rows, counts, axis=0)
+    for block in blocks:
+        for begin in range(0, len(block.counts), _ROWS):
+            counts = block.counts[begin : begin + _ROWS]
+            if counts.any():
+                rows = read(block.shard, block.first + begin, len(counts))
+                yield rows if (counts == 1).all() else np.repeat(rows, counts, axis=0)
 
 
 def _column_stats(blocks: Iterable[npt.NDArray[Any]], width: int) -> dict[str, Any]:

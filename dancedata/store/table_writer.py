@@ -123,7 +123,7 @@ def _write_clips(group: Any, plan: TablePlan, shards: Sequence[ShardPlan], clips
     for name in ("split", "file"):
         write_column(group, name, "text", [getattr(shard, name) for shard in shards for _ in shard.clips])
     for f in plan.header.fields:
-        spans = [s.from_frame_0 for shard in shards for s in (shard.motion if f.per_clip else shard.audio)[f.name]]
+        spans = [s.from_frame_0 for shard in shards for s in shard.spans[f.name]]
         for k, name in enumerate(f.span_columns):
             dtype = np.int32 if name == "length" else np.int64
             hdf5.write_array(group, f"{f.path}/{name}", np.asarray([span[k] for span in spans], dtype=dtype))

@@ -51,14 +51,9 @@ class FieldSpans:
 class Tables:
     """The tables of a dataset. Rows of clips count over all splits; rows of fields count in the clip's shard.
 
-    `splits`: Rows of each split.
-    `columns`: Columns of the table of clips that the dataset has, by name; "x/<name>" are free ones.
-    `types`: Types of the free columns.
-    `spans`: Per field.
+    `columns`, `types`: Columns of the table of clips, by name, "x/<name>" of free ones, and types of these.
     `shard_begin`: (S + 1,) first clip of every shard, and the number of clips.
     `window_clip`, `window_start`: (W,) clip and first frame of every stored window, in stored order.
-    `window_length`: Frames of a stored window.
-    `groups`, `songs`: Columns of these tables.
     """
 
     splits: Mapping[str, SplitRows]

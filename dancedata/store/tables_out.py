@@ -36,13 +36,10 @@ def clip_row(store: SegmentQueries, clip: ClipRecord) -> dict[str, Any]:
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     names = [each.name for each in fields(ClipRecord) if each.name not in {*row, "columns"}]
     row |= {name: _plain(getattr(clip, name)) for name in names}
-    row["licence"] = _licence(store, clip)
+    terms = store.licences[clip.licence].text if clip.licence >= 0 else ""
+    row["licence"] = terms or str(store.info.get("licence") or "")
     row |= {"without": list(store._without(clip.id, store.fields))} if store.optional_fields else {}
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in store._tables.types}
-
-
-def _licence(store: SegmentQueries, clip: ClipRecord) -> str:
-    return (store.licences[clip.licence].text if clip.licence >= 0 else "") or str(store.info.get("licence") or "")
 
 
 def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, Any]:
@@ -50,10 +47,6 @@ def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, A
     seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
     return {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
             "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
-
-
-def _clips(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
-    return (clip_row(store, clip) for clip in clips)
 
 
 def _windows(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
@@ -71,7 +64,7 @@ def _plain(value: Any) -> Any:
 
 
 _TABLES: Mapping[str, Callable[[SegmentQueries, Iterable[ClipRecord]], Iterator[dict[str, Any]]]] = {
-    "clips": _clips,
+    "clips": lambda store, clips: (clip_row(store, clip) for clip in clips),
     "windows": _windows,
     "rejects": lambda store, clips: iter(store.rejects),
     "quality": lambda store, clips: iter(store.quality),

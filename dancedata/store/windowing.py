@@ -22,27 +22,14 @@ Seconds = float | str | Fraction
 _PART = 1 << 16
 
 
-def requested_grid(
-    description: Description,
-    length_s: Seconds | None,
-    length: int | None,
-    stride_s: Seconds | None,
-    stride: int | None,
-) -> WindowGrid:
-    """Return the requested length and stride; the stored ones by default."""
-    return WindowGrid(
-        _frames(description, "length", length_s, length, description.length),
-        _frames(description, "stride", stride_s, stride, description.stride),
-    )
-
-
-def _frames(description: Description, what: str, seconds: Seconds | None, frames: int | None, stored: int) -> int:
+def window_frames(grid: FrameGrid, what: str, seconds: Seconds | None, frames: int | None, stored: int) -> int:
+    """Return the length or stride of windows in frames, of two ways to state it; by default as stored."""
     if seconds is not None and frames is not None:
         raise UsageError(f"both {what}_s and {what} are given", fix="give one of them")
     if isinstance(seconds, bool):
         raise UsageError(f"{what}_s is no number of seconds", found=seconds)
     if seconds is not None:
-        frames = description.grid.frames(seconds, what=f"{what}_s")
+        frames = grid.frames(seconds, what=f"{what}_s")
     return stored if frames is None else whole(f"the {what} of a window", frames, 1, MAX_ROWS)
 
 
