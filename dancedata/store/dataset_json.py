@@ -144,9 +144,8 @@ def json_rejects(text: str) -> list[dict[str, Any]]:
     return _json_lines(text, ("reason",), _REJECT)
 
 
+#: Types of the values of rejects and quality flags.
 _REJECT = {**dict.fromkeys(("reason", "clip", "file", "detail", "music", "fix"), str), "window": int, "numbers": dict}
-
-
 _FLAG = {"clip": str, "kind": str, "frame": int, "value": float, "unit": str, "joint": str}
 
 

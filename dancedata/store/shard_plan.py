@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -86,26 +87,18 @@ class ShardPlan:
                              found=f"{stored_block[1].shape} and {block.array.shape}")  # fmt: skip
         return stored_block[0]
 
-    def window_table(self) -> WindowTable:
-        """Return the windows of the shard, by clip and start."""
+    @cached_property
+    def windows(self) -> tuple[IntArray, IntArray]:
+        """Clip and first frame of every window of the shard, (W,) each, by clip and start; once it is planned."""
         counts = [len(c.starts) for c in self.clips]
         clip = np.repeat(np.arange(len(self.clips), dtype=np.int64), counts)
-        starts = [np.asarray(c.starts, dtype=np.int64) for c in self.clips]
-        start = np.concatenate([*starts, np.empty(0, np.int64)])
-        return WindowTable(clip, start, {f.name: self._window_rows(f, clip, start) for f in self.header.fields})
+        return clip, np.array([start for c in self.clips for start in c.starts], dtype=np.int64)
 
-    def _window_rows(self, f: Field, clip: IntArray, start: IntArray) -> IntArray:
+    def window_rows(self, f: Field) -> IntArray:
+        """Return the first row of every window in a field, (W,)."""
+        clip, start = self.windows
         first = np.asarray([s.start + s.offset for s in self.spans[f.name]], dtype=np.int64)
         return first[clip] + self.header.grid.rows_of_all(start, of=f.grid)[0]
-
-
-@dataclass(frozen=True)
-class WindowTable:
-    """The table /windows of a shard, and the first row of each window by field; every array (W,)."""
-
-    clip: IntArray
-    start: IntArray
-    rows: Mapping[str, IntArray]
 
 
 def plan_shards(header: StoreHeader, clips: Sequence[StoredClip], shard_bytes: int) -> list[ShardPlan]:

@@ -120,8 +120,7 @@ def _read(out: Path, plans: Sequence[ShardPlan], f: Field, shard: int, first: in
 
 
 def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
-    windows, n_rows = plan.window_table(), plan.rows[f.name]
-    starts = windows.rows[f.name]
+    starts, n_rows = plan.window_rows(f), plan.rows[f.name]
     if not f.per_clip:
         return starts, n_rows, [(key, first, array.shape[0]) for key, (first, array) in plan.blocks[f.name].items()]
     spans = plan.spans[f.name]
@@ -129,7 +128,7 @@ def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
     keyed: list[KeyedRows] = [
         (clip.id, span.start, span.length) for clip, span in zip(plan.clips, spans, strict=True)
     ]
-    return starts[has_rows[windows.clip]], n_rows, keyed
+    return starts[has_rows[plan.windows[0]]], n_rows, keyed
 
 
 def _rows(blocks: Sequence[Block], read: ReadRows) -> Iterator[npt.NDArray[Any]]:

@@ -73,16 +73,15 @@ def _free_kind(name: str, clips: Sequence[StoredClip]) -> str:
 def write_tables(out: Path, plan: TablePlan, shards: Sequence[ShardPlan]) -> list[dict[str, Any]]:
     """Write tables.h5, and segments.h5 if there are segments; returns their layers as `write_segments` does."""
     clips = [clip for shard in shards for clip in shard.clips]
-    tables = [shard.window_table() for shard in shards]
-    if max(len(clips), sum(len(table.clip) for table in tables)) > MAX_ROWS:
+    if max(len(clips), sum(len(clip.starts) for clip in clips)) > MAX_ROWS:
         raise StoreError("a table has too many rows", found=len(clips), allowed=MAX_ROWS)
     with _written(out / TABLES_FILE, plan.header.grid) as file:
         _write_clips(file.create_group("clips"), plan, shards, clips)
         windows = file.create_group("windows")
         before = np.cumsum([0, *(len(shard.clips) for shard in shards)])
-        clip = np.concatenate([table.clip + first for table, first in zip(tables, before, strict=False)])
+        clip = np.concatenate([shard.windows[0] + first for shard, first in zip(shards, before, strict=False)])
         hdf5.write_array(windows, "clip", clip.astype(np.int32))
-        hdf5.write_array(windows, "start", np.concatenate([t.start for t in tables]).astype(np.int32))
+        hdf5.write_array(windows, "start", np.concatenate([s.windows[1] for s in shards]).astype(np.int32))
         hdf5.write_attributes(windows, length=plan.header.length)
         groups = [list(unit) for name, unit in groupby(clips, lambda clip: clip.group) if name]
         if groups:

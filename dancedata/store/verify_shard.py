@@ -54,8 +54,6 @@ class Problem:
 _CHUNK_VALUES = 1 << 16
 #: Rows of a table named in one message at most.
 _SHOWN = 5
-
-
 _UNREADABLE = (StoreError, ValueError, IndexError, TypeError, KeyError)
 
 
