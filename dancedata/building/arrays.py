@@ -64,11 +64,8 @@ def encode(
     (150, 151)
     """
     if not isinstance(motion, Motion):
-        raise UsageError(
-            "encode takes a Motion: an array has neither a frame rate nor a skeleton",
-            found=shown(motion),
-            fix="make one: dancedata.Motion(translation, rotations, FrameGrid.of(30), SMPL24)",
-        )
+        raise UsageError("encode takes a Motion: an array has no frame rate and no skeleton", found=shown(motion),
+                         fix="make one: Motion(translation, rotations, FrameGrid.of(30), SMPL24)")  # fmt: skip
     plugin = make_named(REPRESENTATIONS, "motion", representation, parameters)
     rule = contacts if contacts is not None else plugin.default_contacts
     problems: list[str] = []

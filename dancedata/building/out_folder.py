@@ -87,13 +87,9 @@ def _described(out: Path) -> Description:
     try:
         return load_description(out)
     except StoreError as error:
-        raise StoreError(
-            "the output folder holds a dataset.json that dancedata cannot read as its own; nothing was written",
-            where=out,
-            found=str(error),
-            allowed=_ALLOWED,
-            fix="choose another --out; if this is a dataset that is damaged, remove the folder, then build again",
-        ) from error
+        raise StoreError("the folder holds a dataset.json that dancedata cannot read as its own; nothing was written",
+                         where=out, found=str(error), allowed=_ALLOWED,
+                         fix="choose another --out; of a damaged dataset, remove the folder") from error  # fmt: skip
 
 
 def _files_of(description: Description) -> set[str]:

@@ -99,12 +99,10 @@ class Publication:
                 require_file(path)
             where = f"published, here as {path}" if stated in self.files else f"{shown(stated)}, not published"
             lines.append(f"  - {shown(name)}: {where}")
-        return UsageError(
-            "the recipe has local plug-ins, which a build from a publication does not execute by itself",
-            where=self.place,
-            found=f"{error}\n" + "\n".join(lines) + "\n",
-            fix="read each file, and name it if you trust it: --plugin FILE, or dancedata.load_plugins(FILE)",
-        )
+        return UsageError("its local plug-ins are files, which a build from a publication does not execute by itself",
+                          where=self.place, found="\n".join([str(error), *lines, ""]),
+                          fix="read each file, and name it if you trust it: --plugin FILE, or "
+                          "dancedata.load_plugins(FILE)")  # fmt: skip
 
     def record(self) -> SourceRecord:
         """Return the hashes of its source, clip by clip."""

@@ -119,7 +119,7 @@ def _require_music(dataset: Dataset, fields: Sequence[Field], scan: Scan) -> Non
     of_music = [field.name for field in fields if field.needs_music]
     if of_music and without and document_of(dataset).get("music") == "optional":
         found = f"{len(without)} of {counted(len(scan.clips), 'clip')} without music: {listed(without)}"
-        raise SourceError("music: optional keeps clips without music, but audio features need music of all clips",
+        raise SourceError("music: optional keeps clips without music; audio features need the music of every clip",
                           where=f"dataset {dataset.name}", found=f"{found}; audio features {listed(of_music)}",
                           fix="build motion alone: --set 'audio={}'; or leave these clips out: "
                           f"--set dataset.{dataset.name}.music=required")  # fmt: skip

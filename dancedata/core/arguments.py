@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.text import shown
 
 if TYPE_CHECKING:
@@ -53,6 +53,14 @@ def probability(what: str, value: float) -> float:
     if not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
         raise UsageError(f"{what} is a probability", found=value, allowed="0 to 1")
     return float(value)
+
+
+def require_finite(array: npt.NDArray[Any], what: str, each: str = "frame") -> None:
+    """Raise DataError "nan" unless all values of each frame, or sample, along the first axis are finite."""
+    bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
+    if bad.any():
+        found = f"{int(bad.sum())} of {len(bad)} {each}s, the first at {each} {int(np.argmax(bad))}"
+        raise DataError(f"{what} contains NaN or infinity", reason="nan", found=found)
 
 
 def as_numpy(batch: npt.ArrayLike | Tensor) -> npt.NDArray[Any]:

@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.arguments import require_finite
+from dancedata.core.errors import UsageError
 from dancedata.core.hashing import sha256_bytes
 
 #: Audio files that are read, in order of preference: lossless formats first, last those that need ffmpeg.
@@ -49,13 +50,7 @@ class AudioSignal:
             raise UsageError("an AudioSignal must be mono", found=f"shape {samples.shape}", allowed="(n,)")
         if self.sample_rate < 1:
             raise UsageError("a sample rate must be above 0", found=self.sample_rate)
-        bad = ~np.isfinite(samples)
-        if bad.any():
-            raise DataError(
-                "the audio contains NaN or infinity",
-                reason="nan",
-                found=f"{int(bad.sum())} of {len(bad)} samples, the first at sample {int(np.argmax(bad))}",
-            )
+        require_finite(samples, "the audio", "sample")
         samples.setflags(write=False)
         object.__setattr__(self, "samples", samples)
 

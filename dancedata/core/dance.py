@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import require_finite
 from dancedata.core.columns import Columns
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -54,13 +55,7 @@ def checked_joints(joints: npt.ArrayLike) -> Float64Array:
     if array.size == 0:
         raise DataError("the joints are empty", reason="empty", found=f"{array.shape}",
                         allowed="at least one frame and one joint")  # fmt: skip
-    bad = ~np.isfinite(array).all(axis=(1, 2))
-    if bad.any():
-        raise DataError(
-            "the joints hold NaN or infinity",
-            reason="nan",
-            found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
-        )
+    require_finite(array, "the array of joints")
     return array
 
 

@@ -28,10 +28,7 @@ _CURES = {
     "silent_music": ("silent music", "extract the music again, or leave these clips out: ignore"),
     "steady_music": ("music without an onset", "extract the music again, or leave these clips out: ignore"),
     "decoded_by_ffmpeg": ("music that ffmpeg decoded", "convert it to wav once, so that any machine reads the same"),
-    "late_music": (
-        "music that may begin late",
-        "convert its original to wav or flac, or state audio_start_s",
-    ),
+    "late_music": ("music that may begin late", "convert its original to wav or flac, or state audio_start_s"),
     "early_music": ("music that begins after its picture", "state audio_start_s for motion of that video"),
     "cut_music": ("music whose file is cut or damaged", "copy it again"),
     "fitted": ("rotations fitted to positions", "take rotations of the capture where twists of bones matter"),
@@ -106,9 +103,6 @@ def require_plausible(quality: Sequence[Mapping[str, Any]]) -> None:
         first = problems[0]
         what, cure = _CURES[first.reason]
         clips = counted(len({p.clip for p in problems if _CURES[p.reason][0] == what}), "clip")
-        raise DataError(
-            f"{clips} with {what} in a strict build, the first: {first.detail}",
-            reason=first.reason,
-            where=first.clip,
-            fix=f"{cure}, or build without --strict to keep the clip, with a flag",
-        )
+        raise DataError(f"{clips} with {what} in a strict build, the first: {first.detail}",
+                        reason=first.reason, where=first.clip,
+                        fix=f"{cure}, or build without --strict to keep the clip, with a flag")  # fmt: skip

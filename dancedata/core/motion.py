@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from dancedata.core.arguments import require_finite
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array, FloatArray, matrix_from_rotvec, slerp
@@ -175,19 +176,10 @@ class Motion:
         if len(rotations) == 0:
             raise DataError("the motion has no frames", reason="empty", found="0 frames")
         if not 0 <= self.trim_start < len(rotations):
-            raise DataError(
-                "no frame of the motion is left after the trim",
-                reason="too_short",
-                found=f"{len(rotations)} frames, the first {self.trim_start} of them to be trimmed",
-            )
+            raise DataError("no frame of the motion is left after the trim", reason="too_short",
+                            found=f"{len(rotations)} frames, {self.trim_start} of them to be trimmed")  # fmt: skip
         for what, array in (("translation", translation), ("rotations", rotations)):
-            bad = ~np.isfinite(array.reshape(len(array), -1)).all(axis=1)
-            if bad.any():
-                raise DataError(
-                    f"{what} contains NaN or infinity",
-                    reason="nan",
-                    found=f"{int(bad.sum())} of {len(array)} frames, the first at frame {int(np.argmax(bad))}",
-                )
+            require_finite(array, what)
             array.setflags(write=False)
         object.__setattr__(self, "translation", translation)
         object.__setattr__(self, "rotations", rotations)

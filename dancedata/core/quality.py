@@ -19,15 +19,7 @@ _MAX_ROOT_SPEED_M_S = 12.0
 #: Range of the size of a body at rest, metres, from children to the tallest adults.
 PLAUSIBLE_BODY_M = (1.0, 2.5)
 #: Flags of a whole clip, whose unit, names of sides or up axis are probably wrong.
-IMPLAUSIBLE = (
-    "implausible_body",
-    "implausible_root",
-    "implausible_sides",
-    "implausible_legs",
-    "implausible_arms",
-    "implausible_elbows",
-    "implausible_up",
-)
+IMPLAUSIBLE = tuple(f"implausible_{what}" for what in ("body", "root", "sides", "legs", "arms", "elbows", "up"))
 #: Flags of a whole clip that may be as it should be.
 _DOUBTFUL = ("lying", "crossed_legs", "stretched_bone", "fitted", "repeated_frames", "doubtful_rate")
 #: Flags of a clip's music: it has no sound, or its file is not quite what it says.

@@ -97,11 +97,8 @@ class Segment:
 
     def __post_init__(self) -> None:
         if self.end < self.start:
-            raise DataError(
-                "a segment ends before it begins",
-                reason="bad_segment",
-                found=f"{float(self.start):g} s to {float(self.end):g} s, {quoted(self.label)}",
-            )
+            found = f"{float(self.start):g} s to {float(self.end):g} s, {quoted(self.label)}"
+            raise DataError("a segment ends before it begins", reason="bad_segment", found=found)
         for name in ("texts_mirrored", "tokens"):
             n = len(getattr(self, name))
             if n not in (0, len(self.texts)):

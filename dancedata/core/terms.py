@@ -8,7 +8,7 @@ from typing import Any, Protocol
 from dancedata.core.errors import UsageError
 from dancedata.core.licence import Licence
 from dancedata.core.registry import DATASETS
-from dancedata.core.text import counted, listed, quoted, shown
+from dancedata.core.text import counted, listed, shown
 
 #: The option by which a user states the right to share music.
 OVERRIDE = "--rights TEXT"
@@ -73,12 +73,9 @@ def require_shareable(store: Dataset, *, rights: str | None = None) -> str:
     if may_share_audio(store):
         return f"Music: {licence}"
     if rights is None:
-        raise UsageError(
-            "the licence of this dataset does not allow its music to be passed on",
-            where=str(store.path),
-            found=f"dataset {quoted(store.info.get('dataset', ''))}, licence: {licence.rstrip('.')}",
-            allowed="music that may be copied to others, such as that of the demo",
-            fix=f"leave the music out, or state your right: {OVERRIDE}",
-        )
+        raise UsageError("the licence of this dataset does not allow its music to be passed on",
+                         where=str(store.path), found=f"licence: {licence.rstrip('.')}",
+                         allowed="music that may be copied to others, such as that of the demo",
+                         fix=f"leave the music out, or state your right: {OVERRIDE}")  # fmt: skip
     stated = f"included on the statement of the maker of this file that it may be shared: {rights}"
     return f"Music: {stated}. Licence: {licence}"

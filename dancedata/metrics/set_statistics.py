@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from dancedata.core.arguments import require_finite
 from dancedata.core.dance import Undefined
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.plugins import Metric
@@ -64,13 +65,7 @@ def checked_rows(rows: npt.ArrayLike, width: int | None = None) -> Float64Array:
     if array.ndim != 2 or array.shape[1] == 0 or width not in (None, array.shape[1]):
         raise DataError("invalid shape of features", reason="bad_shape", found=f"{array.shape}",
                         allowed=f"(N, {'D' if width is None else width})")  # fmt: skip
-    bad = ~np.isfinite(array).all(axis=1)
-    if bad.any():
-        raise DataError(
-            "the features hold NaN or infinity",
-            reason="nan",
-            found=f"{int(bad.sum())} of {len(array)} rows, the first is row {int(np.argmax(bad))}",
-        )
+    require_finite(array, "the array of features", "row")
     return array
 
 

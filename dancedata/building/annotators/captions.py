@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -82,6 +83,7 @@ class Genre(Stated):
 def _lexicon(value: Any) -> Lexicon:
     """Return the lexicon of a file, or of a mapping."""
     from dancedata.core.sided_words import Lexicon  # few recipes name one
+    from dancedata.recipes.plugins import make_dataclass
 
     if isinstance(value, Lexicon):
         return value
@@ -92,17 +94,13 @@ def _lexicon(value: Any) -> Lexicon:
             value = read_yaml(Path(value).expanduser())
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise UsageError("lexicon: the file cannot be read", found=f"{where}{shown(error)}") from error
-    try:
-        if not isinstance(value, Mapping) or not set(value) <= {f.name for f in fields(Lexicon)}:
-            raise ValueError("not a mapping with these keys")
-        language, whole = value["language"], value.get("whole_words", True)
-        pairs, exact = (tuple((a, b) for a, b in value.get(name) or ()) for name in ("pairs", "exact"))
-        same, alone = (tuple(value.get(name) or ()) for name in ("same", "alone"))
-        words = [language, *same, *alone, *(word for pair in (*pairs, *exact) for word in pair)]
-        if not all(isinstance(word, str) and word for word in words) or not (pairs or exact):
-            raise ValueError("not texts")
-        if not isinstance(whole, bool):
-            raise ValueError("whole_words is not true or false")
-    except (KeyError, TypeError, ValueError) as error:
-        raise UsageError("lexicon: not a lexicon", found=f"{where}{shown(value)}", allowed=_ALLOWED) from error
-    return Lexicon(language.lower(), pairs, exact, same, whole, alone)
+    problems: list[str] = []
+    lexicon = make_dataclass(
+        Lexicon, "lexicon", {"pairs": (), **value} if isinstance(value, dict) else value, problems
+    )
+    if lexicon is not None:
+        words = [lexicon.language, *lexicon.same, *lexicon.alone, *chain(*lexicon.pairs, *lexicon.exact)]
+        if all(words) and (lexicon.pairs or lexicon.exact):
+            return replace(lexicon, language=lexicon.language.lower())
+    found = f"{where}{'; '.join(problems) or shown(value)}"
+    raise UsageError("lexicon: not a lexicon", found=found, allowed=_ALLOWED)
