@@ -10,6 +10,8 @@ import pytest
 
 import dancedata
 from dancedata.core.clip import Reject
+from dancedata.pages import Report, write_report
+from dancedata.pages.document import Document
 from dancedata.store import Store, StoredClip, open_store
 from dancedata.store.schema import StoreHeader
 from dancedata.store.stored_clip import AudioBlock
@@ -37,6 +39,22 @@ def _build(folder: Path, **overrides: Any) -> None:
 def demo(once: Once) -> Path:
     """Eight clips of six seconds; the folder demo-source next to it has the music."""
     return once("report", _build) / "demo"
+
+
+@pytest.fixture(scope="session")
+def report(demo: Path) -> Report:
+    """The demo's report, which is not written."""
+    return write_report(demo)
+
+
+@pytest.fixture
+def numbers(report: Report) -> Document:
+    return report.numbers
+
+
+@pytest.fixture
+def document(report: Report) -> Any:
+    return report.document
 
 
 @pytest.fixture(scope="session")

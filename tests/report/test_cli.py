@@ -11,7 +11,6 @@ import pytest
 from typer.testing import CliRunner
 
 from dancedata.cli.app import app
-from dancedata.pages import write_report
 from dancedata.store import open_store
 from tests.commands import run
 
@@ -31,22 +30,17 @@ def test_report_writes_a_page_and_prints_findings(demo: Path, tmp_path: Path, mo
     assert "--overwrite" in again.stderr
 
 
-def test_json_has_every_number_and_writes_nothing_by_itself(demo: Path, tmp_path: Path, monkeypatch) -> None:
+def test_json_has_every_number_and_writes_nothing_by_itself(demo, report, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = RUN.invoke(app, ["report", str(demo), "--json"])
-    assert json.loads(done.stdout)["result"] == json.loads(json.dumps(write_report(demo).to_json()))
+    assert json.loads(done.stdout)["result"] == json.loads(json.dumps(report.to_json()))
     assert os.listdir(tmp_path) == []
 
 
-def test_a_number_of_clips_is_one(demo: Path, tmp_path: Path) -> None:
-    assert "not a number of clips" in run("report", demo, "-o", tmp_path / "x.html", "--clips", "some", code=2).stderr
-    assert os.listdir(tmp_path) == []
-
-
-def test_a_video_needs_a_clip(demo: Path, tmp_path: Path) -> None:
+def test_a_number_of_clips_is_one_and_a_video_needs_a_clip(demo: Path, tmp_path: Path) -> None:
     pytest.importorskip("PIL")
-    video = ["--out", str(tmp_path / "a.mp4")]
-    assert "name it" in RUN.invoke(app, ["view", str(demo), *video]).stderr.lower()
+    assert "not a number of clips" in run("report", demo, "-o", tmp_path / "x.html", "--clips", "some", code=2).stderr
+    assert "name it" in run("view", demo, "--out", tmp_path / "a.mp4", code=2).stderr.lower()
     assert os.listdir(tmp_path) == []
 
 

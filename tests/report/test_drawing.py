@@ -15,7 +15,7 @@ from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group
 from dancedata.pages import write_report
 from dancedata.pages.bin_counts import ClipHistogram
-from dancedata.pages.document import ColumnRange, LeftOut
+from dancedata.pages.document import ColumnRange, Document, LeftOut
 from dancedata.pages.figures import FigureSpec, contents_figures, movement_figures
 from dancedata.pages.findings import findings
 from dancedata.pages.heat import Timeline, joint_map
@@ -51,8 +51,7 @@ def test_both_numbers_of_a_row_stand_at_their_own_ends() -> None:
     assert texts(bars({"gBR": {"train": 20}}, "x"), "beside") == []
 
 
-def test_datasets_of_different_sizes_are_compared_by_shares(demo: Path) -> None:
-    numbers = write_report(demo).numbers
+def test_datasets_of_different_sizes_are_compared_by_shares(numbers: Document) -> None:
     double = {name: {s: 2 * n for s, n in by.items()} for name, by in numbers.contents.windows_by_genre.items()}
     other = replace(numbers, contents=replace(numbers.contents, windows_by_genre=double))
     figures = {figure.key: figure for figure in contents_figures(FigureSpec(numbers, other))}
@@ -68,8 +67,8 @@ def test_datasets_of_different_sizes_are_compared_by_shares(demo: Path) -> None:
     assert not split.note.startswith("%")
 
 
-def test_every_histogram_names_the_unit_of_its_heights(demo: Path) -> None:
-    drawing = FigureSpec(write_report(demo).numbers)
+def test_every_histogram_names_the_unit_of_its_heights(numbers: Document) -> None:
+    drawing = FigureSpec(numbers)
     figures = [*contents_figures(drawing), *movement_figures(drawing, ())]
     drawn = {f.key: f.note.split(";")[0] for f in figures if f.head[:2] == ("from", "to")}
     assert drawn["speed_m_s"] == "% of frames"
@@ -87,8 +86,7 @@ def test_few_values_are_counted(values: list[float], distinct: tuple[tuple[float
     assert ClipHistogram.of_groups({"all": values}, edges.tolist()).distinct == distinct
 
 
-def test_few_values_are_one_sentence(demo: Path) -> None:
-    numbers = write_report(demo).numbers
+def test_few_values_are_one_sentence(numbers: Document) -> None:
     (length,) = (f for f in contents_figures(FigureSpec(numbers)) if f.key == "length_s")
     assert length.body == "<p>6 seconds in 8 clips</p>"
     assert length.rows == ()
@@ -97,8 +95,7 @@ def test_few_values_are_one_sentence(demo: Path) -> None:
     assert length.body == "<p>6 seconds in 8 clips</p><p>6 seconds in 8 clips <small>(old)</small></p>"
 
 
-def test_movement_has_a_line_for_each_split(demo: Path) -> None:
-    numbers = write_report(demo).numbers
+def test_movement_has_a_line_for_each_split(numbers: Document) -> None:
     speed = numbers.movement.speed_m_s
     assert list(speed.by_split) == ["train", "val", "test"]
     assert np.sum(list(speed.by_split.values()), axis=0).tolist() == speed.counts["all"]
@@ -133,8 +130,7 @@ def test_measured_numbers_have_two_digits(value: float | None, text: str) -> Non
     assert rounded(value) == text
 
 
-def test_a_partial_download_is_a_note(demo: Path) -> None:
-    numbers = write_report(demo).numbers
+def test_a_partial_download_is_a_note(numbers: Document) -> None:
     left_out = {
         "missing_motion": LeftOut(988, (), ""), "broken_file": LeftOut(2, (), ""), "ignored": LeftOut(1, (), ""),
     }  # fmt: skip

@@ -12,13 +12,9 @@ from dancedata.core.clip import Reject
 from dancedata.core.dance import Dance
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.pages import write_report
+from dancedata.pages.document import Document
 from dancedata.pages.findings import findings
 from dancedata.store import open_store
-
-
-@pytest.fixture(scope="module")
-def document(demo: Path) -> Any:
-    return write_report(demo).document
 
 
 @pytest.fixture(scope="module")
@@ -115,8 +111,7 @@ def test_columns_are_those_of_stats_json(demo: Path, document: Any) -> None:
     assert constant
 
 
-def test_val_and_test_may_share_a_song_and_train_may_not(demo: Path, relabelled: Any) -> None:
-    numbers = write_report(demo).numbers
+def test_val_and_test_may_share_a_song_and_train_may_not(numbers: Document, relabelled: Any) -> None:
     assert numbers.splits.compared_by_sound
     assert numbers.splits.songs.counts["train"]["test"] == 0
     assert [f.kind for f in findings(numbers) if f.figure == "shared_songs"] == ["good", "note"]

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from dancedata import comparison
 from dancedata.core.errors import UsageError
 from dancedata.files.page_files import PageFiles
-from dancedata.pages import write_report
+from dancedata.pages import Report, write_report
 from dancedata.pages.markup import Figure, number
 from dancedata.pages.page import grid, packed
 from dancedata.scene.page import source_hash
@@ -111,8 +112,8 @@ def test_the_page_is_complete_and_makes_no_requests(demo_page: Path) -> None:
             assert about["aria-label"]
 
 
-def test_tables_have_the_numbers_of_the_document(demo_page: Path, demo: Path) -> None:
-    page, document = Page(demo_page), json.loads(json.dumps(write_report(demo).document))
+def test_tables_have_the_numbers_of_the_document(demo_page: Path, report: Report) -> None:
+    page, document = Page(demo_page), json.loads(json.dumps(report.document))
     genres = document["contents"]["windows_by_genre"]
     rows = page.tables["r-windows_by_genre"]
     splits = document["contents"]["splits"]
@@ -199,11 +200,11 @@ def test_every_figure_has_the_other_dataset_as_outline(hostile: Path, tmp_path: 
     assert charts["tempo_pairs"].count('class="other"') == charts["tempo_pairs"].count('class="s0"') + 1  # the legend
 
 
-def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, relabelled, tmp_path: Path) -> None:
+def test_names_of_the_other_dataset_alone_have_a_bar(demo: Path, report: Report, relabelled, tmp_path: Path) -> None:
     path = tmp_path / "both.html"
     write_report(relabelled(lambda k: {"genre": "Tap"}), path, clips="none", against=demo)
     (genres,) = re.findall(r'<figure id="r-windows_by_genre"(.*?)</figure>', path.read_text(), flags=re.DOTALL)
-    others = {row["genre"] for row in write_report(demo).document["clips"]}
+    others = {row["genre"] for row in report.document["clips"]}
     chart = genres.partition("</svg>")[0]
     assert chart.count('<rect class="other"') == len(others)
     assert all(f"<title>{genre}</title>" in chart for genre in {"Tap", *others})
@@ -251,16 +252,14 @@ def test_where_a_report_is_not_written(demo: Path, tmp_path: Path, monkeypatch, 
         write_report(demo, to)
 
 
-def test_a_page_that_is_too_large_is_an_error_with_a_fix(demo: Path, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"allowed: 0\.1 MB.*--clips 4"):
-        write_report(demo, tmp_path / "x.html", max_mb=0.1)
+@pytest.mark.parametrize(("wrong", "words"), [
+    ({"max_mb": 0.1}, r"allowed: 0\.1 MB.*--clips 4"), ({"clips": -1}, "number"), ({"clips": "some"}, "number"),
+    ({"audio": "link"}, "embed"),
+])  # fmt: skip
+def test_arguments_that_cannot_be(demo: Path, tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
+    with raises_message(UsageError, words):
+        write_report(demo, tmp_path / "x.html", **wrong)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_other_arguments(demo: Path, tmp_path: Path) -> None:
-    for wrong in ({"clips": -1}, {"clips": "some"}, {"audio": "link"}):
-        with raises_message(UsageError, "embed|number"):
-            write_report(demo, tmp_path / "x.html", **wrong)
 
 
 def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) -> None:
