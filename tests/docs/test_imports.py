@@ -108,15 +108,10 @@ def test_only_the_registry_imports_by_name() -> None:
     assert named == []
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("from house import a", True),
-        ("try:\n    from house.a import x\nexcept ImportError:\n    x = None", True),
-        ("def f():\n    from house import a", True),
-        ("import json", False),
-    ],
-)
+@pytest.mark.parametrize(("text", "found"), [
+    ("from house import a", True), ("try:\n    from house.a import x\nexcept ImportError:\n    x = None", True),
+    ("def f():\n    from house import a", True), ("import json", False),
+])  # fmt: skip
 def test_circles_are_found(tmp_path: Path, text: str, found: bool) -> None:
     house = tmp_path / "house"
     house.mkdir()

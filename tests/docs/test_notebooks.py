@@ -34,12 +34,7 @@ def test_they_hold_what_a_reader_runs(notebooks: ModuleType, tmp_path: Path) -> 
 
 
 @pytest.mark.nightly
-def test_they_are_valid_and_run(
-    notebooks,
-    environment,  # noqa: F811
-    tmp_path,
-    monkeypatch,
-):
+def test_they_are_valid_and_run(notebooks, environment, tmp_path, monkeypatch):  # noqa: F811
     """Run with ``pytest -m nightly tests/docs/test_notebooks.py``, where nbclient and ipykernel are installed."""
     nbformat = pytest.importorskip("nbformat")
     nbclient = pytest.importorskip("nbclient")

@@ -27,11 +27,8 @@ def test_everything_in_the_60_recipe_has_60_rows() -> None:
     assert {int(field.grid.rate) for field in fields} == {60}
 
 
-def test_every_feature_is_on_the_page() -> None:
+def test_every_feature_and_format_is_on_its_page() -> None:
     assert all(f"| `{name}` | " in text_of("docs/guides/music.md") for name in FEATURES.names())
-
-
-def test_every_format_is_on_the_page() -> None:
     table = text_of("docs/guides/samples.md").split("## Decode")[1].split("\n\n")[1]
     named = {name for line in table.splitlines()[2:] for name in re.findall(r"`(\w+)`", line.split("|")[1])}
     assert named == set(FORMATS)

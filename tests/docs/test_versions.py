@@ -105,13 +105,9 @@ def test_a_table_of_versions_keeps_other_rows(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("command", "seconds", "finishes"),
-    [
-        ("exit 0", 600, True),
-        ("exit 3", 600, False),
-        ("sleep 9; echo late", 0.01, False),
-        ("(sleep 9; echo late) &", 600, True),
-    ],
-)
+    [("exit 0", 600, True), ("exit 3", 600, False), ("sleep 9; echo late", 0.01, False),
+     ("(sleep 9; echo late) &", 600, True)],
+)  # fmt: skip
 def test_commands_of_versions_end_with_their_children(command, seconds, finishes, tmp_path):
     versions = load(ROOT / ".ci" / "versions.py")
     reading, writing = os.pipe()

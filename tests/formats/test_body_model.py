@@ -233,13 +233,9 @@ def test_the_content_of_a_model_is_part_of_the_key(tmp_path: Path) -> None:
     source.mkdir()
     np.savez(source / "one.npz", poses=np.zeros((90, 165)), trans=np.zeros((90, 3)), mocap_frame_rate=30.0)
     (source / "manifest.csv").write_text("motion\none.npz\n")
-    document = {
-        "recipe": 1,
-        "name": "own",
-        "dataset": {"folder": {"music": "optional", "body_model": str(tmp_path / "SMPLX_NEUTRAL.npz")}},
-        "windows": {"length_s": 2, "stride_s": 1},
-        "motion": {"joints": {"body": "smplx55"}},
-    }
+    dataset = {"folder": {"music": "optional", "body_model": str(tmp_path / "SMPLX_NEUTRAL.npz")}}
+    document = {"recipe": 1, "name": "own", "dataset": dataset, "motion": {"joints": {"body": "smplx55"}}}
+    document["windows"] = {"length_s": 2, "stride_s": 1}
     heights = []
     for number, taller in enumerate((0.0, 0.1)):
         model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55, taller=taller)

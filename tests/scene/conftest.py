@@ -56,24 +56,17 @@ def served(odd: Path, source: Path) -> Iterator[str]:
 
 
 _BASE = {"recipe": 1, "dataset": {"aist++": {}}, "windows": {"length_s": 2, "stride_s": 0.5}}
+_SOUND = {**_BASE, "audio": {"librosa35": {}}}
 RECIPES: dict[str, dict[str, Any]] = {
     "thirty": {
-        **_BASE,
-        "motion": {name: {} for name in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")},
-        "keymotion": {"lodge": {}},
-        "audio": {"librosa35": {}},
-        "augment": {"mirror": True, "tempo": {"speeds": [1.25]}},
+        **_SOUND, "keymotion": {"lodge": {}}, "augment": {"mirror": True, "tempo": {"speeds": [1.25]}},
+        "motion": {k: {} for k in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")},
     },
-    "slices": {
-        **_BASE,
-        "transforms": [{"slices": {"length_s": 2}}],
-        "motion": {"edge151": {}},
-        "audio": {"librosa35": {}},
-    },
-    "sixty": {**_BASE, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}, "audio": {"librosa35": {}}},
+    "slices": {**_SOUND, "transforms": [{"slices": {"length_s": 2}}], "motion": {"edge151": {}}},
+    "sixty": {**_SOUND, "fps": 60, "motion": {"fact219": {}, "bailando72": {}}},
     "infinite": {**_BASE, "motion": {"humanml264": {}}},
     "twenty": {**_BASE, "fps": 20, "motion": {"humanml263": {}}},
-}
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")

@@ -127,7 +127,7 @@ def test_columns_and_batches_of_a_trainer(odd: Path, tmp_path: Path) -> None:
         shown(tmp_path)
 
 
-def test_a_group_of_a_file_is_one_item(tmp_path: Path) -> None:
+def test_a_group_of_a_file_is_one_item_and_of_a_batch_one_each(tmp_path: Path) -> None:
     joints = np.stack([np.add(dance(k).joints()[:60], (1.5 * k, 0, 0)) for k in range(3)])
     np.savez(tmp_path / "trio.npz", joints=joints, person_mask=[1, 0, 1], fps=60)
     scenes = shown(tmp_path / "trio.npz").scenes
@@ -137,10 +137,6 @@ def test_a_group_of_a_file_is_one_item(tmp_path: Path) -> None:
     assert scene.together.pairs[0].distance_m[0] == pytest.approx(
         np.linalg.norm(joints[2, 0, 0] - joints[0, 0, 0]), abs=1e-6
     )
-
-
-def test_a_batch_of_groups_is_a_group_each(tmp_path: Path) -> None:
-    joints = np.stack([np.add(dance(k).joints()[:60], (1.5 * k, 0, 0)) for k in range(3)])
     np.savez(
         tmp_path / "batch.npz", joints=np.stack([joints, joints[::-1]]), person_mask=[[1, 0, 1], [1, 1, 1]], fps=60
     )
@@ -152,11 +148,7 @@ def test_a_batch_of_groups_is_a_group_each(tmp_path: Path) -> None:
     np.testing.assert_allclose(last.joints, joints[0], rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "options",
-    [{"overlay": True}, {"normalized": True}, {"clip": "nobody"}],
-    ids=lambda o: next(iter(o)),
-)
+@pytest.mark.parametrize("options", [{"overlay": True}, {"normalized": True}, {"clip": "nobody"}], ids=str)
 def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> None:
     with raises_message(UsageError, "goes|nobody|overlay"):
         shown(folder, **options)

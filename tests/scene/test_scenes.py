@@ -13,6 +13,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.scene.comparisons import comparison_of, comparison_payload, file_format
 from dancedata.scene.figure import Figure
@@ -22,6 +23,7 @@ from dancedata.scene.source import ClipSource, cut, flac
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from tests.messages import raises_message
+from tests.scene.conftest import RECIPES
 
 
 def unpacked(packed: dict) -> np.ndarray:
@@ -33,13 +35,8 @@ def unpacked(packed: dict) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("recipe", "field"),
-    [
-        *[("thirty", name) for name in ("edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints")],
-        ("slices", "edge151"), ("sixty", "fact219"), ("sixty", "bailando72"), ("twenty", "humanml263"),
-        ("infinite", "humanml264"),
-    ],
-)  # fmt: skip
+    ("recipe", "field"), [(name, field) for name, recipe in RECIPES.items() for field in recipe["motion"]]
+)
 def test_drawn_joints_are_the_decoded_ones(scenes, recipe: str, field: str) -> None:
     dataset = scenes(recipe)
     plugin_decodes = dataset.readers[field].representation.decodes
@@ -54,10 +51,8 @@ def test_drawn_joints_are_the_decoded_ones(scenes, recipe: str, field: str) -> N
 
 
 def test_every_representation_that_has_joints_is_tested() -> None:
-    from dancedata.core.registry import REPRESENTATIONS
-
-    tested = {"edge151", "gcd151", "lodge139", "lodge319", "finedance319", "joints", "fact219", "bailando72"}
-    assert set(REPRESENTATIONS.names()) == tested | {"humanml263", "humanml264", "lda61", "root_place"}
+    tested = {name for recipe in RECIPES.values() for name in recipe["motion"]}
+    assert set(REPRESENTATIONS.names()) == tested | {"lda61", "root_place"}
 
 
 def test_a_dancer_far_away_takes_a_coarser_unit() -> None:
