@@ -197,7 +197,6 @@ def _check_songs(songs: Sequence[Path]) -> None:
 
 
 def _check_names(songs: Sequence[Path], out: Path, jobs: Sequence[MusicField]) -> None:
-    """Raise UsageError if a file would be replaced that this command did not write."""
     paths = [_rows_file(out, song, job) for song in songs for job in jobs]
     foreign = [path for path in paths if not _is_free(path)]
     if foreign:
@@ -257,7 +256,6 @@ def _undone_if_it_fails(out: Path) -> Iterator[set[Path]]:
 
 
 def _weights_of(options: Sequence[str | Path], jobs: Sequence[MusicField]) -> dict[str, Path]:
-    """Return the folder of weights by feature; UsageError for weights that no feature takes."""
     takers = [job.name for job in jobs if job.feature.with_weights(Path()) is not job.feature]
     folders: dict[str, Path] = {}
     for text in map(str, options):
@@ -305,7 +303,6 @@ class _Computed:
 
 
 def _compute(cache: Cache, field: MusicField, song: SignalId, bpm: float | None) -> _Computed:
-    """Return the rows of a song as a build has them, from the cache or into it."""
     music, quiet = Music(song, bpm=bpm), Progress(quiet=True)
 
     def rows(cache: Cache) -> list[npt.NDArray[Any]]:
@@ -385,7 +382,6 @@ def _line(out: Path, record: Mapping[str, Any]) -> str:
 
 
 def _dataset_like(like: str) -> Store | None:
-    """Open a dataset; return None for the name of a recipe."""
     return open_store(like) if (Path(like) / DATASET_FILE).exists() else None
 
 

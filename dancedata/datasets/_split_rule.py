@@ -142,7 +142,6 @@ class SplitRule:
         return assigned, [self._note(assigned, closer)]
 
     def _fixed_splits(self, clips: Iterable[ClipRef]) -> dict[str, str]:
-        """Return the splits of groups with a split in the manifest."""
         fixed: dict[str, ClipRef] = {}
         for clip in clips:
             first = fixed.setdefault(self.group(clip), clip) if clip.split else clip

@@ -240,7 +240,6 @@ class AiozGdance(PairedDataset):
             write_lines(folder / f"{split}_labels.csv", ["sequence_name,music_genre,dance_style", *rows])
 
     def _labels(self, folders: Folders) -> dict[str, dict[str, Any]]:
-        """Return genre and style by sequence, from the tables beside the lists."""
         labels: dict[str, dict[str, Any]] = {}
         files = [place / f"{split}_labels.csv" for place in folders.places for split in SPLITS]
         for path in dict.fromkeys(file for file in files if file.is_file()):

@@ -57,7 +57,6 @@ Floats = NDArray[np.float64]
 
 
 def _sequence_problem(stem: str) -> str:
-    """Return why `stem` is not a sequence name, "" if it is one."""
     return "" if parse_name(stem) else "not named as an AIST++ sequence (gBR_sBM_cAll_d04_mBR2_ch08)"
 
 
@@ -257,18 +256,11 @@ class AistPP(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip.
+        """Read the motion of one clip: 60 FPS, +Y up, SMPL24.
 
-        Returns
-        -------
-        Motion
-            60 FPS, +Y up; rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
-            ``smpl_trans / smpl_scaling`` in float64; SMPL24.
-
-        Raises
-        ------
-        DataError
-            ``broken_file``, ``unsafe_pickle``, those of `read_frames`, ``not_rotations`` or ``bad_scaling``.
+        Returns: Rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
+            ``smpl_trans / smpl_scaling`` in float64.
+        Raises DataError: ``broken_file``, ``unsafe_pickle``, of `read_frames`, ``not_rotations``, ``bad_scaling``.
         """
         from dancedata.datasets.checks import bad_shape, read_frames, require_keys, require_rotations
         from dancedata.formats.safe_pickle import load_pickle
@@ -298,7 +290,6 @@ class AistPP(PairedDataset):
         write_synthetic(Path(folder), seed=0, songs=2, clips_per_song=2, clip_s=6.0)
 
     def _split_places(self, folders: Folders) -> list[Path]:
-        """Return the folders that may hold split files, in order of preference."""
         if self.split_dir is None:
             return [place / "splits" for place in folders.places if (place / "splits").is_dir()]
         # Joining an absolute split_dir to a folder leaves it unchanged.
@@ -311,7 +302,6 @@ class AistPP(PairedDataset):
         return existing
 
     def _no_such_split(self, places: list[Path]) -> None:
-        """Raise SourceError with the expected files and the available splits."""
         available = {
             path.stem.removesuffix(f"_{split}")
             for place in places

@@ -103,17 +103,10 @@ class DCM(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the places of the joints, and fit rotations to them.
+        """Read the places of the joints, and fit rotations to them: 30 FPS, metres, +Y up, on the bones of the file.
 
-        Returns
-        -------
-        Motion
-            30 FPS, metres, +Y up; SMPL-X's 22 body joints on the bones of the file.
-
-        Raises
-        ------
-        DataError
-            ``broken_file``, ``bad_shape``, ``empty``, ``nan``, or ``bad_axes`` (the body does not stand upright).
+        Returns: SMPL-X's 22 body joints.
+        Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, ``nan``, ``bad_axes`` (it does not stand up).
         """
         path = ref.motion_path
         try:

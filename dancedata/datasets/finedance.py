@@ -289,7 +289,6 @@ WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --se
 
 
 def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) -> Iterable[str]:
-    """Yield the split and ignore lists in use, ids on two lists, and which list decides."""
     lists, ignored = manifest("finedance")["splits"][protocol], ignored_by(protocol)
     n_val, n_test = (len(lists[split]) for split in ("val", "test"))
     yield f"Splits: {protocol}: {n_val} in val, {n_test} in test, all others in train, except ignored ids."
@@ -311,7 +310,6 @@ def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) 
 
 
 def _clip_notes(clips: Sequence[ClipRef], trim: bool) -> Iterable[str]:
-    """Yield the clips with a beginning that Lodge trims, and those without genre or music that are kept."""
     cuts = [f"{clip.id} ({trims()[clip.id]:,} frames)" for clip in clips if clip.id in trims()]
     if cuts and not trim:
         yield f"Trims: not applied, as requested; Lodge trims the beginning of {listed(cuts, 12)}."
@@ -390,7 +388,6 @@ def _length(arrays: ArrayFile) -> int:
 
 
 def _shape_advice(shape: tuple[int, ...]) -> str:
-    """Return the fix for the most likely cause of a wrong shape."""
     if len(shape) == 2 and shape[1] == COLUMNS + 4:
         return (
             "319 columns are features made by the scripts of FineDance or Lodge (contacts first; Lodge's are also "

@@ -317,7 +317,6 @@ def _origins_of(refs: Iterable[ClipRef], fits: Collection[str]) -> dict[str, str
 
 
 def _origins_note(origins: Collection[str]) -> str:
-    """Return the note with the number of clips of each dataset, and the terms of those of others."""
     counts = sorted(Counter(origins).items())
     numbers = ", ".join(f"{n:,} {name}" for name, n in counts)
     others = [f"{TERMS[name]} ({name})" for name, _ in counts if name in TERMS and name != OWN]

@@ -99,19 +99,11 @@ class PhantomDance(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read a dance.
+        """Read a dance: 30 FPS, metres, right-handed with +Y up; the pelvis is at the translation (SMPL24_EDGE).
 
-        Returns
-        -------
-        Motion
-            30 FPS, metres, right-handed with +Y up; rotations (T, 24, 3) axis-angle relative to the parents, computed
-            from the file's rotations in the world; the pelvis is at the translation (SMPL24_EDGE).
-
-        Raises
-        ------
-        DataError
-            ``broken_file``, ``missing_key``, ``bad_skeleton``, ``bad_shape``, ``empty``, ``length_mismatch``,
-            ``nan``, ``bad_rotation`` or ``bad_axes`` (the body does not stand upright).
+        Returns: Rotations (T, 24, 3) axis-angle relative to the parents, of the file's rotations in the world.
+        Raises DataError: ``broken_file``, ``bad_skeleton``, those of `read_frames`, ``bad_rotation``, or ``bad_axes``
+            (the body does not stand upright).
         """
         path, content = ref.motion_path, _content(ref.motion_path)
         order = _order(path, content["bone_name"])
@@ -179,7 +171,6 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _order(path: Path, names: Any) -> list[int]:
-    """Return the place of each of BONES in the file."""
     bones = [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
     if len(bones) != len(BONES) or set(bones) != set(BONES):
         raise DataError("the bones are not those of SMPL", reason="bad_skeleton", where=str(path),

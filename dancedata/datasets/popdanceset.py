@@ -100,18 +100,10 @@ class PopDanceSet(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip.
+        """Read the motion of one clip: 30 FPS, +Y up; the pelvis is at the translation (SMPL24_EDGE).
 
-        Returns
-        -------
-        Motion
-            30 FPS, +Y up; rotations (T, 24, 3) axis-angle, from 72 numbers a frame, or 216 (matrices, as HybrIK
-            writes them); the pelvis is at the translation (SMPL24_EDGE).
-
-        Raises
-        ------
-        DataError
-            Those of `open_arrays` and `read_frames`, ``not_rotations`` or ``bad_rotation``.
+        Returns: Rotations (T, 24, 3) axis-angle, from 72 numbers a frame, or 216 (matrices, as HybrIK writes them).
+        Raises DataError: Those of `open_arrays` and `read_frames`, ``not_rotations`` or ``bad_rotation``.
         """
         path, scaled = ref.motion_path, self.scale == "multiply"
         with open_arrays(path) as arrays:

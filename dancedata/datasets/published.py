@@ -117,7 +117,6 @@ class Layout:
         return self.name_problem(name) if name else f"not named {form.format('NAME')}"
 
     def _advice(self, entries: list[Path]) -> str:
-        """Return the fix for the most likely mistake, for a source without the motion folder."""
         if any(entry.suffix.lower() == self.suffix for entry in entries):
             return f"this looks like the {self.motions} folder itself: set SOURCE to its parent folder"
         names = {entry.name for entry in entries}
@@ -322,12 +321,9 @@ class PublishedDataset(Dataset):
     def scan(self, source: Path) -> Scan:
         """List the clips; reads lists of names and sizes, but neither motion nor music.
 
-        Returns
-        -------
-        Scan
-            Clips by id. Rejects, each by the motion's name: ``unassigned``, ``missing_music``, ``missing_motion``
-            (listed, but no file), the reasons of a file that cannot be used, ``unused_music``, ``extra_file``. Notes
-            state the layout, the lists and what they share.
+        Returns: Clips by id. Rejects, each by the motion's name: ``unassigned``, ``missing_music``,
+            ``missing_motion`` (listed, but no file), the reasons of a file that cannot be used, ``unused_music``,
+            ``extra_file``. Notes state the layout, the lists and what they share.
         """
         listing = self.find(Path(source))
         splits = self.splits(listing)

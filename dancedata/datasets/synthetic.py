@@ -69,13 +69,7 @@ class Synthetic(Dataset):
 
     @override
     def scan(self, source: Path) -> Scan:
-        """List the clips of the corpus in `source`, which is written first if the folder is empty or missing.
-
-        Raises
-        ------
-        SourceError
-            If `source` contains anything but this corpus; nothing is overwritten.
-        """
+        """List the clips of the corpus, written first into an empty folder; SourceError for any other content."""
         source = Path(source)
         example = is_example(source, **self._size())
         if not example:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -204,6 +204,29 @@ class SampleExport(Export):
 
     def _table(self, job: ExportJob) -> SampleTable:
         return SampleTable(job, self.fields or tuple(job.store.fields), self.samples == "clips")
+
+    def write_shards(
+        self, job: ExportJob, folder: AtomicFolder, form: str, write: Callable[[SampleTable, Any, list[Sample]], None]
+    ) -> dict[str, int]:
+        """Write the files of all splits, named by `form`, and index.json; return the rows of each file."""
+        table, rows = self.table(job), dict[str, int]()
+        for split in job.store.splits:
+            shards = table.shards(split, self.shard_mb)
+            for k, samples in enumerate(job.each(f"files of {split}", shards)):
+                name = form.format(split=split, k=k, n=len(shards))
+                with folder.open_file(name) as file:
+                    write(table, file, samples)
+                rows[name] = len(samples)
+        self.write_index(job, folder, rows)
+        return rows
+
+    def guide_rows(self, job: ExportJob) -> str:
+        """Return what READMEs of tables say of a row."""
+        return (
+            f"A row is one of the {self.samples}. Columns of {self.table(job).fields[0]} and other fields hold its "
+            "rows, not normalised; `index.json` has the name of every column of a field, its rate, axes, statistics "
+            "and scaler.\n\n"
+        )
 
     def write_index(self, job: ExportJob, folder: AtomicFolder, rows: Mapping[str, int]) -> None:
         """Write index.json: rows of every file, and columns, rates, axes, statistics and scalers of the fields."""

@@ -190,7 +190,6 @@ class Fact(Export):
         ]
 
     def _length(self, clip: Clip) -> int:
-        """Return how many frames of motion have music."""
         return min(len(clip.read(_MOTION)), len(clip.read_song(self.feature)))
 
     def _write_part(

@@ -42,24 +42,17 @@ class HfDatasets(SampleExport):
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
-        table, rows = self.table(job), {}
+        rows = self.write_shards(job, folder, "{split}/data-{k:05d}-of-{n:05d}.arrow", _write_rows)
         for split in job.store.splits:
-            shards = table.shards(split, self.shard_mb)
-            names = [f"data-{k:05d}-of-{len(shards):05d}.arrow" for k in range(len(shards))]
-            for name, samples in zip(names, job.each(f"files of {split}", shards), strict=True):
-                _write_file(table, folder, f"{split}/{name}", samples)
-                rows[f"{split}/{name}"] = len(samples)
+            names = [name.partition("/")[2] for name in rows if name.startswith(f"{split}/")]
             folder.write_json(f"{split}/state.json", self._state(job, split, names))
             folder.write_json(f"{split}/dataset_info.json", _info(job))
         folder.write_json("dataset_dict.json", {"splits": list(job.store.splits)})
-        self.write_index(job, folder, rows)
 
     @override
     def guide(self, job: ExportJob) -> str:
         split, field = job.store.splits[0], self.table(job).fields[0]
-        return (
-            f"A row is one of the {self.samples}. Columns of {field} and other fields hold its rows, not normalised; "
-            "`index.json` has the name of every column of a field, its rate, axes, statistics and scaler.\n\n"
+        return self.guide_rows(job) + (
             "```python\nfrom datasets import load_from_disk\n\n"
             f'{split} = load_from_disk(".")["{split}"].with_format("torch")\n'
             f'rows = {split}[0]["{field}"]  # (L, {job.store.field(field).columns.width})\n```\n'
@@ -86,7 +79,7 @@ def _info(job: ExportJob) -> dict[str, Any]:
     return {"description": str(meta.get("name", "")), **{key: str(text or "") for key, text in texts.items()}}
 
 
-def _write_file(table: SampleTable, folder: AtomicFolder, name: str, samples: Sequence[Sample]) -> None:
-    with folder.open_file(name) as file, import_module("pyarrow").ipc.new_stream(file, table.schema) as writer:
+def _write_rows(table: SampleTable, file: Any, samples: Sequence[Sample]) -> None:
+    with import_module("pyarrow").ipc.new_stream(file, table.schema) as writer:
         for batch in table.batches(samples, _BATCH_MB):
             writer.write_batch(batch)

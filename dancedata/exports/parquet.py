@@ -42,14 +42,7 @@ class Parquet(SampleExport):
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         from dancedata.formats.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
 
-        table, rows = self.table(job), {}
-        for split in job.store.splits:
-            shards = table.shards(split, self.shard_mb)
-            for k, samples in enumerate(job.each(f"files of {split}", shards)):
-                name = f"data/{split}-{k:05d}-of-{len(shards):05d}.parquet"
-                self._write_file(table, folder, name, samples)
-                rows[name] = len(samples)
-        self.write_index(job, folder, rows)
+        self.write_shards(job, folder, "data/{split}-{k:05d}-of-{n:05d}.parquet", self._write_rows)
         unnamed = unnamed_splits(job.store.splits)
         if unnamed:
             folder.note(
@@ -68,9 +61,7 @@ class Parquet(SampleExport):
     def guide(self, job: ExportJob) -> str:
         split, field, first = job.store.splits[0], self.table(job).fields[0], self.table(job).facts[0]
         width = job.store.field(field).columns.width
-        return (
-            f"A row is one of the {self.samples}. Columns of {field} and other fields hold its rows, not normalised; "
-            "`index.json` has the name of every column of a field, its rate, axes, statistics and scaler.\n\n"
+        return self.guide_rows(job) + (
             "```python\nfrom datasets import load_dataset\n\n"
             f'{split} = load_dataset("parquet", data_files="data/{split}-*.parquet", split="train")\n'
             f'rows = {split}.with_format("numpy")[0]["{field}"]  # (L, {width})\n```\n\n'
@@ -80,17 +71,15 @@ class Parquet(SampleExport):
             "    print(batch.num_rows)\n```\n"
         )
 
-    def _write_file(self, table: SampleTable, folder: AtomicFolder, name: str, samples: Sequence[Sample]) -> None:
-        parquet = import_module("pyarrow.parquet")
-        with folder.open_file(name) as file:
-            writer: Any = parquet.ParquetWriter(
-                file,
-                table.schema,
-                compression="zstd",
-                use_dictionary=list(table.facts),  # numbers of fields hardly repeat, but their high bytes do
-                use_byte_stream_split=[f"{field}.list.element.list.element" for field in table.fields],
-                store_schema=True,  # lists of fixed size are read back as such
-            )
-            with writer:
-                for batch in table.batches(samples, self.row_group_mb):
-                    writer.write_batch(batch, row_group_size=batch.num_rows)
+    def _write_rows(self, table: SampleTable, file: Any, samples: Sequence[Sample]) -> None:
+        writer: Any = import_module("pyarrow.parquet").ParquetWriter(
+            file,
+            table.schema,
+            compression="zstd",
+            use_dictionary=list(table.facts),  # numbers of fields hardly repeat, but their high bytes do
+            use_byte_stream_split=[f"{field}.list.element.list.element" for field in table.fields],
+            store_schema=True,  # lists of fixed size are read back as such
+        )
+        with writer:
+            for batch in table.batches(samples, self.row_group_mb):
+                writer.write_batch(batch, row_group_size=batch.num_rows)

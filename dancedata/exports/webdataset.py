@@ -81,7 +81,6 @@ class WebDataset(SampleExport):
     def _shards(
         self, job: ExportJob, folder: AtomicFolder, split: str, samples: list[tuple[Clip, Window | None]]
     ) -> dict[str, int]:
-        """Write the shards of a split; return the number of samples in each."""
         if self.seed >= 0:
             order = np.random.default_rng(self.seed).permutation(len(samples)).tolist()
             samples = [samples[k] for k in order]

@@ -162,7 +162,6 @@ def _check(
     weights: npt.NDArray[np.float64],
     correctives: npt.NDArray[np.float64],
 ) -> None:
-    """Raise UsageError unless faces, weights and correctives fit the model's vertices and joints."""
     vertices, joints = len(model.template), len(model.regressor)
     directions = 9 * (joints - 1)
     shapes = (faces.shape[1:], weights.shape, correctives.shape)

@@ -292,7 +292,6 @@ class ArrayUnpickler(pickle._Unpickler):
             raise UnsafePickleError(f"the state of a {type(target).__name__}")
 
     def _read_array(self, state: Mapping[str, Any]) -> np.ndarray[Any, Any]:
-        """Read the array that follows its description."""
         shape, order, dtype = state["shape"], state["order"], state["dtype"]
         _require(is_shape(shape) and type(order) is str and order in ("C", "F"))
         _require(isinstance(dtype, np.dtype) and state["subclass"] is _NDARRAY)

@@ -128,7 +128,6 @@ def _divided(path: Path, content: object, size: int) -> tuple[PersonArrays, ...]
 
 
 def _mdm(path: Path, content: Values) -> Iterator[PersonArrays]:
-    """Yield the samples of MDM: motion (N, 22, 3, T) and their lengths."""
     motion, lengths = as_array(content["motion"]), as_array(content["lengths"])
     if motion is None or motion.ndim != 4 or motion.shape[1:3] != (22, 3) or motion.dtype.kind not in "fiu":
         shape = None if motion is None else motion.shape

@@ -241,7 +241,6 @@ def _claim(folder: Path, made_by: dict[str, Any]) -> None:
 
 
 def _write_lists(folder: Path, plan: Plan) -> None:
-    """Write the lists of names of the official layout: mapping, splits, ignore list."""
     mapping = "".join(f"{clip.name} setting1\n" for clip in plan.clips)
     atomic.write_text(folder / "cameras" / "mapping.txt", mapping)
     for split in ("train", "val", "test"):
@@ -262,7 +261,6 @@ def _write_song(folder: Path, plan: SongPlan, seed: int) -> None:
 
 
 def _write_clip(folder: Path, plan: ClipPlan, seed: int) -> None:
-    """Write one motion pickle as published by AIST++, and its ground truth."""
     from dancedata.synthetic.motion import make_motion
 
     motion, truth = make_motion(plan.name, plan.n_frames, seed)

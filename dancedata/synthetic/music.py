@@ -62,8 +62,6 @@ def make_song(plan: SongPlan, seed: int) -> SyntheticSong:
 
 
 class _Mix:
-    """The mix: samples (n, channels), to which sounds are added."""
-
     def __init__(self, plan: SongPlan, period_s: float) -> None:
         self.rate = plan.sample_rate
         self.period_s = period_s

@@ -140,7 +140,6 @@ def make_plan(songs: int, clips_per_song: int, clip_s: float) -> Plan:
 
 
 def _clip_name(music: str, k: int) -> str:
-    """Return the name of the k-th clip of a song."""
     pattern = _TEST_SONG if music in TEST_MUSIC else _TRAIN_SONG
     situation, dancer, choreography = pattern[k] if k < len(pattern) else ("sFM", k % 2, 4 + k)
     if music == UNASSIGNED and k == 3:

@@ -128,7 +128,6 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
 
 
 def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
-    """Return the layout of a file whose arrays the recipe names."""
     missing = [name for name in keys.values() if name not in arrays.names]
     if missing:
         raise DataError("the file lacks an array that the recipe names", reason="missing_key", where=str(arrays.path),
@@ -264,7 +263,6 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
 
 
 def _rotation_name(arrays: ArrayFile, layout: Layout) -> str:
-    """Return the name of the array of rotations for messages, with its person."""
     person = arrays.person if isinstance(arrays, PersonArrays) else ""
     return f"{layout.poses or 'body_pose'}{f' of person {shown(person, 40)}' if person else ''}"
 

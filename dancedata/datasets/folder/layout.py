@@ -97,7 +97,6 @@ def _music(source: Path, folders: list[Path], rejects: list[Reject]) -> dict[str
 
 
 def _rest(source: Path, folders: set[Path], motions: dict[str, Path], music: dict[str, Path]) -> list[Reject]:
-    """Return a reject for every entry that is not read."""
     rejects = [
         Reject("unused_music", file=relative(path, source), detail="no motion with that name")
         for stem, path in music.items()

@@ -120,7 +120,6 @@ class FileFacts:
 
 
 def _fitted(arrays: ArrayFile, layout: Layout, reading: Reading, facts: FileFacts) -> Motion:
-    """Return the motion that is fitted to joint positions."""
     at, unseen = _body_at(arrays, layout, reading)
     upright = at * facts.metres @ UPRIGHT[facts.up.value].T
     motion = fit_body(arrays.path, upright, unseen, FrameGrid(facts.rate.value))
@@ -138,7 +137,6 @@ def _body_at(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[Float
 
 
 def _fitting_note(arrays: ArrayFile, layout: Layout, reading: Reading) -> tuple[str, ...]:
-    """Return the note on positions: which joints they are of, and what is not known."""
     if layout.joints:
         names, where = JOINT_SETS[layout.joints], f"{layout.name}'s definition"
     else:
@@ -393,6 +391,5 @@ def describe(path: Path, reading: Reading) -> tuple[tuple[str, ...], str, FileFa
 
 
 def _drift(facts: FileFacts) -> tuple[str, ...]:
-    """Return the note on a rate that the file states, near a usual one."""
     note = "" if facts.rate.where in (IN_MANIFEST, IN_RECIPE) else drift_note(facts.rate.value)
     return (note,) if note else ()

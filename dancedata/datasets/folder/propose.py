@@ -167,7 +167,6 @@ def propose(source: Path) -> Proposal:
 
 
 def _files(source: Path, suffixes: Sequence[str]) -> list[Path]:
-    """Return the files of a folder and its folders, without hidden ones and links to folders."""
     paths = (path for path in source.rglob("*") if path.suffix.lower() in suffixes)
     return sorted(p for p in paths if p.is_file() and not any(n.startswith(".") for n in p.relative_to(source).parts))
 
@@ -262,7 +261,6 @@ def _songs_of(path: Path, lengths: Iterable[Path]) -> tuple[list[Path], str]:
 
 
 def _steps(path: Path, song: Path) -> int:
-    """Return how many folders are between two files."""
     folders = path.parent, song.parent
     return sum(len(folder.relative_to(os.path.commonpath(folders)).parts) for folder in folders)
 

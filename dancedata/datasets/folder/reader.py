@@ -168,17 +168,10 @@ class Folder(Dataset):
     def scan(self, source: Path) -> Scan:
         """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
 
-        Returns
-        -------
-        Scan
-            Clips by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
+        Returns: Clips by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
             ``unused_music``, ``unused_segments``, ``bad_segment``, ``extra_file``. Notes describe what was matched,
             declared, read and assumed.
-
-        Raises
-        ------
-        SourceError
-            If there is no motion, or the manifest or the segments have a mistake.
+        Raises SourceError: If there is no motion, or the manifest or the segments have a mistake.
         """
         source = Path(source)
         require_folder("folder", source, LOOKED_FOR)
@@ -244,7 +237,6 @@ class Folder(Dataset):
     def _listed(
         self, source: Path, manifest: Path, rows: list[Row]
     ) -> tuple[list[ClipRef], list[Reject], list[str], str]:
-        """Return the clips of a manifest; one whose files do not exist is a reject."""
         audio = {row.get("audio") for row in rows if row.get("audio")}
         stems = Counter(stem_of(Path(text)) for text in audio)
         read = [self._clip(source, manifest, row, stems) for row in rows]
@@ -381,7 +373,6 @@ def _file_notes(
 
 
 def _split_note(clips: Sequence[ClipRef], default: str, assigned: bool) -> str:
-    """Return the number of clips in each split; `default` is that of clips without one in the manifest."""
     splits = Counter(clip.split for clip in clips)
     if set(splits) == {default} and not assigned:
         which = "the clip is" if len(clips) == 1 else f"all {len(clips):,} clips are"

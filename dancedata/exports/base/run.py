@@ -21,7 +21,6 @@ _TEXT = 5000
 
 
 def _readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
-    """Return the README: files, use, notes and origin."""
     name = shown(job.store.info.get("name", job.store.path.name))
     reads = f" Files as `{target.reference}` reads them." if target.reference else ""
     listed = ", ".join(f"`{folder}/`" for folder in target.listed_folders)
@@ -41,7 +40,6 @@ def _readme_text(target: Export, job: ExportJob, notes: Sequence[str]) -> str:
 
 
 def _licence_text(store: Store) -> str:
-    """Return the licence and the citations of the source; "" if they are unknown."""
     licence, citation = (shown(store.info.get(key) or "", _TEXT) for key in ("licence", "citation"))
     if not licence:
         return ""
@@ -192,7 +190,6 @@ def export_dataset(
 
 
 def _require_complete(target: Export, job: ExportJob, missing: list[Missing]) -> None:
-    """Raise StoreError with everything that is missing, one line each."""
     if not missing:
         return
     lines = "".join(f"\n- {entry.problem}\n  fix: {entry.fix}" for entry in missing)
@@ -202,7 +199,6 @@ def _require_complete(target: Export, job: ExportJob, missing: list[Missing]) ->
 
 
 def _needs_file_names(job: ExportJob) -> list[Missing]:
-    """Return the clips whose id cannot be the name of a file."""
     bad = [quoted(c.id) for c in job.clips() if "/" in c.id or c.id.startswith(".") or len(c.id.encode()) > _MAX_NAME]
     if not bad:
         return []
@@ -225,7 +221,6 @@ def _check_place(job: ExportJob) -> None:
 
 
 def _finish(target: Export, job: ExportJob, folder: AtomicFolder) -> None:
-    """Add README, licence and export.json, which is the last file."""
     if job.without:
         lacking = listed(sorted({name for names in job.without.values() for name in names}))
         folder.note(

@@ -83,7 +83,6 @@ def not_a_number(path: Path, line: int, word: bytes) -> DataError:
 
 
 def _statements(lines: Sequence[bytes]) -> Iterator[tuple[int, str]]:
-    """Yield statements and braces with the number of their line."""
     for k, line in enumerate(lines, start=1):
         for part in re.split(r"([{}])", line.decode("utf-8", "replace")):
             if part.strip():

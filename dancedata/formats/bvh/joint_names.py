@@ -118,7 +118,6 @@ def _check_tree(path: Path, joints: Sequence[BvhJoint], of: Mapping[int, int]) -
 
 
 def _check_channels(path: Path, joints: Sequence[BvhJoint], pelvis: int) -> None:
-    """Raise DataError unless the pelvis and the joints above it have all six channels among them."""
     above = [pelvis, *ancestors(joints, pelvis)]
     missing = [c for c in (*POSITIONS, *ROTATIONS) if not any(c in joints[k].channels for k in above)]
     if missing:

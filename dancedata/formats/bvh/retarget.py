@@ -211,7 +211,6 @@ def _sampled(bvh: Bvh, joints: JointMap) -> dict[int, Floats]:
 
 
 def _bends(bvh: Bvh, joints: JointMap, joint: int, child: int) -> bool:
-    """Return whether a joint with rotation channels is between two mapped ones."""
     k = bvh.joints[joints.of[child]].parent
     while k != joints.of[joint]:
         if bvh.joints[k].order:
