@@ -108,7 +108,7 @@ def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path, cac
     cells[place] = ""
     (source / "manifest.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]))
     contradictory = document({"music": "optional"}, audio={"librosa35": {}})
-    words = r"need music of all clips; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
+    words = r"need the music of every clip; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
     for run in (
         lambda: make_plan(parse_recipe(contradictory), source, cache=cache),
         lambda: build(parse_recipe(contradictory), source, tmp_path / "out", cache=cache),

@@ -119,7 +119,7 @@ def test_a_damaged_copy_of_the_music_is_not_taken(built, tmp_path: Path, to: str
     """Too short for any window, or not decoded at all, it is still not the music of the dataset."""
     made = built("edge")
     cut = _cut_music(made.source, tmp_path / "cut", lambda music: 1.5)
-    with raises_message(DataError, "built", reason="other_music"):
+    with raises_message(DataError, "match", reason="other_music"):
         dancedata.export(made.path, to, tmp_path / "out", source=cut, progress=False)
     assert [p.name for p in tmp_path.iterdir()] == ["cut"]
 
