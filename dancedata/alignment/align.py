@@ -30,12 +30,7 @@ _CSV = ("id", "unit", "music", "offset_s", "width_s", "p", "rivals", "beat_s", "
 
 @dataclass(frozen=True)
 class Aligned:
-    """Clips with one offset.
-
-    `name`: Recording, clip or song.
-    `clips`: Its clips.
-    `offset`: What was found.
-    """
+    """Clips with one offset: of a recording, a clip or a song."""
 
     name: str
     clips: tuple[ClipRef, ...]
@@ -74,14 +69,7 @@ class Aligned:
 
 @dataclass(frozen=True)
 class Alignment:
-    """The offsets of a source.
-
-    `source`, `dataset`: The folder and its reader.
-    `by`, `search`: How they were searched.
-    `rows`: A unit each.
-    `rejects`: Clips and files that were left out.
-    `file`: The file that was written.
-    """
+    """The offsets of a source, a row for each unit."""
 
     source: Path
     dataset: str

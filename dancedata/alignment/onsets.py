@@ -24,22 +24,11 @@ _ROWS = 4096
 
 
 def onset_strength(signal: AudioSignal, rate: int = 240) -> NDArray[np.float64]:
-    """Return how fast the music becomes louder in three bands.
+    """Return how fast the music becomes louder in three bands, (T, 3) dB per row, at second t / `rate`.
 
     The power of a short spectrum is summed in each band; its logarithm's rise over 1/60 s, centred on the instant of
     the row, is the strength of an onset, and falls count as 0 (log spectral flux; Bello et al. 2005, A tutorial on
     onset detection in music signals). No product of matrices is used, so that it is the same on every BLAS.
-
-    `signal`: Samples (n,) at any rate; bands above half of it are empty.
-    `rate`: Rows per second.
-    Returns: At second t / `rate`, from 0 to the end of the signal; dB per row, 0 and above.
-
-    Examples
-    --------
-    >>> from dancedata.alignment.onsets import onset_strength
-    >>> from dancedata.synthetic import synthesise_song
-    >>> onset_strength(synthesise_song("mBR0", length_s=2).signal).shape
-    (480, 3)
     """
     power = _band_power(signal, rate)
     if not len(power):

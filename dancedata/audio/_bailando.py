@@ -114,10 +114,7 @@ class BailandoFeature(AudioFeature):
 
 @lru_cache(maxsize=1)
 def compile_kernels() -> None:
-    """Load the kernels of librosa that are used here, one process at a time and once per process.
-
-    They are more than librosa35's: separating harmonics resynthesises a signal.
-    """
+    """Load the kernels of librosa that are used here: resynthesis needs more than librosa35's."""
     noise = np.random.default_rng(0).standard_normal(_RATE_OF_SEVEN_OCTAVES).astype(np.float32)
     noise[:: _RATE_OF_SEVEN_OCTAVES // 4] = 10.0
     with compiling():
@@ -138,8 +135,7 @@ def compute(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floa
 def first_columns(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
     """Compute all columns before the tempogram, (T, 54), of samples (n,) at `rate`, T = 1 + n // 512.
 
-    `onset_fmax`: Upper limit in Hz of the mel bands of the onset envelope.
-    `octaves`: Of the chroma, from 32.7 Hz on.
+    `onset_fmax`: Upper limit in Hz of the mel bands of the onset envelope. `octaves`: Of the chroma, from 32.7 Hz on.
     """
     import librosa
 

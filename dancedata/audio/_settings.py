@@ -11,10 +11,9 @@ TEMPO_SAMPLE_RATE = 22050
 
 @dataclass(frozen=True)
 class Settings:
-    """Parameters of the analysis of a signal.
+    """Parameters of the analysis of a signal; rates in Hz.
 
-    `sample_rate`: Of the signal, in Hz.
-    `rate`: Sample rate at which the features are computed, in Hz: `HOP` times the frame rate.
+    `rate`: At which features are computed: `HOP` times the frame rate.
     `start_bpm`: Where the search for the tempo starts, in beats per minute; None: at an estimate from the signal.
     `tightness`: How closely beats keep to the tempo (librosa's `beat_track`).
     """

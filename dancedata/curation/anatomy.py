@@ -68,8 +68,7 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
     """Return the spans in which a foot on the floor slides by at least `least`, metres.
 
     A foot is on the floor while its ankle is at most 4 cm and its toe at most 2.5 cm above the tenth quantile of
-    their heights, for 0.1 s or more. Its speed is the lesser of the ankle's and the toe's, so that turns on one of
-    them are not slides.
+    their heights, for 0.1 s or more. Its speed is the lesser of the two, so that turns on one of them are not slides.
     """
     spans = []
     for ankle, toe in ((0, 2), (1, 3)):
@@ -128,10 +127,7 @@ def _bend(matrices: Float64Array, bone: npt.NDArray[np.float64], hinge: str, sid
 
 
 def self_contact(joints: Float64Array, least: float) -> tuple[Span, ...]:
-    """Return the spans in which the cores of two limbs lie in each other by more than `least`, metres.
-
-    Limbs are capsules round the bones of SMPL's 22 body joints, with 0.6 of the radii of `metrics.groups.collisions`.
-    """
+    """Return the spans in which limbs, as capsules of 0.6 of their radii, lie in each other by more than `least`."""
     depths, names = [], []
     for one, other in _PAIRS:
         reach = _CORE * (LIMB_RADIUS_M[one] + LIMB_RADIUS_M[other])

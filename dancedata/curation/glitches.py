@@ -139,9 +139,8 @@ def frozen(motion: Motion) -> list[tuple[int, int]]:
 def jitter(motion: Motion) -> Float64Array | None:
     """Return the size of movement above 10 Hz, (T,), metres: of the median joint, in the half second around a frame.
 
-    Positions pass a Butterworth filter of fourth order forwards and backwards. The size is 1.4826 times the median of
-    the distances from 0 in the half second, which a spike hardly changes. None below 25 frames per second, and for
-    less than 16 frames.
+    Positions pass a Butterworth filter of fourth order. The size is 1.4826 times the median of the distances from 0,
+    which a spike hardly changes. None below 25 frames per second, and for less than 16 frames.
     """
     from scipy.ndimage import median_filter
 

@@ -72,13 +72,7 @@ class ClipQuality:
 
 @dataclass(frozen=True)
 class Quality:
-    """The scores of motions.
-
-    `where`: Source, dataset, or "motion".
-    `clips`: A row for each clip.
-    `rejects`: Clips and files that could not be read.
-    `file`: The file that was written.
-    """
+    """The scores of motions, those that could not be read, and the file that was written."""
 
     where: str
     clips: tuple[ClipQuality, ...]

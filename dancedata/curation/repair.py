@@ -32,10 +32,7 @@ class Repaired:
 
 
 def repaired(motion: Motion, limits: Mapping[str, float]) -> Repaired:
-    """Make the repairs that have a limit, in the order of `STAGES`; a motion without these faults is returned itself.
-
-    `limits`: By name of the repair: metres, of `gaps` seconds.
-    """
+    """Make the repairs that have a limit, in the order of `STAGES`; a motion without these faults stays itself."""
     flags: list[Flag] = []
     for name, stage in STAGES.items():
         if name in limits:
@@ -71,8 +68,7 @@ def _interpolated(
 ) -> tuple[Motion, list[tuple[int, int]]]:
     """Return the motion with frames [start, stop) interpolated, and the frames and joints that changed.
 
-    Of `joints` those that are turned by more than 2 degrees there, and the place if it is off by more than a
-    centimetre.
+    Of `joints` those turned by more than 2 degrees there, and the place if it is off by more than a centimetre.
     """
     translation, rotations = np.array(motion.translation), np.array(motion.rotations)
     frames, before = np.arange(start, stop), start - 1
@@ -126,10 +122,7 @@ def level_floor(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
 
 
 def smooth(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
-    """Take everything above 10 Hz off all frames of a motion with jitter above `least_m` in half of them.
-
-    Places and quaternions of consistent sign pass a Butterworth filter forwards and backwards.
-    """
+    """Take everything above 10 Hz off all frames of a motion with jitter above `least_m` in half of them."""
     sizes = jitter(motion)
     size = 0.0 if sizes is None else float(np.median(sizes))
     if size <= least_m:

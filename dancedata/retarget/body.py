@@ -21,7 +21,6 @@ _SMPL_LEGS = sum(norm(SMPL24.offsets[b]) for _, b in LEGS)
 class Body:
     """A motion on SMPL's joints, before its bones change.
 
-    `motion`: On a skeleton that begins with SMPL's 22 body joints.
     `places`: Positions (T, K, 3) of the joints that the source has, metres.
     `joints`: (K,) their indices in the motion's skeleton.
     `unmapped`: Joints of the source that no joint of `motion` stands for.
@@ -39,8 +38,6 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
     """Put a motion on SMPL's joints; the world rotation of each joint is kept, up to one constant rotation.
 
     A motion that already has SMPL's body joints, in their order, is returned as it is, whatever the map.
-
-    `names`: Joint map; default: the one of the package that matches most joints.
     """
     source = motion.skeleton
     if has_body(source):

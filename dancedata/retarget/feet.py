@@ -29,15 +29,7 @@ Bools = npt.NDArray[np.bool_]
 
 
 def contact_spans(feet: Float64Array, rate: float) -> list[tuple[int, int]]:
-    """Return first and last + 1 frame of each contact of one foot.
-
-    Parameters
-    ----------
-    feet
-        (T, 3) positions of the toe, metres, +Y up.
-    rate
-        Frames per second.
-    """
+    """Return first and last + 1 frame of each contact of a foot, from its toe (T, 3), metres, +Y up."""
     if len(feet) < 2:
         return []
     steps = np.linalg.norm(np.diff(feet, axis=0), axis=1) * rate
@@ -60,7 +52,6 @@ def with_planted_feet(motion: Motion, wanted: Float64Array, spans: list[list[tup
 
     `motion`: On a skeleton that begins with SMPL's 22 body joints.
     `wanted`: (T, 2, 3) toes of the source, left and right, scaled; their place on the ground is that of `motion`.
-    `spans`: Contacts of each foot.
     """
     skeleton, rate = motion.skeleton, float(motion.grid.rate)
     world = world_matrices(skeleton, motion.matrices).copy()
@@ -125,8 +116,7 @@ def _knee(thigh: Float64Array, shin: Float64Array, left: Float64Array, bend: Flo
 
     A bent knee keeps its axis. That of a straight one is noise, and reversed in a knee that is bent the wrong way by
     a degree: from 20 degrees down to 0 it goes over to the left of the thigh, about which SMPL's knees bend. The
-    result is continuous in all arguments: it passes through the straight leg where the axis is reversed, and is less
-    than `bend` there.
+    result is continuous: it passes through the straight leg where the axis is reversed, less than `bend` there.
     """
     axis = np.cross(thigh, shin)
     sine = lengths(axis)

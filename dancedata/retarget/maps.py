@@ -33,9 +33,8 @@ def map_names() -> tuple[str, ...]:
 
 
 def load_map(map_or_path: str | Path | Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return a joint map.
+    """Return a joint map: a name of the package's, the path of a JSON file, or SMPL joint -> name or names.
 
-    `map_or_path`: Name of a map of the package, path of a JSON file, or SMPL joint -> name or list of names.
     Raises UsageError: if it does not exist, cannot be read, or names a joint that SMPL lacks.
     """
     if isinstance(map_or_path, Mapping):
@@ -77,9 +76,8 @@ def _checked(joints: Any, where: str) -> dict[str, tuple[str, ...]]:
 
 
 def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, int]:
-    """Return the index in SMPL24 -> index in a skeleton.
+    """Return the index in SMPL24 -> index in a skeleton; by default with the map that matches most joints.
 
-    `names`: A joint map; default: that of the package that matches most joints.
     Raises UsageError: if a required joint is missing (pelvis, hips, knees, ankles, shoulders, elbows, and neck or
         head), or the skeleton's tree differs from SMPL's.
     """

@@ -30,7 +30,6 @@ _UNSEEN = "twists of limbs are copied and cannot be checked by joint positions"
 class Retargeted:
     """A motion on another body.
 
-    `motion`: The same frames on the requested skeleton.
     `scale`: Metres of the result per metre of the source's world.
     `residual_m`: (T,) largest distance of a joint from the place that the scaled source has for it, metres; of the
         pelvis and the joints of arms and legs, as skeletons place those of the trunk and head differently.

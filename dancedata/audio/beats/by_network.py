@@ -39,8 +39,7 @@ GRID = FrameGrid.of(2 * SAMPLE_RATE // HOP)
 def log_mel(samples: torch.Tensor) -> torch.Tensor:
     """Return the spectrum (1 + n // 441, 128) of samples (n,) float32 at 22,050 Hz, n >= `MIN_SAMPLES`.
 
-    Frame t is centred on t / 50 s; the ends are continued by their mirror image. log(1 + 1000 x) of magnitudes, which
-    are divided by the root of the frame's length.
+    Frame t is centred on t / 50 s. log(1 + 1000 x) of magnitudes, divided by the root of the frame's length.
     """
     spectrum = torch.stft(
         samples,
@@ -96,7 +95,7 @@ def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.devic
 def song_logits(network: BeatNetwork, spectrum: torch.Tensor) -> torch.Tensor:
     """Return the logits (T, 2) of a spectrum (T, 128) of any length, from stretches of 30 s.
 
-    Neighbouring stretches overlap; where they do, the earlier one counts.
+    Where stretches overlap, the earlier one counts.
     """
     n_frames = len(spectrum)
     starts = list(range(-_BORDER, n_frames - _BORDER, _KEPT))

@@ -24,7 +24,6 @@ _FRONTEND_FACTOR = 4
 class Sizes:
     """Sizes of a network; the defaults are the published large one, ``final0``.
 
-    `bands`: Mel bands of the spectrum.
     `stem`: Channels after the first convolution.
     `width`, `inner`, `layers`: Of the transformer: columns, columns of its inner layers, blocks.
     `head`: Columns of an attention head.
@@ -43,10 +42,7 @@ class Sizes:
 
     @classmethod
     def of_shapes(cls, shapes: Mapping[str, tuple[int, ...]], summed: bool) -> Sizes:
-        """Return the sizes of a network whose tensors have these shapes.
-
-        Raises KeyError, IndexError: A tensor that determines a size is missing, or has too few axes.
-        """
+        """Return the sizes of a network whose tensors have these shapes; KeyError or IndexError without one."""
         blocks = "transformer_blocks.layers."
         return cls(
             bands=shapes["frontend.stem.bn1d.weight"][0],

@@ -21,11 +21,9 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class BeatTrack:
-    """The beats of a signal, and which of them begin a bar.
+    """The beats of a signal, and which of them begin a bar, (B,).
 
-    `frames`: (B,) int64, frames of `grid`, ascending, each once.
-    `downbeats`: (B,) bool.
-    `grid`: Rate of `frames`; frame 0 is the first sample.
+    `frames`: Frames of `grid`, ascending, each once; frame 0 is the first sample.
     """
 
     frames: npt.NDArray[np.int64]
@@ -88,8 +86,6 @@ def bar_positions(downbeats: npt.NDArray[np.bool_]) -> Floats:
     """Return the position (B,) of each beat in bars: whole numbers at downbeats, in steps of 1 / beats of the bar.
 
     Beats before the first downbeat are of a bar like the first, those after the last of one like the last whole one.
-
-    `downbeats`: (B,), with at least one that is true.
     """
     first = np.flatnonzero(downbeats)
     lengths = np.diff(first) if len(first) > 1 else np.array([_USUAL_BAR])

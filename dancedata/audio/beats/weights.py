@@ -24,11 +24,10 @@ _FLAGS = {"true": True, "false": False}
 def load_network(path: Path) -> BeatNetwork:
     """Load a network from a checkpoint of the package beat_this, or from its tensors in a safetensors file.
 
-    `path`: ``.ckpt``: a torch file with ``state_dict`` and ``hyper_parameters``; only tensors and plain values are
-        read. ``.safetensors``: the same tensors; ``sum_head`` in its metadata may be "false".
+    `path`: ``.ckpt``: a torch file with ``state_dict`` and ``hyper_parameters``. ``.safetensors``: the same tensors;
+        ``sum_head`` in its metadata may be "false".
     Raises SourceError: The file is missing or damaged, holds objects other than tensors and plain values, or another
         network.
-    Raises UsageError: torch is older than 2.6 and the file is not safetensors.
     """
     tensors, summed = _read_safetensors(path) if path.suffix == ".safetensors" else _read_checkpoint(path)
     state = {name.removeprefix("model.").replace("_orig_mod.", ""): value for name, value in tensors.items()}

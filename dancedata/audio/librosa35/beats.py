@@ -61,11 +61,7 @@ def _local_score(envelopes: Floats, period: NDArray[np.int64]) -> _Doubles:
 
 
 def _best_paths(score: _Doubles, period: NDArray[np.int64], tightness: float) -> tuple[NDArray[np.int64], _Doubles]:
-    """Find for each frame the previous beat, and the score of the best path that ends at it.
-
-    Returns: (W, T) frame of the previous beat, or -1.
-    Returns: (W, T).
-    """
+    """Return for each frame (W, T) the previous beat, or -1, and the score of the best path that ends at it."""
     n_windows, n_frames = score.shape
     # A beat is half a period to two periods after the previous one; halves round to even.
     nearest, farthest = np.round(period / 2).astype(np.int64), 2 * period
@@ -145,9 +141,9 @@ def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.
     """Return the most likely tempo around `start_bpm` of each envelope (W, T), in beats per minute.
 
     The autocorrelation of eight seconds around every frame, scaled to 1 at lag 0, is averaged over frames and
-    weighted by the distance of its tempo from the expected one. The transform back to lags is linear, so power
-    spectra are averaged and only the mean is transformed back. This is done in float32, and in double precision again
-    where the two best tempos are closer than the rounding.
+    weighted by the distance of its tempo from the expected one. The transform back to lags is linear, so only the
+    mean of power spectra is transformed back. In float32, and in double precision again where the two best tempos are
+    closer than the rounding.
     """
     tempos, log_prior = _tempos_and_prior(rate, start_bpm)
     single = _mean_autocorrelations(envelopes, len(tempos), np.dtype(np.float32))

@@ -28,10 +28,7 @@ _FRAMES_AT_ONCE = 256
 
 
 def window_chroma(windows: Windows, tunings: Sequence[int], rate: int) -> Floats:
-    """Return the chroma (W, T, 12) of windows, before any scaling.
-
-    `tunings`: Of each window, as `window_tuning` returns it.
-    """
+    """Return the chroma (W, T, 12) of windows with their `tunings`, before any scaling."""
     n_frames = 1 + windows.length // HOP
     pitches = np.zeros((len(windows.starts), n_frames, BINS_PER_OCTAVE), dtype=np.float32)
     level = windows
@@ -182,12 +179,7 @@ def _scaled(values: Floats, lengths: NDArray[np.float64]) -> Floats:
 
 
 class Frames:
-    """Frames of 2 `half` samples of signals, `hop` apart.
-
-    `samples`: (W, n) float32, padded with zeros.
-    `lead`: Samples by which frame 0 begins before the signal.
-    `n_frames`: Frames per signal.
-    """
+    """Frames of 2 `half` samples of signals (W, n), `hop` apart; frame 0 begins `lead` samples before the signal."""
 
     def __init__(self, samples: Floats, lead: int, half: int, hop: int, n_frames: int) -> None:
         n_signals, n_samples = samples.shape

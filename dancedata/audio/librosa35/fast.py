@@ -60,10 +60,7 @@ def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
 
 
 def _decided_onsets(envelope: Floats, rate: int, samples_of: Callable[[int], Floats]) -> NDArray[np.bool_]:
-    """Return which frames of envelopes (W, T) are onsets; where rounding matters, librosa's envelope decides.
-
-    `samples_of` is as for `decide_near_ties`.
-    """
+    """Return which frames of envelopes (W, T) are onsets; where rounding matters, librosa's envelope decides."""
     peaks = onset_peaks(envelope, rate)
     for window in np.flatnonzero(onset_margins(envelope, rate) < _ENVELOPE_ERROR).tolist():
         peaks[window] = onset_peaks(librosa_envelope(samples_of(window), rate)[np.newaxis], rate)[0]
@@ -86,7 +83,6 @@ def decide_near_ties(
 ) -> None:
     """Replace frames of chroma (W, T, 12) in which a share is too close to a step by librosa's.
 
-    `largest`, `tunings`: Largest magnitude of each window's samples, and its tuning.
     `samples_of`: Returns the samples of a window, resampled by itself.
     """
     near = near_ties(chroma, largest)
@@ -96,11 +92,7 @@ def decide_near_ties(
 
 
 def _librosa_chroma(samples: Floats, frames: NDArray[np.int64], tuning: int, rate: int) -> Floats:
-    """Return librosa's `chroma_cqt` (F, 12), not normalised, of some frames of a signal.
-
-    `samples`: (n,) float32 at the features' rate.
-    `frames`: (F,) indices of frames.
-    """
+    """Return librosa's `chroma_cqt` (F, 12), not normalised, of frames (F,) of a signal (n,)."""
     filters, lengths = sparse_filters(tuning, rate)
     magnitudes = np.zeros((N_OCTAVES * BINS_PER_OCTAVE, 1 + len(samples) // HOP), dtype=np.float32, order="F")
     for octave in range(N_OCTAVES):
@@ -198,8 +190,8 @@ def track_features(samples: Floats, settings: Settings) -> Floats:
 def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, settings: Settings) -> Floats:
     """Compute the features (W, T, 35) of windows of a signal, each as if it were a separate 16-bit wav.
 
-    `starts`: (W,) first samples, in any order. Windows that begin a whole number of frames after the signal does
-        share work, unless `why_not_shared`; others are computed by themselves, at a third of the speed.
+    Windows that begin a whole number of frames after the signal does share work, unless `why_not_shared`; others are
+    computed by themselves, at a third of the speed.
     """
     sample_rate, rate = settings.sample_rate, settings.rate
     n_rows = 1 + resampled_length(n_samples, sample_rate, rate) // HOP
@@ -244,7 +236,6 @@ def _features(
     """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples.
 
     `bpms`: Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
-    `samples_of`: Returns the samples of a window, resampled by itself.
     """
     rate = settings.rate
     spectra = window_spectra(windows, rate)
@@ -273,8 +264,7 @@ def _tiles(
 ) -> Iterator[tuple[NDArray[np.int64], int]]:
     """Yield the indices of windows that share work, with the first sample of their tile of the signal.
 
-    Windows that begin a whole number of frames after the signal share work, tile by tile. The places of the tiles
-    do not depend on the windows, so that the numbers of a window do not depend on the others.
+    The places of the tiles do not depend on the windows, so that the numbers of a window do not depend on the others.
     """
     half = len(filter_bank(0, rate).even)
     if n_samples < shortest(sample_rate, rate, N_OCTAVES - 1, half) or why_not_shared(sample_rate, rate):

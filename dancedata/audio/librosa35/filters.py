@@ -37,8 +37,8 @@ _HANN_BANDWIDTH = 1.50018310546875
 class FilterBank:
     """Filters of an octave, for frames of `2 * len(even)` samples.
 
-    `even`, `odd`: (n / 2, 36) float32: real parts, for the sums, and imaginary parts, for the differences, of samples
-        at equal distances from the point of symmetry, the nearest first.
+    `even`, `odd`: (n / 2, 36): real parts, for the sums, and imaginary parts, for the differences, of samples at
+        equal distances from the point of symmetry, the nearest first.
     """
 
     even: Floats
@@ -49,8 +49,8 @@ class FilterBank:
 def has_one_bank(rate: int) -> bool:
     """Return whether librosa's seven banks are the same at this sample rate, for every tuning.
 
-    They are from 8,300 to about 32,000 Hz: above, librosa lowers the rate first; below, it raises an error. If the
-    length of a filter were a whole number to the last digit, rounding might differ between octaves.
+    They are from 8,300 to about 32,000 Hz: above, librosa lowers the rate first. If the length of a filter were a
+    whole number to the last digit, rounding might differ between octaves.
     """
     for tuning in range(N_TUNINGS):
         frequencies, bandwidths = _frequencies(tuning)

@@ -26,11 +26,7 @@ _DELTA = np.float64(np.float32(0.07))
 
 
 def envelope_and_mfcc(db: Floats, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
-    """Compute the onset envelopes (W, T) and MFCC (W, T, 20) of windows.
-
-    `db`: (R, 128) rows of the mel spectrum in dB.
-    `rows`: (W, T) the rows of each window.
-    """
+    """Compute the onset envelopes (W, T) and MFCC (W, T, 20) of windows, `rows` (W, T) of `db` (R, 128)."""
     n_windows, n_frames = rows.shape
     envelope = np.zeros((n_windows, n_frames), dtype=np.float32)
     mfcc = np.empty((n_windows, n_frames, N_MFCC), dtype=np.float32)
@@ -130,10 +126,8 @@ _BLOCK = 64
 
 @dataclass(frozen=True)
 class Spectra:
-    """Rows of all windows of a track.
+    """Rows of all windows of a track: mel spectrum in dB (R, 128), at least -100, and spectral peaks.
 
-    `db`: (R, 128) mel spectrum in dB, at least -100, not yet limited to the upper 80 dB of a window.
-    `peaks`: Spectral peaks of the R rows.
     `rows`: (W, T) row of frame t of window w.
     """
 

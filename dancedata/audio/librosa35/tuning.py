@@ -30,7 +30,7 @@ class Peaks:
     """Spectral peaks of rows, row by row.
 
     `first`: (R + 1,) peaks first[r] .. first[r + 1] - 1 are those of row r.
-    `magnitude`: (P,) float32, interpolated.
+    `magnitude`: (P,), interpolated.
     `tuning`: (P,) index of the deviation from the nearest bin, of `N_TUNINGS`.
     `is_vague`: (P,) whether rounding may decide that it is a peak: it barely stands out, as in the flat spectrum of a
         click.
@@ -57,9 +57,7 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
     """Find the local maxima of rows of a spectrum (R, n_fft / 2 + 1) between 150 and 4,000 Hz.
 
     Frequency and magnitude are interpolated by a parabola, as in librosa's `piptrack` (Smith, Spectral Audio
-    Signal Processing), with its float32 roundings.
-
-    `is_power`: Whether the spectrum is one of power, whose peaks are turned into magnitudes, or of magnitude.
+    Signal Processing), with its float32 roundings. Peaks of a power spectrum are turned into magnitudes.
     """
     n_fft = 2 * (spectrum.shape[1] - 1)
     frequencies = np.fft.rfftfreq(n_fft, 1.0 / rate)
@@ -88,10 +86,7 @@ def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
 
 
 def window_tuning(peaks: Peaks, rows: NDArray[np.int64]) -> tuple[int, bool]:
-    """Return the most frequent deviation among the louder half of the rows' peaks, and whether it is certain.
-
-    `rows`: (T,) indices of a window's rows.
-    """
+    """Return the most frequent deviation among the louder half of peaks of `rows` (T,), and whether it is certain."""
     magnitude, tuning, n_vague = _of_rows(peaks, rows)
     count = len(magnitude)
     if not count:

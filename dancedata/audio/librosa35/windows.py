@@ -20,12 +20,10 @@ END = filter_radius(2, 1)
 
 @dataclass(frozen=True)
 class Windows:
-    """Windows of a track, all of one length.
+    """Windows of a track (m,), all of one length.
 
-    `track`: (m,) float32.
-    `starts`: (W,) first sample of each window.
-    `length`: Samples per window.
-    `heads`, `tails`: (W, e) float32: replace the track's samples at the ends of the windows.
+    `starts`: (W,) first sample of each.
+    `heads`, `tails`: (W, e): replace the track's samples at the ends of the windows.
     """
 
     track: Floats
@@ -77,8 +75,7 @@ def resampled_windows(
 ) -> Windows:
     """Resample windows of a signal, each as if it were cut out first.
 
-    `samples`: (n,) at `from_rate`.
-    `starts`: (W,) first sample of each window; each at an instant that has a sample at `to_rate`, too.
+    `starts`: (W,) each at an instant that has a sample at `to_rate`, too.
     `length`: Samples per window, at least `shortest(from_rate, to_rate)`.
     """
     new_starts = starts * to_rate // from_rate
@@ -97,10 +94,7 @@ def resampled_windows(
 
 
 def shortest(from_rate: int, to_rate: int, halvings: int, half: int) -> int:
-    """Return the least length of windows, in samples at `from_rate`, whose ends do not meet at any level.
-
-    `half` is half the length of the frames of each level.
-    """
+    """Return the least length of windows, in samples at `from_rate`, whose ends do not meet at any level."""
     # At the last level the first frames, which reach half a frame beyond the head, must not meet the tail; at the
     # level before it, a head of three ends must not.
     longest = max((2 * END + 2 * half) << halvings, (4 * END + 2) << max(0, halvings - 1))
