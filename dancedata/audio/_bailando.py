@@ -15,12 +15,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._settings import HOP
-from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
+from dancedata.audio._settings import HOP, HopFeature
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import AudioFeature
 from dancedata.core.typing import override
 from dancedata.kernel import compiling, resample
 
@@ -47,13 +46,12 @@ _GROUPS = (
 
 
 @dataclass(frozen=True)
-class BailandoFeature(AudioFeature):
+class BailandoFeature(HopFeature):
     """Base of features with Bailando's columns; `onset_fmax` is as of `bailando438`."""
 
     onset_fmax: Literal["era", "nyquist"] = "era"
 
     beat_rows_late: ClassVar[int] = 1
-    packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
     usual_rates: ClassVar[str] = "use 60 (next to motion) or 7.5 (Bailando's GPT) rows per second"
     #: Bailando's script starts the search for the tempo at 120 beats per minute, for any song.
@@ -71,10 +69,6 @@ class BailandoFeature(AudioFeature):
         return Columns(_GROUPS, None)
 
     @override
-    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        return 1 + resampled_length(n_samples, sample_rate, self._feature_rate(grid)) // HOP
-
-    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Features of a whole song, as Bailando computes them; see `AudioFeature.extract`.
 
@@ -82,7 +76,7 @@ class BailandoFeature(AudioFeature):
         taken; chroma have seven octaves at 60, five at the others. "short_audio": fewer than 3 rows.
         """
         self.require_samples(signal)
-        rate = self._feature_rate(grid)
+        rate = self.feature_rate(grid)
         available = self.n_rows(signal.n_samples, signal.sample_rate, grid)
         if available < _DELTA_WIDTH:
             raise DataError(f"{self.name}: the audio is too short for the derivative of its MFCC",
@@ -99,17 +93,6 @@ class BailandoFeature(AudioFeature):
     @override
     def window(self, signal: AudioSignal, start: int, n_samples: int) -> AudioSignal:
         return AudioSignal(pcm16(signal.samples[start : start + n_samples]), signal.sample_rate)
-
-    def _feature_rate(self, grid: FrameGrid) -> int:
-        rate = grid.divided(HOP).rate
-        if rate.denominator != 1 or rate < self.min_sample_rate:
-            raise UsageError(
-                f"{self.name} cannot be computed at this frame rate",
-                found=f"{grid.rate} rows per second, so a sample rate of {float(rate):g} Hz",
-                allowed=f"a rate that makes 512 x rate a whole number of at least {self.min_sample_rate} Hz",
-                fix=self.usual_rates,
-            )
-        return int(rate)
 
 
 @lru_cache(maxsize=1)

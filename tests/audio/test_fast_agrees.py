@@ -15,8 +15,9 @@ import soundfile
 import soxr
 from numpy.typing import NDArray
 
+from dancedata.audio._settings import log_once
 from dancedata.audio.librosa35 import fast
-from dancedata.audio.librosa35.feature import Librosa35, _log_once
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.librosa35.filters import filter_bank
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.librosa35.tuning import N_TUNINGS
@@ -163,7 +164,7 @@ def test_offsets(kind: str, rate: int) -> None:
 @pytest.mark.parametrize("rate", [44101, *nightly([47999])])
 def test_rates_that_hardly_ever_coincide(rate: int, caplog: pytest.LogCaptureFixture) -> None:
     """Tables of responses would take 26 GB: windows are computed one by one instead, in little memory."""
-    _log_once.cache_clear()
+    log_once.cache_clear()
     assert period(rate, 15360) > MAX_PERIOD
     signal = AudioSignal(_song(rate), rate)
     tracemalloc.start()

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from dancedata.audio.librosa35.feature import Librosa35, _log_once
+from dancedata.audio._settings import log_once
+from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -174,7 +175,7 @@ def test_bad_settings(given):
      (30, 1.0, 1e-7, "the largest sample"), (30, 1.0, 0.3, ""), (64, 1.0, 0.3, "")],
 )  # fmt: skip
 def test_the_fallback_of_the_fast_version_is_logged_once(caplog, fps, seconds, level, reason):
-    _log_once.cache_clear()
+    log_once.cache_clear()
     samples = np.random.default_rng(5).uniform(-level, level, int(seconds * 15360))
     with caplog.at_level("WARNING"):
         for feature in (FEATURE, FEATURE, PLAIN):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings
+from dancedata.audio._settings import HOP, N_COLUMNS, TEMPO_SAMPLE_RATE, Settings, log_once
 from dancedata.audio.librosa35.arrays import Floats, one_blas_thread, strided
 from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.chroma import STEPS, cens, shares_of, window_chroma
@@ -194,6 +194,8 @@ def window_features(samples: Floats, starts: NDArray[np.int64], n_samples: int, 
     computed by themselves, at a third of the speed.
     """
     sample_rate, rate = settings.sample_rate, settings.rate
+    if reason := why_not_shared(sample_rate, rate):
+        log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
     n_rows = 1 + resampled_length(n_samples, sample_rate, rate) // HOP
     features = np.empty((len(starts), n_rows, N_COLUMNS), dtype=np.float32)
     alone = np.ones(len(starts), dtype=np.bool_)

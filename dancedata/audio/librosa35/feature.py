@@ -9,26 +9,21 @@ There are two versions with equal results: `reference` calls librosa, `fast` is 
 eighty times for tracks; docs/archive/decisions.md explains why.
 """
 
-import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dancedata.audio._settings import HOP, N_COLUMNS, Settings
-from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
+from dancedata.audio._settings import N_COLUMNS, HopFeature, Settings, log_once
+from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.columns import Columns, Group
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
-
-_log = logging.getLogger(__name__)
 
 # The top chroma filter reaches 4,107 Hz, 4,147 with the tuning half a bin up: the Nyquist frequency must
 # be higher.
@@ -45,7 +40,7 @@ _GROUPS = (
 
 @FEATURES.register("librosa35")
 @dataclass(frozen=True)
-class Librosa35(AudioFeature):
+class Librosa35(HopFeature):
     """Onset envelope 1, MFCC 20, chroma CENS 12, onset peaks 1, beats 1.
 
     Parameters
@@ -67,7 +62,8 @@ class Librosa35(AudioFeature):
     version: ClassVar[int] = 3
     #: librosa's onset envelope is the rise from the row before, and a beat is the row that has risen.
     beat_rows_late: ClassVar[int] = 1
-    packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
+    min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
+    usual_rates: ClassVar[str] = "build at 30 (or 60) frames per second; motion of another rate is resampled to it"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):
@@ -83,10 +79,6 @@ class Librosa35(AudioFeature):
         return Columns(_GROUPS, None)
 
     @override
-    def n_rows(self, n_samples: int, sample_rate: int, grid: FrameGrid) -> int:
-        return 1 + resampled_length(n_samples, sample_rate, _feature_rate(grid)) // HOP
-
-    @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
         """Features of a whole track, as Lodge, FineDance and FACT compute them; see `AudioFeature.extract`.
 
@@ -94,41 +86,31 @@ class Librosa35(AudioFeature):
         pads the ends of every signal. 512 times the rate of `grid` is a whole number of at least 8,300 Hz. Without
         `start_bpm` the search for the tempo starts at librosa's estimate from the signal at 22,050 Hz.
         """
-        rate = _feature_rate(grid)
+        rate = self.feature_rate(grid)
         _require_bpm(start_bpm)
         self.require_samples(signal)
-        from dancedata.audio import _librosa as reference
-        from dancedata.audio.librosa35 import fast
-
-        is_fast = self._is_fast(lambda: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
-        compute = fast.track_features if is_fast else reference.track_features
-        return compute(signal.samples, Settings(signal.sample_rate, rate, start_bpm, self.tightness))
+        settings = Settings(signal.sample_rate, rate, start_bpm, self.tightness)
+        version = self._version(lambda fast: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
+        features: NDArray[np.float32] = version.track_features(signal.samples, settings)
+        return features
 
     @override
     def estimated_bpm(self, signal: AudioSignal, grid: FrameGrid) -> float:
-        rate = _feature_rate(grid)
+        rate = self.feature_rate(grid)
         self.require_samples(signal)
-        from dancedata.audio import _librosa as reference
-        from dancedata.audio.librosa35 import fast
-
-        is_fast = self._is_fast(lambda: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
-        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
-        return estimate(signal.samples, signal.sample_rate)
+        version = self._version(lambda fast: fast.track_obstacle(signal.samples, signal.sample_rate, rate))
+        return float(version.estimated_bpm(signal.samples, signal.sample_rate))
 
     @override
     def estimated_window_bpms(
         self, signal: AudioSignal, starts: NDArray[np.int64], n_samples: int, grid: FrameGrid
     ) -> list[float]:
-        rate = _feature_rate(grid)
+        rate = self.feature_rate(grid)
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
-        from dancedata.audio import _librosa as reference
-        from dancedata.audio.librosa35 import fast
-
-        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
-        estimate = fast.estimated_bpm if is_fast else reference.estimated_bpm
+        version = self._version(lambda fast: fast.why_not_windows(n_samples, signal.sample_rate, rate))
         windows = (pcm16(signal.samples[int(start) : int(start) + n_samples]) for start in starts)
-        return [estimate(window, signal.sample_rate) for window in windows]
+        return [version.estimated_bpm(window, signal.sample_rate) for window in windows]
 
     @override
     def extract_windows(
@@ -147,49 +129,28 @@ class Librosa35(AudioFeature):
         all windows of a song at once: those that begin a whole number of frames after the song does (as windows in
         frames do, at the usual rates) share most of their work. See `AudioFeature.extract_windows`.
         """
-        rate = _feature_rate(grid)
+        rate = self.feature_rate(grid)
         _require_bpm(start_bpm)
         self.require_samples(signal)
         self.require_windows(signal, starts, n_samples)
         self.require_rows(self.n_rows(n_samples, signal.sample_rate, grid), n_rows, grid)
         if len(starts) == 0:
             return np.empty((0, n_rows, N_COLUMNS), dtype=np.float32)
+        settings = Settings(signal.sample_rate, rate, start_bpm, self.tightness)
+        version = self._version(lambda fast: fast.why_not_windows(n_samples, signal.sample_rate, rate))
+        features: NDArray[np.float32] = version.window_features(signal.samples, starts, n_samples, settings)
+        return features[:, :n_rows]
+
+    def _version(self, why_not: Callable[[Any], str]) -> Any:
+        """Return the module that computes; log the reason if the fast one was chosen and cannot."""
         from dancedata.audio import _librosa as reference
         from dancedata.audio.librosa35 import fast
 
-        is_fast = self._is_fast(lambda: fast.why_not_windows(n_samples, signal.sample_rate, rate))
-        if is_fast and (reason := fast.why_not_shared(signal.sample_rate, rate)):
-            _log_once("librosa35: windows are computed one by one, three times as slowly: %s", reason)
-        compute = fast.window_features if is_fast else reference.window_features
-        settings = Settings(signal.sample_rate, rate, start_bpm, self.tightness)
-        return compute(signal.samples, starts, n_samples, settings)[:, :n_rows]
-
-    def _is_fast(self, why_not: Callable[[], str]) -> bool:
-        """Return whether the fast version computes; log the reason if it was chosen and cannot."""
         if self.method == "librosa":
-            return False
-        reason = why_not()
-        if reason:
-            _log_once("librosa35: method fast computes as method librosa does, slowly: %s", reason)
-        return not reason
-
-
-@lru_cache(maxsize=64)
-def _log_once(message: str, reason: str) -> None:
-    """Log a message, once per process and reason."""
-    _log.warning(message, reason)
-
-
-def _feature_rate(grid: FrameGrid) -> int:
-    rate = grid.divided(HOP).rate
-    if rate.denominator != 1 or rate < MIN_SAMPLE_RATE:
-        raise UsageError(
-            "librosa35 cannot be computed at this frame rate",
-            found=f"{grid.rate} frames per second, so a sample rate of {float(rate):g} Hz",
-            allowed=f"a frame rate that makes 512 x rate a whole number of at least {MIN_SAMPLE_RATE} Hz",
-            fix="build at 30 (or 60) frames per second; motion of another rate is resampled to it",
-        )
-    return int(rate)
+            return reference
+        if reason := why_not(fast):
+            log_once("librosa35: method fast computes as method librosa does, slowly: %s", reason)
+        return reference if reason else fast
 
 
 def _require_bpm(start_bpm: float | None) -> None:
