@@ -76,34 +76,6 @@ def test_invalid_lengths_are_not_believed(server: Server, tmp_path: Path, length
     assert get(server, tmp_path).read_bytes() == DATA
 
 
-@pytest.mark.parametrize(
-    "tag", [b"\xe9\xff", b'"\xe9"', b'"a b"', b"W/x", b'"' + b"x" * 5000 + b'"', b'"a"\r\n "b"', b"no quotes"]
-)
-def test_invalid_tags(server: Server, tmp_path: Path, tag: bytes) -> None:
-    """They are not used: the next part is requested without."""
-    head = OK + b"ETag: " + tag + b"\r\n"
-    begin = 1 << 15
-    rest = b"HTTP/1.1 206 Partial\r\nContent-Range: bytes %d-69999/70000\r\nContent-Length: %d\r\n\r\n" % (
-        begin, len(DATA) - begin
-    )  # fmt: skip
-    server.answers = [
-        answer_of(head + b"Content-Length: 70000\r\n\r\n" + DATA[:begin]),
-        answer_of(rest + DATA[begin:]),
-    ]
-    assert get(server, tmp_path, attempts=3).read_bytes() == DATA
-    assert [b"If-Range" in request for request in server.asked] == [False, False]
-    assert left(tmp_path) == ["a.bin"]
-
-
-@pytest.mark.parametrize("content", [b"\xff\xfe", b'"a\r\nHost: evil"', b'"' + b"x" * 10**6 + b'"'])
-def test_an_invalid_tag_on_disk(server: Server, tmp_path: Path, content: bytes) -> None:
-    (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA[:500])
-    (tmp_path / ".dancedata-a.bin.part-etag").write_bytes(content)
-    server.answers = [answer_of(OK + b"Content-Length: 70000\r\n\r\n" + DATA)]
-    assert get(server, tmp_path).read_bytes() == DATA
-    assert b"If-Range" not in server.asked[0]
-
-
 @pytest.mark.parametrize("file", [FILE, UNKNOWN], ids=["size known", "size unknown"])
 def test_a_body_without_an_end(server: Server, tmp_path: Path, file: RemoteFile) -> None:
     server.answers = [without_end]

@@ -23,9 +23,6 @@ _BLOCK = 1 << 20
 _PIECE = 1 << 14
 _TIMEOUT_S = 60
 _LENGTH = re.compile(r"[0-9]{1,15}")
-#: A strong entity tag (RFC 9110), without which a download cannot be resumed. Some servers send invalid ones.
-_ETAG = re.compile(r'"[\x21\x23-\x7e]{1,200}"')
-_MAX_TAG = 300
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,7 @@ class RemoteFile:
 
     name: str
     size: int | None
-    sha256: str | None
+    sha256: str
     max_size: int = 1 << 34
 
     @property
@@ -68,7 +65,6 @@ def fetch(
     `source`: URL of a folder with the files (of OpenAI or a mirror), or a local folder.
     `accept_licence`: True if the user has accepted the licence of the weights; or a function that shows its text and
         asks.
-    `files`: Files to get; sizes and hashes that are None are not checked.
     `progress`: Called with file name, bytes so far, total bytes or None.
     `attempts`: Limit of consecutive failures without any new data.
     `wait_s`: Pause in seconds after the first failure; it doubles with each further one.
@@ -115,8 +111,6 @@ class _Download:
         self._url = url
         self._path = path
         self._part = path.with_name(f"{PREFIX}{path.name}.part")
-        # The version of the file that the part belongs to, by the server's ETag.
-        self._tag = path.with_name(f"{PREFIX}{path.name}.part-etag")
         self._file = file
         self._report = report
 
@@ -136,11 +130,10 @@ class _Download:
             if failures >= attempts:
                 raise self._failed(problem)
             time.sleep(wait_s * 2 ** (failures - 1))
-        _check(self._part, self._file, keep=False, tag=self._tag)
+        _check(self._part, self._file, keep=False)
         with atomic_file(self._path) as temporary:
             # In the same folder, so this is a rename; atomic_file then flushes it to disk and renames it again.
             self._part.replace(temporary)
-        self._tag.unlink(missing_ok=True)
 
     def _have(self) -> int:
         return self._part.stat().st_size if self._part.exists() else 0
@@ -150,10 +143,6 @@ class _Download:
         headers = {"Accept-Encoding": "identity"}
         if have:
             headers["Range"] = f"bytes={have}-"
-            tag = self._tag.read_bytes()[:_MAX_TAG].decode("latin1") if self._tag.is_file() else ""
-            if _ETAG.fullmatch(tag):
-                # The server sends another version of the file from its start.
-                headers["If-Range"] = tag
         with requests.get(self._url, headers=headers, stream=True, timeout=_TIMEOUT_S) as response:
             if response.status_code == 416 and have:
                 # The part has all bytes: of this file, or of another one, which the hash shows.
@@ -166,30 +155,22 @@ class _Download:
             return self._receive(response, have if resumed else 0)
 
     def _receive(self, response: Any, have: int) -> bool:
-        length = response.headers.get("Content-Length", "")
+        length, size = response.headers.get("Content-Length", ""), self._file.size
         total = have + int(length) if _LENGTH.fullmatch(length) else None
-        if total is not None and (
-            total != self._file.size if self._file.size is not None else total > self._file.limit
-        ):
+        if total is not None and (total > self._file.limit if size is None else total != size):
             raise self._other_file(f"{total} bytes")
-        tag = response.headers.get("ETag", "")
-        if _ETAG.fullmatch(tag):
-            self._tag.write_text(tag, encoding="ascii")
-        elif not have:
-            self._tag.unlink(missing_ok=True)
         with self._part.open("ab" if have else "wb") as part:
             for block in response.iter_content(_PIECE):
                 have += len(block)
                 if have > self._file.limit:
                     # It is not the beginning of the right file.
                     self._part.unlink()
-                    self._tag.unlink(missing_ok=True)
                     raise self._other_file("more than that")
                 part.write(block)
                 self._report(self._file.name, have, total)
         # A server that does not send the length ends the file by closing the connection: the known size, or else the
         # hash, shows whether the file is complete.
-        expected = total if total is not None else self._file.size
+        expected = total if total is not None else size
         return expected is None or have >= expected
 
     def _failed(self, problem: str) -> SourceError:
@@ -220,7 +201,7 @@ def _copy(source: Path, path: Path, file: RemoteFile, report: Progress) -> None:
             report(file.name, write.tell(), total)
 
 
-def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None) -> None:
+def _check(path: Path, file: RemoteFile, *, keep: bool) -> None:
     """Compare size and hash. A wrong download is removed, or renamed if its size is right.
 
     Ten gigabytes are not deleted because of a hash: the user can still inspect or rename the file.
@@ -229,19 +210,16 @@ def _check(path: Path, file: RemoteFile, *, keep: bool, tag: Path | None = None)
     aside = path.with_suffix(".mismatch")
     if file.size is not None and size != file.size:
         what, found, allowed = "size", f"{size} bytes", f"{file.size} bytes"
-    elif file.sha256 is not None and (digest := sha256_file(path)) != file.sha256:
+    elif (digest := sha256_file(path)) != file.sha256:
         what, found, allowed = "SHA-256", digest, file.sha256
     else:
         return
     fix = "remove it and fetch again"
-    if not keep:
-        if file.size is None or what == "size":
-            path.unlink()
-            fix = "it was removed; fetch again, or from another mirror or folder"
-        else:
-            path.replace(aside)
-            fix = f"it was renamed to {aside}; fetch again, or from another mirror or folder"
-        if tag is not None:
-            tag.unlink(missing_ok=True)
+    if not keep and (file.size is None or what == "size"):
+        path.unlink()
+        fix = "it was removed; fetch again, or from another mirror or folder"
+    elif not keep:
+        path.replace(aside)
+        fix = f"it was renamed to {aside}; fetch again, or from another mirror or folder"
     raise SourceError(f"jukebox: the {what} of the file differs from the checkpoint's", where=path, found=found,
                       allowed=allowed, fix=fix)  # fmt: skip
