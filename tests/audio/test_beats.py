@@ -289,10 +289,10 @@ def test_other_networks_are_errors(tmp_path):
     assert "no state_dict" in refused(tmp_path / "list.ckpt")
     gate = "frontend.blocks.0.partial.attnF.to_gates.weight"
     cases = {
-        "missing: frontend.linear.bias": {k: v for k, v in state.items() if k != "frontend.linear.bias"},
+        "frontend.linear.bias": {k: v for k, v in state.items() if k != "frontend.linear.bias"},
         "no tensor": {k: v for k, v in state.items() if k != "frontend.linear.weight"},
-        "unknown: extra": {**state, "extra": torch.zeros(1)},
-        f"of another shape: {gate}": {**state, gate: torch.zeros(2, 8)},
+        "extra": {**state, "extra": torch.zeros(1)},
+        f"size mismatch for {gate}": {**state, gate: torch.zeros(2, 8)},
         "not finite in task_heads": {**state, "task_heads.beat_downbeat_lin.bias": torch.tensor([0.0, torch.nan])},
         "bands=8": {**state, "frontend.stem.bn1d.weight": torch.zeros(8)},
     }
@@ -305,7 +305,7 @@ def test_other_networks_are_errors(tmp_path):
 def test_an_old_torch_does_not_read_checkpoints(tmp_path, monkeypatch):
     path = checkpoint(tmp_path / "final0.ckpt")
     monkeypatch.setattr(torch, "__version__", "2.5.1")
-    with raises_message(UsageError, "safely", where="final0.ckpt"):
+    with raises_message(UsageError, "torch 2.6"):
         Beats(source="beat_this", weights=path).extract(SECOND, FPS)
 
 

@@ -6,16 +6,13 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from packaging.version import Version
 
 from dancedata.audio.beats.network import BeatNetwork, Sizes
-from dancedata.core.errors import SourceError, UsageError
-from dancedata.core.packages import install
+from dancedata.core.errors import SourceError
 from dancedata.core.text import listed, shown
 from dancedata.files.regular_file import open_regular
+from dancedata.formats.torch_file import torch_for
 
-#: Older versions of torch could be made to execute code, weights_only or not (CVE-2025-32434).
-_SAFE_TORCH = Version("2.6")
 _FIX = "fetch final0.ckpt or small0.ckpt of Beat This! again"
 _ALLOWED = "a checkpoint of beat_this (.ckpt), or its state as .safetensors"
 _FLAGS = {"true": True, "false": False}
@@ -40,20 +37,18 @@ def load_network(path: Path) -> BeatNetwork:
         raise _other_network(path, f"{sizes}")
     with torch.device("meta"):
         network = BeatNetwork(sizes)
-    _require_equal(path, {name: tuple(value.shape) for name, value in network.state_dict().items()}, shapes)
     bad = [name for name, value in state.items() if value.is_floating_point() and not value.isfinite().all()]
     if bad:
         raise _other_network(path, f"values that are not finite in {listed(bad)}")
-    network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in state.items()}, assign=True)
+    try:  # none stays random, none is unused, and shapes are equal
+        network.load_state_dict({k: v.float() if v.is_floating_point() else v for k, v in state.items()}, assign=True)
+    except RuntimeError as error:
+        raise _other_network(path, shown(" ".join(str(error).split()), 300)) from error
     return network.requires_grad_(False)
 
 
 def _read_checkpoint(path: Path) -> tuple[dict[str, torch.Tensor], bool]:
-    if Version(torch.__version__) < _SAFE_TORCH:
-        raise UsageError("beats: this version of torch cannot read a checkpoint safely", where=path,
-                         found=f"torch {torch.__version__}",
-                         allowed=f"torch {_SAFE_TORCH} or later, or weights as .safetensors",
-                         fix=install("beats"))  # fmt: skip
+    torch_for(path)
     try:
         with open_regular(path) as file:
             checkpoint: Any = torch.load(file, map_location="cpu", weights_only=True)
@@ -83,17 +78,6 @@ def _tensors(path: Path, state: Mapping[Any, Any]) -> dict[str, torch.Tensor]:
     if strange:
         raise _other_network(path, f"entries that are not tensors: {listed(strange)}")
     return dict(state)
-
-
-def _require_equal(path: Path, expected: Mapping[str, Any], actual: Mapping[str, Any]) -> None:
-    """Raise SourceError unless both have the same tensors with the same shapes: none stays random, none is unused."""
-    lacking = sorted(set(expected) - set(actual))
-    unknown = sorted(set(actual) - set(expected))
-    other = sorted(name for name in set(expected) & set(actual) if expected[name] != actual[name])
-    problems = {"missing": lacking, "unknown": unknown, "of another shape": other}
-    texts = [f"{what}: {listed([shown(name) for name in names])}" for what, names in problems.items() if names]
-    if texts:
-        raise _other_network(path, "; ".join(texts))
 
 
 def _unreadable(path: Path, error: Exception) -> SourceError:

@@ -73,8 +73,7 @@ def claimed(devices: tuple[str, ...]) -> str | None:
 
 def _card(device: str) -> str:
     """Return a name of the card itself: each job of a batch system counts its cards from 0."""
-    # torch < 2.5 has no uuid: the number is used instead.
-    return str(getattr(torch.cuda.get_device_properties(device), "uuid", device.replace(":", "-")))
+    return str(torch.cuda.get_device_properties(device).uuid)
 
 
 class Batches:
