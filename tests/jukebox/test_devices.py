@@ -152,5 +152,5 @@ def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPa
     assert threads[0].startswith("decode-ahead")
     audio_units.decoded(Path("b"))
     assert threads[1:] == [threading.current_thread().name]
-    assert _field(Jukebox(weights=tiny.folder)).looks_ahead
-    assert not MusicField("librosa35", FPS, Librosa35()).looks_ahead
+    assert _field(Jukebox(weights=tiny.folder)).load_ahead is not None
+    assert MusicField("librosa35", FPS, Librosa35()).load_ahead is None
