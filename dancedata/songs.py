@@ -187,9 +187,6 @@ def write_features(
 
 
 def _check_songs(songs: Sequence[Path]) -> None:
-    absent = [str(song) for song in songs if not song.is_file()]
-    if absent:
-        raise UsageError("the song does not exist; nothing was computed", where=listed(absent), fix="check the path")
     names = [song.stem for song in songs]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:

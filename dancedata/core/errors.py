@@ -39,6 +39,8 @@ class DanceDataError(Exception):
         What to do about it.
     options
         The same by the options of commands, which they print, where `fix` names arguments of Python.
+    reason
+        Code in JSON, such as "wrong_rate"; "": that of the class.
     """
 
     #: Most characters of the found value in the text, and whether it may have several lines.
@@ -54,9 +56,11 @@ class DanceDataError(Exception):
         allowed: object = None,
         fix: str | None = None,
         options: str | None = None,
+        reason: str = "",
     ) -> None:
         super().__init__(problem)
         self.problem = problem
+        self.reason = reason
         self.where = where
         self.found = found
         self.allowed = allowed
@@ -82,7 +86,7 @@ class DanceDataError(Exception):
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data: `kind` "usage" or "data", `code`, and the parts of the message."""
-        code = getattr(self, "reason", None) or type(self).__name__.removesuffix("Error").lower()
+        code = self.reason or type(self).__name__.removesuffix("Error").lower()
         parts = {"where": self.where, "found": self.found, "allowed": self.allowed, "fix": self.fix}
         texts = {name: None if value is None else str(value) for name, value in parts.items()}
         kind = "usage" if isinstance(self, UsageError) else "data"
@@ -152,8 +156,7 @@ class DataError(DanceDataError):
         fix: str | None = None,
         options: str | None = None,
     ) -> None:
-        super().__init__(problem, where=where, found=found, allowed=allowed, fix=fix, options=options)
-        self.reason = reason
+        super().__init__(problem, where=where, found=found, allowed=allowed, fix=fix, options=options, reason=reason)
 
 
 @contextmanager

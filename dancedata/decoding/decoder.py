@@ -189,7 +189,7 @@ def _grid(
 
     if not same_rate(file, grid):
         raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",
-                        allowed=f"{grid}, as --fps or --like states",
+                        allowed=f"{grid}, as fps or the dataset states",
                         fix="leave the wrong one out, or save the file again")  # fmt: skip
     if stored is not None and grid != stored:
         raise UsageError(f"{name} has another rate in the dataset", where=store.path if store else None,

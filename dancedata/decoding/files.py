@@ -89,7 +89,8 @@ def _decode_file(
     if field is None and like is not None:
         field = field_of_width(store_of(opened(like)), path)
     if field is None:
-        raise UsageError("nothing states what these columns are", where=path, fix="name it: --field edge151")
+        raise UsageError("nothing states what these columns are", where=path, reason="not_stated",
+                         fix="name it: field=\"edge151\"", options="name it: --field edge151")  # fmt: skip
     mesh = _mesh(to, body_model, betas, frames)
     decoder = Decoder.of(field, parameters, fps, like, normalized, scaler, clamp)
     with open_arrays(path) as arrays:
@@ -114,23 +115,23 @@ def _decode_file(
         for name, data in _files(f"{path.stem}{end}", motion, to, mesh, frames).items()
     }
     if any(file.exists() and file.samefile(path) for file in files):
-        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another --out")
+        raise UsageError("the file that is decoded would be replaced", where=path, fix="choose another folder")
     return _written(files, overwrite)
 
 
 def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, frames: str | None) -> BodyMesh | None:
     """Return the body model; UsageError for options that do not go with the format."""
     if frames is not None and to != "obj":
-        raise UsageError("frames are chosen for --to obj only", found=f"--frames {frames} with --to {to}")
+        raise UsageError("frames are chosen for obj alone", found=f"frames {frames} of {to}")
     if body_model is None:
         if to == "obj":
-            fix = "name it with --body-model, or write the skeleton alone with --to glb"
+            fix = "name its file, or write the skeleton alone as glb"
             raise UsageError("obj files need a body model", allowed="a file of SMPL, SMPL-H or SMPL-X", fix=fix)
         if betas is not None:
-            raise UsageError("betas are the shape of a body model", fix="name it with --body-model")
+            raise UsageError("betas are the shape of a body model", fix="name its file")
         return None
     if to not in ("glb", "obj"):
-        raise UsageError("a body model goes with the formats glb and obj", found=f"--body-model with --to {to}")
+        raise UsageError("a body model goes with the formats glb and obj", found=to)
     return BodyMesh.read(body_model, betas)
 
 
@@ -232,7 +233,7 @@ def _shape(arrays: ArrayFile, name: str) -> tuple[int, ...]:
 def _written(files: Mapping[Path, Callable[[], bytes]], overwrite: bool) -> list[Path]:
     existing = [path for path in files if path.exists()]
     if existing and not overwrite:
-        raise UsageError("files are already there", where=existing[0], fix="choose another --out, or add --overwrite")
+        raise UsageError("files are already there", where=existing[0], fix="choose another folder, or overwrite them")
     done: list[Path] = []
     try:
         for path, data in files.items():

@@ -313,7 +313,7 @@ def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
         raise DataError("the protocol needs the true position of the pelvis", reason="other_pelvis",
                         found="joints whose pelvis may lie at the translation, as in EDGE's kinematics",
                         allowed="rotations and translation, or joints with the pelvis of the body",
-                        fix="declare the body if the pelvis is right: --body smpl24")  # fmt: skip
+                        fix="declare the body if the pelvis is right, such as smpl24")  # fmt: skip
     grid = rule.grid
     if grid is None or grid == placed.grid:
         return placed, notes

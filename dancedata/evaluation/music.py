@@ -135,8 +135,8 @@ def _no_music(rule: MusicRule) -> str:
     alone = ", each piece by itself" if rule.by_piece else ""
     about = f" ({rule.about})" if rule.about else ""
     return (
-        f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{alone}{about}; give "
-        "--music FOLDER or a dataset with that field (--like), or --music FILE.csv for clips whose ids are not those "
+        f"no beats of music: the protocol takes those of {' or '.join(rule.features)}{rate}{alone}{about}; name "
+        "a dataset with that field (like), or the music: a folder, or a CSV file for clips whose ids are not those "
         "of songs or of clips of the dataset"
     )
 
@@ -191,7 +191,7 @@ def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
     if name not in FEATURES.names():
         raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
                          found=f"features {', '.join(FEATURES.names())}",
-                         fix="take the beats from a dataset that has the field, or leave out --music")  # fmt: skip
+                         fix="take the beats from a dataset that has the field, or leave the music out")  # fmt: skip
     feature: AudioFeature = FEATURES.make(name, {})
     if not rule.by_piece:
         return MusicField(feature.name, grid, feature)

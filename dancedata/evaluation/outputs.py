@@ -54,11 +54,11 @@ class Outputs:
         pools = [path for path in paths if path.suffix.lower() == ".npz"]
         if len(texts) + len(pools) < len(paths) or len(pools) > 1:
             raise UsageError("scores are written by suffix", found=", ".join(path.name for path in paths),
-                             allowed=f"{', '.join(_TEXTS)}, and one .npz", fix="choose another --out")  # fmt: skip
+                             allowed=f"{', '.join(_TEXTS)}, and one .npz", fix="choose another name")  # fmt: skip
         for path in texts:
             if not path.parent.is_dir() or path.is_dir() or (path.exists() and not overwrite):
                 problem = "the file exists" if path.exists() else "its folder does not exist"
-                raise UsageError(problem, where=path, fix="choose another --out, or --overwrite")
+                raise UsageError(problem, where=path, fix="choose another name, or overwrite it")
         return cls(texts, pools[0] if pools else None)
 
     def write(self, reports: Sequence[Report]) -> None:

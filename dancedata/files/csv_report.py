@@ -15,7 +15,7 @@ def require_new_csv(file: Path | None) -> None:
     """Raise UsageError for a file that exists or is not a .csv file; None: nothing is written."""
     if file is not None and (file.suffix.lower() != ".csv" or file.exists()):
         problem = "the file exists already" if file.exists() else "not a .csv file"
-        raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another --out")
+        raise UsageError(problem, where=file, allowed="a new .csv file", fix="choose another name")
 
 
 def csv_text(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -31,5 +31,5 @@ def write_csv(file: Path, text: str) -> None:
         write_text(file, text)
     except OSError as error:
         raise UsageError(
-            "the file cannot be written", where=file, found=str(error), fix="choose another --out"
+            "the file cannot be written", where=file, found=str(error), fix="choose another name"
         ) from error

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
-from dancedata.core.errors import SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.text import listed
 
 #: What a folder to build from has: folders of motion, or a manifest.
@@ -60,19 +60,22 @@ def describe(folder: Path) -> str:
 def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
     """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
 
-    Raises UsageError: for a folder or a pattern without such a file.
+    Raises DataError: for a path where nothing is, and a folder or a pattern without such a file.
     """
     files: list[Path] = []
     for path in paths:
         pattern = glob.has_magic(str(path)) and not path.exists()
-        if not path.is_dir() and not pattern:
+        if path.exists() and not path.is_dir():
             files.append(path)
             continue
+        if not path.is_dir() and not pattern:
+            raise DataError("there is no such file or folder", reason="nothing_matched", where=path,
+                            fix="check the path")  # fmt: skip
         entries = [Path(name) for name in glob.glob(str(path))] if pattern else list_folder(path)
         mine = sorted(p for p in entries if p.suffix.lower() in suffixes and p.is_file())
         if not mine:
             problem = "the pattern names no file to read" if pattern else "the folder has no file to read"
-            raise UsageError(problem, where=path, allowed=f"files {', '.join(suffixes)}")
+            raise DataError(problem, reason="nothing_matched", where=path, allowed=f"files {', '.join(suffixes)}")
         files += mine
     return files
 

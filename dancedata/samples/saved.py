@@ -59,7 +59,9 @@ class SavedSamples:
             return store
         raise DataError("these samples are of another dataset", reason="other_dataset", where=str(self.folder),
                         found=f"{self.dataset.name} {of_samples[:12]}", allowed=f"{store.path.name} {of_store[:12]}",
-                        fix="name the dataset of the training with --like, or delete samples.json")  # fmt: skip
+                        fix="name the dataset of the training: like=; or delete samples.json",
+                        options="name the dataset of the training: --like DATASET; or delete samples.json",
+                        )  # fmt: skip
 
     def chosen_scaler(
         self, scaler: Scaler | str | Path | None, normalized: bool | None

@@ -94,7 +94,7 @@ class Figure:
         if not farthest <= _FARTHEST_M:
             raise DataError("joint positions are too far away to be drawn", reason="out_of_range", where=str(where),
                             found=f"{farthest:g} m", allowed=f"at most {_FARTHEST_M:g} m, "
-                            "of numbers in the unit that --unit names")  # fmt: skip
+                            "of numbers in the unit that is stated")  # fmt: skip
         if pose.motion is not None:
             return cls._of_motion(pose.joints, pose.motion)
         skeleton = next((s for s in (body, *SKELETONS.values()) if s.joints == pose.names), None)

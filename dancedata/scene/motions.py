@@ -207,7 +207,6 @@ def motion_scenes(
         return MotionScenes(named_clips(clips, MusicSources(), like).clips, path.name, beside, body)
     except DataError as error:
         if error.reason == "bad_shape" and form.columns is None:
-            error.fix = (
-                "if these are columns, say of what: --field edge151, and --like DATASET for their scaler and rate"
-            )
+            error.fix = "if these are columns, say of what: field and like, for their scaler and rate"
+            error.options = "if these are columns, say of what: --field edge151 --like DATASET"
         raise

@@ -78,7 +78,7 @@ class Pose:
             bodies = ", ".join(f"{k} ({len(v[0])} joints)" for k, v in BODIES.items())
             raise DataError("the joints of an array are unknown", reason="missing_joints",
                             found=f"{positions.shape[1]} joints" + (f", declared as {body}" if body else ""),
-                            allowed=bodies, fix="declare the body: --body NAME")  # fmt: skip
+                            allowed=bodies, fix="declare the body by its name")  # fmt: skip
         return cls(positions, joints_of_body[0], grid, joints_of_body[1])
 
 

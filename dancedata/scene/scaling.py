@@ -49,7 +49,7 @@ class Scaling:
     @staticmethod
     def unstated(where: object = None) -> UsageError:
         """Return the error for columns of which nothing states whether they are normalised."""
-        return UsageError("nothing states whether these columns are normalised", where=where,
+        return UsageError("nothing states whether these columns are normalised", where=where, reason="not_stated",
                           fix="state it: normalized=True or normalized=False",
                           options="state it: --normalized or --not-normalized")  # fmt: skip
 

@@ -77,7 +77,7 @@ class ViewRequest:
         """Read the body model; None without one."""
         if self.body_model is None:
             if self.betas is not None:
-                raise UsageError("betas are the shape of a body model", fix="name it with --body-model")
+                raise UsageError("betas are the shape of a body model", fix="name its file")
             return None
         return BodyMesh.read(self.body_model, self.betas)
 
@@ -152,7 +152,9 @@ class ViewRequest:
             field = field_of_width(store, path)
         if (self.normalized is not None or self.scaler is not None) and field is None:
             named = "--scaler" if self.normalized is None else "--normalized"
-            raise UsageError(f"{named} goes with columns", where=path, fix="name them: --field FIELD")
+            raise UsageError(
+                f"{named} goes with columns", where=path, fix="name them: field=", options="name them: --field FIELD"
+            )
         return file_format(
             store, grid=grid, field=field, normalized=self.normalized, scaler=scaler, clamp=self.clamp, fps=self.fps,
             up=self.up, unit=self.unit,

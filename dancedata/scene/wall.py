@@ -60,7 +60,8 @@ class Wall(SceneList):
             begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in single]
             left_out = [f"{counted(len(groups), 'group')}, which stand on no wall"] if groups else []
             raise UsageError(
-                "a wall needs two motions to one music, at the same seconds of it", where=scenes.place,
+                "a wall needs two motions to one music, at the same seconds of it",
+                reason="mixed_starts", where=scenes.place,
                 found="; ".join([*left_out, *([listed(begins)] if begins else [])]),
                 fix="a group is on one stage without a wall" if groups and not single
                 else "name others to compare with, or show a dataset in which several clips have one song",

@@ -144,7 +144,7 @@ def write_study(
     notice = views[first].notice(rights)
     sounds = views[first].sounds
     if sounds is None:
-        raise UsageError("a study needs the music", fix="name it: --music PATH")
+        raise UsageError("a study needs the music", fix="name a song, a folder of songs, or a list")
     scenes = {trial.number: _scene(trial, clips[trial.clip], systems, request.seconds) for trial in trials}
     music = {
         trial.number: _music(

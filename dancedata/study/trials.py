@@ -129,7 +129,7 @@ def make_trials(
         raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
     if not 1 <= songs <= len(clips):
         raise UsageError("there are not so many clips in common", found=f"{songs} asked for",
-                         allowed=f"1 to {len(clips)}", fix="set --songs")  # fmt: skip
+                         allowed=f"1 to {len(clips)}", fix="ask for fewer songs")  # fmt: skip
     if not 0 <= checks <= 100:
         raise UsageError("invalid number of checks", found=checks, allowed="0 to 100")
     rng = np.random.default_rng(seed)
@@ -158,7 +158,8 @@ def shown_figures(
 
     Both begin at the second of the song at which the last of all systems does, see `begin_of`.
 
-    Raises DataError: if one of them cannot be drawn, or has too little of the song in common with the others.
+    Raises DataError: if one of them cannot be drawn.
+    Raises UsageError: if one has too little of the song in common with the others.
     """
     first = next(iter(systems))
     figures: dict[str, Figure] = {}
@@ -174,7 +175,7 @@ def shown_figures(
     length = min(seconds, *(f.n_frames / float(f.grid.rate) - late[n] for n, f in figures.items()))
     if length < LEAST_S and any(late.values()):
         begins = [f"{n} from its {float(systems[n].second(items[n])):g} s" for n in figures]
-        raise DataError("the dancers share too little of their song", reason="mixed_starts", where=trial.clip,
+        raise UsageError("the dancers share too little of their song", reason="mixed_starts", where=trial.clip,
                         found=f"{', '.join(begins)}: {max(0.0, length):.2f} s in common",
                         allowed=f"{LEAST_S:g} s or more",
                         fix="name samples of the same windows, or watch them apart: dancedata view")  # fmt: skip

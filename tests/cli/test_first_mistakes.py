@@ -384,7 +384,7 @@ def test_a_folder_is_its_songs(corpus: Path, tmp_path: Path, what: str):
 
 @pytest.mark.parametrize("what", ["motions", "wavs/*.mp3", "motions/*.pkl"])
 def test_a_folder_without_a_song(corpus: Path, tmp_path: Path, what: str):
-    assert ".wav" in run("features", corpus / what, "--out", tmp_path / "out", code=2).stderr
+    assert ".wav" in run("features", corpus / what, "--out", tmp_path / "out", code=1).stderr
     assert not (tmp_path / "out").exists()
 
 
@@ -427,7 +427,7 @@ def test_a_name_that_looks_like_an_option_has_a_hint(tmp_path: Path):
     output = run("view", tmp_path, "-Ab_cdEf123_01", code=2).stderr
     assert "no such option: -A. A name that begins with - goes last, after --" in output
     assert "after --" not in run("view", tmp_path, "--fsp", "30", code=2).stderr
-    assert "there is nothing to look at" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=2).stderr
+    assert "there is nothing to look at" in run("view", tmp_path, "--", "-Ab_cdEf123_01", code=1).stderr
 
 
 def test_an_unknown_clip_of_many_has_the_nearest_names_and_their_number(tmp_path: Path):

@@ -192,7 +192,7 @@ def test_nothing_is_guessed_or_replaced(tmp_path: Path, monkeypatch: pytest.Monk
         dancedata.decode(path, "edge151", to="bvh", out=out)
     with raises_message(UsageError, "format"):
         dancedata.decode(path, "edge151", to="fbx", out=out, fps=30)  # type: ignore[arg-type]
-    with raises_message(DataError, "numpy", where="gone.npy", reason="broken_file"):
+    with raises_message(DataError, "no such file", where="gone.npy", reason="nothing_matched"):
         dancedata.decode(tmp_path / "gone.npy", "edge151", to="bvh", out=out, fps=30)
     dancedata.decode(path, "edge151", to="bvh", out=out, fps=30)
     with raises_message(UsageError, "already", where="out/x_000.bvh"):
@@ -222,7 +222,7 @@ def test_contacts_are_not_part_of_a_motion() -> None:
 
 def test_folders_patterns_and_lists_are_decoded_file_by_file(tmp_path: Path) -> None:
     options: dict[str, Any] = {"to": "npz", "fps": 30}
-    with raises_message(UsageError, "no file", where=tmp_path.name):
+    with raises_message(DataError, "no file", where=tmp_path.name, reason="nothing_matched"):
         dancedata.decode(tmp_path, "edge151", out=tmp_path / "out", **options)
     rows = Edge151().encode(random_motion(Edge151().skeleton, 20, turn_rad=0.3), Velocity())
     for name in ("a.npy", "b.npy"):

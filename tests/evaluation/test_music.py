@@ -96,7 +96,7 @@ def test_broken_lists_of_songs(tmp_path: Path, text: str, word: str) -> None:
     (tmp_path / "songs.csv").write_text(text, encoding="utf-8")
     with raises_message(UsageError, word):
         read_songs(tmp_path / "songs.csv")
-    with raises_message(UsageError, "songs", where="missing.csv"):
+    with raises_message(DataError, "songs", where="missing.csv", reason="broken_file"):
         read_songs(tmp_path / "missing.csv")
 
 

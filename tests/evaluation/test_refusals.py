@@ -224,7 +224,7 @@ def test_facts_of_files_that_are_not_stated_or_wrong(store, tmp_path, arrays, op
 def test_folders_with_nothing_to_evaluate(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for name in ("b", "empty"):
-        with raises_message(UsageError, "evaluate", where=name):
+        with raises_message(DataError, "evaluate", where=name, reason="nothing_matched"):
             dancedata.evaluate(tmp_path / name)
 
 

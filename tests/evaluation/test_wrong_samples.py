@@ -67,7 +67,7 @@ def said(error: type[DanceDataError] | None, words: str, code: str, call: Callab
     with raises_message(error, words) as caught:
         call()
     reasons = {"empty": "outside", "wrong_length": "nothing_left", "field_width": "nothing_left"}
-    assert getattr(caught.value, "reason", code) == reasons.get(code, code)
+    assert caught.value.reason == reasons.get(code, code)
 
 
 @pytest.mark.parametrize("code", CASES)

@@ -159,7 +159,7 @@ def test_nothing_that_moves(tmp_path: Path) -> None:
     (tmp_path / "killed" / f"{PREFIX}unfinished").mkdir(parents=True)
     (tmp_path / "empty").mkdir()
     for path in (tmp_path, tmp_path / "gone", Path(__file__), tmp_path / "killed", tmp_path / "empty"):
-        with raises_message(UsageError, "look"):
+        with raises_message(DataError, "look", reason="nothing_matched"):
             shown(path)
 
 

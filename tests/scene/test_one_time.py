@@ -145,7 +145,7 @@ def test_dancers_who_share_nothing_of_their_song_stand_apart(stores: dict[str, P
     cut = Scenes(open_store(stores["cut"]))
     systems = {"a": cut, "b": cut}
     items = {"a": cut.find("whole"), "b": cut.find("late")}
-    with raises_message(DataError, r"a from its 0 s, b from its 18\.5 s: 0\.00 s in common", reason="mixed_starts"):
+    with raises_message(UsageError, r"a from its 0 s, b from its 18\.5 s: 0\.00 s in common", reason="mixed_starts"):
         shown_figures(Trial(0, "song", "song", "a", "b"), items, systems, 5)
     vars(cut)["items"] = tuple(items.values())
     with raises_message(UsageError, r"whole to song.* from 0 s, late to song.* from 18\.5 s"):

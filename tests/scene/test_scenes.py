@@ -11,7 +11,7 @@ import pytest
 import dancedata
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
@@ -267,7 +267,7 @@ def test_another_dataset_is_compared(scenes) -> None:
 def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
     dataset = scenes("thirty")
     for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "nothing to compare with")):
-        with pytest.raises(UsageError, match=problem):
+        with raises_message(DataError, problem, reason="nothing_matched"):
             comparison_of(path, dataset, file_format(dataset.store))
 
 

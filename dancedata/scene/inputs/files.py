@@ -41,11 +41,11 @@ from dancedata.scene.poses import ColumnsReader, Pose, motion_readers
 _JOINTS = ("full_pose", "joints", "positions", "keypoints3d", "")
 _COLUMNS = ("columns", "motion", "samples", "")
 _LEAST_JOINTS = 22
-#: Fixes for files with rotations, by reason, as options of the command.
+#: Fixes for files with rotations, by reason.
 _REMEDIES = {
-    "undeclared": "declare it: --fps RATE, --up y or z, --unit m, cm, mm or inch",
+    "undeclared": "declare it: the rate (fps), up: y or z, the unit: m, cm, mm or inch",
     "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
-    "missing_key": "name its arrays so, or say what columns they are: --like DATASET, --field NAME",
+    "missing_key": "name its arrays so, or say what columns they are, of which dataset (field, like)",
 }
 
 
@@ -167,7 +167,7 @@ class FileClip(ClipInput):
             raise DataError(
                 "the file is of a group, or of several motions, and is taken as one clip", reason="bad_shape",
                 where=str(self.path), found=arrays.listed,
-                fix="take a protocol of groups, such as --protocol groups; or save each dancer in a file",
+                fix="take a protocol of groups, as groups is; or save each dancer in a file",
             )  # fmt: skip
 
     def _dancers(self) -> tuple[Pose, ...]:
@@ -228,7 +228,7 @@ class FileClip(ClipInput):
         if not same_rate(stored, reader.grid):
             raise DataError("the frame rate of this file is not that of its columns", reason="bad_rate",
                             where=str(self.path), found=f"{stored} frames per second",
-                            allowed=f"{reader.grid}, as --fps or --like states")  # fmt: skip
+                            allowed=f"{reader.grid}, as fps or the dataset states")  # fmt: skip
         return reader.pose(arrays.read(name), file=stated_scaling(arrays), where=self.path)
 
     def _grid(self, arrays: ArrayFile) -> FrameGrid:

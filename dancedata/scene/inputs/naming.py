@@ -57,8 +57,9 @@ class Named:
             f"none of {counted(len(self.clips), 'file')} is named as a clip, window or song of {like.path.name}",
             reason="nothing_matched", where=where, found=listed(self.unknown),
             allowed=f"CLIP or CLIP@START+LENGTH, such as {example} and {SampleId(example, 0, 150)}",
-            fix="write samples with save_samples; or name their songs in a list, --music FILE.csv; or choose metrics "
-            "without music",
+            fix="write samples with save_samples; or name their songs in a list, music=FILE.csv; or choose metrics "
+            "without music", options="write samples with save_samples; or name their songs in a list, --music "
+            "FILE.csv; or choose metrics without music",
         )  # fmt: skip
 
 
@@ -113,7 +114,8 @@ def _require_all_dancers(clip: ClipInput, sample: Sample) -> None:
     """Raise UsageError if files of the dancers of a group, named by ids, are not those of all."""
     files = clip.dancer_files
     if files and len(files) < len(sample.clips) and all(SampleId.parse(f.stem).dancer is not None for f in files):
-        raise UsageError("not all dancers of a group are here", where=clip.id, found=listed([f.stem for f in files]),
+        raise UsageError("not all dancers of a group are here", reason="group_dancer", where=clip.id,
+                         found=listed([f.stem for f in files]),
                          allowed=listed([f"{clip.id}~p{dancer.member}" for dancer in sample.clips]),
                          fix="write all, or take a protocol of single dancers")  # fmt: skip
 
@@ -163,8 +165,8 @@ def _begin(clip: ClipInput, sample: Sample | None, song: Song | None, music: str
     right = "SECONDS" if sample is None else f"{float(begin):.9g}"
     raise UsageError(
         "a song is named for a window, but not the second at which the window begins in it; 0 would be the beginning "
-        "of the song", where=clip.id, found=f"{shown(music)} without start_s",
-        allowed="the second that the dataset of the window has: name it with --like" if sample is None
+        "of the song", reason="no_start", where=clip.id, found=f"{shown(music)} without start_s",
+        allowed="the second that the dataset of the window has: name that dataset (like)" if sample is None
         else f"second {right}, at which the window begins in its music",
         fix=f"write a line {clip.id},{shown(music)},{right} (sample,song,start_s)",
     )  # fmt: skip
@@ -176,7 +178,8 @@ def _song_of_all(song: str, sample: Sample | None) -> Song:
         return Song.of(song)
     if sample.clip.music not in ("", song):
         raise UsageError(
-            "a song is named for a window whose music the dataset has", where=str(sample.id), found=song,
+            "a song is named for a window whose music the dataset has", reason="music_twice", where=str(sample.id),
+            found=song,
             allowed=f"{sample.clip.music}, from its second {float(sample.music_start_s):g}",
             fix=f"leave the music out; for other music on purpose write a list: {sample.id},{song},SECONDS "
             "(sample,song,start_s)",
@@ -201,13 +204,13 @@ def motion_paths(path: Path) -> list[Path]:
 def motion_files(path: Path, purpose: str) -> list[Path]:
     """Return the motion files of a folder or a pattern, or one file: the trip of every command that takes motion.
 
-    UsageError for none to `purpose`, such as "look at", and for two of one name.
+    DataError for none to `purpose`, such as "look at"; UsageError for two of one name.
     """
     files = motion_paths(path)
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
         content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"
-        raise UsageError(
-            f"there is nothing to {purpose}", where=path,
+        raise DataError(
+            f"there is nothing to {purpose}", reason="nothing_matched", where=path,
             found=content if path.exists() else "no such file or folder",
             allowed=f"a built dataset, a folder of motion files, or a file {', '.join(MOTION_SUFFIXES)}",
             fix=INTERRUPTED if content == "an empty folder" or "an unfinished build" in content else None,

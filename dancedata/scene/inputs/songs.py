@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Self, TypeAlias
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import as_fraction
 from dancedata.core.text import csv_text, listed, quoted
 from dancedata.files.listing import best_audio, group_by_stem
@@ -149,7 +149,8 @@ def read_songs(path: Path) -> dict[str, Song]:
     A heading "sample,song" or "sample,song,start_s" may come first. Columns are separated by commas, semicolons or
     tabulators, whichever make two or three of the first line.
 
-    UsageError if it cannot be read, a line has another number of columns or no song, or two lines have one clip.
+    DataError if it cannot be read; UsageError if a line has another number of columns or no song, or two lines have
+    one clip.
     """
     try:
         if path.stat().st_size > _MAX_CSV_BYTES:
@@ -159,7 +160,9 @@ def read_songs(path: Path) -> dict[str, Song]:
         between = next((c for c in ",;\t" if len(next(csv.reader([head], delimiter=c), [])) in (2, 3)), ",")
         lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=between))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise UsageError("the list of songs cannot be read", where=path, found=str(error)) from error
+        raise DataError(
+            "the list of songs cannot be read", reason="broken_file", where=path, found=str(error)
+        ) from error
     songs: dict[str, Song] = {}
     for number, line in enumerate(lines, start=1):
         if not line or (number == 1 and [cell.strip().lower() for cell in line] in _HEADS):
