@@ -166,6 +166,8 @@ def study(
         from dancedata.files.listing import named_files
         from dancedata.study.results import read_results, results_of
 
+        if out is not None or names is not None:
+            raise UsageError("answers are counted, and --out and --names go with systems", fix="leave them out")
         results = results_of(*read_results(named_files(paths, (".csv",))))
         return Output(results.to_json, lambda: str(results), warnings=results.notes)
     from dancedata.scene.selection import ViewRequest

@@ -17,9 +17,10 @@ import numpy.typing as npt
 
 from dancedata.core.dance import Undefined
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.text import counted, listed, quoted
+from dancedata.core.text import counted, listed, printable, quoted
 from dancedata.metrics.intervals import Interval, jackknife
 from dancedata.study.page import COLUMNS
+from dancedata.study.trials import STILL
 
 _MAX_BYTES = 1 << 26
 #: Steps of the fixed point of Bradley-Terry at most, and the change at which it has converged.
@@ -120,17 +121,18 @@ class Results:
             ranked = sorted(self.strengths.items(), key=lambda item: -item[1])
             strengths = ", ".join(f"{name} {value:+.2f}" for name, value in ranked)
             lines.append(f"  Bradley-Terry, log strength: {strengths}")
-        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+        return printable("\n".join([*lines, *(f"  note: {note}" for note in self.notes)]), lines=True)
 
 
 def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
     """Read files of results, as the page saves them; returns the study's id and the answers.
 
-    Raises DataError: for other columns or choices, files of different studies, and two answers of a participant to
-        one trial.
+    Raises DataError: for other columns or choices, files of different studies, trials that differ between files, and
+        two answers of a participant to one trial.
     """
     answers: dict[tuple[str, str], Answer] = {}
     studies: dict[str, Path] = {}
+    trials: dict[str, tuple[str, ...]] = {}
     for path in paths:
         for number, row in enumerate(_rows(path), start=2):
             where = f"{path}, line {number}"
@@ -139,23 +141,38 @@ def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
                 raise DataError("the results are of different studies", reason="other_study", where=where,
                                 found=listed(list(studies)),
                                 fix="give the results of one study at a time")  # fmt: skip
-            sides = (row["left"], row["right"])
-            if row["choice"] not in ("left", "right") or row["expected"] not in ("", "left", "right") or "" in sides:
-                raise DataError(
-                    "a row is not an answer", reason="bad_row", where=where,
-                    found=f"choice {quoted(row['choice'])}, expected {quoted(row['expected'])}, of {listed(sides)}",
-                    allowed="left or right, and two systems",
-                )  # fmt: skip
+            if wrong := _wrong(row):
+                raise DataError("a row is not an answer", reason="bad_row", where=where,
+                                found=f"{wrong} {quoted(row[wrong], 60)}",
+                                allowed="left or right, of two systems, one of which stands still in a check",
+                                fix="ask the rater for the file again")  # fmt: skip
+            trial = (row["song"], row["left"], row["right"], row["expected"])
+            if trials.setdefault(row["trial"], trial) != trial:
+                raise DataError("a trial has other dancers than in an earlier row", reason="other_study", where=where,
+                                found=listed(trial), allowed=listed(trials[row["trial"]]))  # fmt: skip
             key = (row["participant"], row["trial"])
             if key in answers:
                 raise DataError("a participant answers a trial twice", reason="twice", where=where,
                                 found=f"participant {quoted(key[0])}, trial {key[1]}",
                                 fix="give each file once, or rename one of two participants of one name")  # fmt: skip
             reasons = tuple(filter(None, row["reasons"].split("; ")))
+            sides = (row["left"], row["right"])
             answers[key] = Answer(key[0], row["song"], *sides, row["choice"], row["expected"], reasons)
     if not answers:
         raise DataError("there are no answers", reason="empty", fix="give the CSV files that the page saves")
     return next(iter(studies)), list(answers.values())
+
+
+def _wrong(row: Mapping[str, str]) -> str:
+    """Return the first column of a row whose value the page cannot have written; "" for an answer."""
+    still = [side for side in ("left", "right") if row[side] == STILL]
+    expected = "" if not still else "right" if still == ["left"] else "left"
+    is_right = {
+        **{name: row[name] != "" for name in ("study", "participant", "trial", "song", "left")},
+        "choice": row["choice"] in ("left", "right"), "right": row["right"] not in ("", row["left"]),
+        "expected": row["expected"] == expected, "chosen": row["chosen"] == row.get(row["choice"]),
+    }  # fmt: skip
+    return next((name for name in is_right if not is_right[name]), "")
 
 
 def _rows(path: Path) -> list[dict[str, str]]:
@@ -163,7 +180,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
         if path.stat().st_size > _MAX_BYTES:
             raise DataError("the file is too large", reason="too_large", where=path, allowed=f"{_MAX_BYTES:,} bytes")
         text = path.read_bytes().decode("utf-8-sig")
-        reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+        between = next((c for c in ",;\t" if c in text.partition("\n")[0]), ",")  # spreadsheets write others
+        reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=between, strict=True)
         rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError("the results cannot be read", reason="broken_file", where=path, found=str(error)) from error
@@ -194,7 +212,7 @@ def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = Fal
             fix="count them all the same: keep_failed=True in Python",
         )
     pairs = [a for a in answers if a.participant in counting and not a.expected]
-    notes = []
+    notes = [] if pairs else ["there are answers to checks alone, and none to a pair"]
     if failed:
         notes.append(f"{counted(len(failed), 'participant')} failed a check and does not count: {listed(failed)}")
     if keep_failed and wrong:

@@ -4,6 +4,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,25 @@ def test_strengths_are_the_likeliest() -> None:
     assert any("not finite" in note for note in results.notes)
 
 
+def changed(text: str, column: str, value: str) -> str:
+    """Return results with another value in a column of the first row."""
+    head, row, *rows = text.splitlines()
+    values = dict(zip(COLUMNS, row.split(","), strict=True)) | {column: value}
+    return "\n".join([head, ",".join(values.values()), *rows, ""])
+
+
+@pytest.mark.parametrize("between", [";", "\t"])
+def test_results_saved_by_a_spreadsheet(tmp_path: Path, between: str) -> None:
+    text = csv_of(
+        make_trials(CLIPS, ("a", "b"), songs=2, checks=1, seed=0), "\x1b[2J", lambda t: t.expected or "left"
+    )
+    for name, written in (("a", text), ("b", text.replace(";", " ").replace(",", between))):
+        (tmp_path / name).write_text(written)
+    one, other = (read_results([tmp_path / name])[1] for name in "ab")
+    assert [(a.left, a.choice) for a in one] == [(a.left, a.choice) for a in other]
+    assert "\x1b" not in str(results_of("abc", one))
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -236,6 +256,17 @@ def test_strengths_are_the_likeliest() -> None:
             "different studies",
         ),
         (lambda text: text + "abc,me\n", "another number of columns"),
+        *(
+            (partial(changed, column=column, value=value), f"not an answer; found {column}")
+            for column, value in {
+                "chosen": "nobody",
+                "right": "",
+                "expected": "left",
+                "participant": "",
+                "song": "",
+            }.items()
+        ),
+        (lambda text: text + changed(text.replace(",me,", ",you,"), "song", "z").splitlines()[1], "earlier row"),
         (lambda text: text.splitlines()[0] + "\n", "no answers"),
         (lambda text: "\udcff", "cannot be read"),
     ],
