@@ -57,6 +57,10 @@ class Browser:
         about = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", about)
 
+    def text(self, name: str) -> str:
+        """Return what an element of the viewer says."""
+        return str(self.js("return document.querySelector(`[data-dd=${arguments[0]}]`).textContent", name))
+
     def key(self, text: str) -> None:
         """Press a key."""
         self.driver.switch_to.active_element.send_keys(text)

@@ -9,15 +9,11 @@ from dancedata.core.registry import DATASETS
 from dancedata.recipes.parse import parse_recipe
 
 RECIPE = {
-    "recipe": 1,
-    "name": "small",
+    "recipe": 1, "name": "small", "fps": 30, "windows": {"length_s": 2, "stride_s": 0.5},
     "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 5}},
-    "fps": 30,
-    "windows": {"length_s": 2, "stride_s": 0.5},
     "motion": {"edge151": {}, "lodge139": {}, "joints": {}, "fact219": {}},
-    "keymotion": {"lodge": {}},
-    "audio": {"librosa35": {}},
-}
+    "keymotion": {"lodge": {}}, "audio": {"librosa35": {}},
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")

@@ -12,19 +12,12 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
 
 
 def test_code_of_the_page_runs(tmp_path: Path) -> None:
-    recipe = parse_recipe(
-        {
-            "recipe": 1,
-            "name": "page",
-            "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 36, "split": "all"}},
-            "fps": 30,
-            "windows": {"length_frames": 1024, "stride_frames": 102},
-            "motion": {"lodge139": {}},
-            "audio": {"librosa35": {}},
-            "keymotion": {"lodge": {}},
-        }
-    )
-    build(recipe, tmp_path / "source", tmp_path / "out", jobs=1, cache=tmp_path / "cache")
+    recipe = {
+        "recipe": 1, "name": "page", "windows": {"length_frames": 1024, "stride_frames": 102}, "fps": 30,
+        "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 36, "split": "all"}},
+        "motion": {"lodge139": {}}, "audio": {"librosa35": {}}, "keymotion": {"lodge": {}},
+    }  # fmt: skip
+    build(parse_recipe(recipe), tmp_path / "source", tmp_path / "out", jobs=1, cache=tmp_path / "cache")
     text = PAGE.read_text(encoding="utf-8").replace('windows("train"', 'windows("all"')
     blocks = re.findall(r"```python\n(.*?)```", text.split("## Key motions")[1], flags=re.DOTALL)
     assert len(blocks) >= 2

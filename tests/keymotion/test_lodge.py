@@ -10,18 +10,14 @@ from dancedata.core.bodies import SMPLX22, transfer
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import KEYMOTIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.keymotion.characteristic_primitives import joints_of
 from dancedata.keymotion.lodge import Lodge
 from dancedata.metrics.key_motion import KeyMotion, key_motion
-from dancedata.testing.conformance import check_plugin
 from tests.messages import raises_message
 
 
-def test_is_a_plug_in() -> None:
-    assert KEYMOTIONS.get("lodge") is Lodge
-    check_plugin(Lodge)
+def test_columns() -> None:
     columns = Lodge().columns
     assert columns.labels == ("speed", "minimum", "prominence")
     assert columns.mirror.permutation == (0, 1, 2)

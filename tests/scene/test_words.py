@@ -92,6 +92,6 @@ def test_words_are_drawn_and_said(browser, tmp_path: Path, scenes: Scenes) -> No
     page.write_text(clip_page(scenes, [scenes.find("train0"), scenes.find("train1")]))
     browser.open(f"file://{page}#group=train0&t=0.5")
     browser.wait("return document.querySelector('[data-dd=clock]').textContent.includes('enter')")
-    said = browser.js("return document.querySelector('[data-dd=clock]').textContent")
+    said = browser.text("clock")
     assert "turn of train0_p" in said
     assert browser.log() == []

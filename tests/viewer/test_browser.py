@@ -66,14 +66,13 @@ def test_a_link_that_is_opened_while_the_address_is_written_is_followed(browser:
 
 def test_music_that_is_loading_is_not_missing(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav"))
-    assert " · Cite: " in " ".join(browser.js("return document.querySelector('[data-dd=foot]').textContent").split())
-    meta = "return document.querySelector('[data-dd=meta]').textContent"
+    assert " · Cite: " in " ".join(browser.text("foot").split())
     browser.js("const plain = window.fetch; window.fetch = (url, ...more) => "
                "String(url).includes('/music') ? new Promise(() => {}) : plain(url, ...more)")  # fmt: skip
     browser.js(f"location.hash = 'clip={quote(HOSTILE[0], safe='')}'")
     browser.wait(f"return {V}.state.clip.id !== 'wav'")
     browser.wait("return document.querySelector('[data-dd=clock]').textContent.includes('music is loading')")
-    assert "no music" not in browser.js(meta)
+    assert "no music" not in browser.text("meta")
 
 
 def test_bidirectional_characters_are_shown_as_codes(browser: Browser, odd: Path, tmp_path: Path) -> None:
@@ -100,8 +99,6 @@ def test_bidirectional_characters_are_shown_as_codes(browser: Browser, odd: Path
 
 
 def test_only_its_own_server_is_contacted(browser: Browser, served: str) -> None:
-    import json
-
     browser.driver.get_log("performance")
     browser.open(at(served, "wav"))
     browser.wait(f"return {V}.state.clip.sound")
@@ -392,7 +389,7 @@ def test_a_comparison_is_drawn_and_measured(browser: Browser, odd: Path, source:
         browser.open(address + "&with=original&over=1&t=1")
         browser.wait(f"return {V}.state.other")
         assert browser.js(f"return {V}.state.other.mean") < 0.01
-        assert "mm from original" in browser.js("return document.querySelector('[data-dd=clock]').textContent")
+        assert "mm from original" in browser.text("clock")
         assert colour_count(browser, "other") > 20
         names = browser.js("return [...document.querySelectorAll('[data-dd=with] > option')].map(o => o.text)")
         assert names == ["compare with…", "original", odd.name, f"{odd.name} (2)"]

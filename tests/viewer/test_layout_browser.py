@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,11 @@ from tests.scene.helpers import FPS, SECONDS, serving
 from tests.viewer.test_browser import V, at
 
 BOX = "const b = document.querySelector(`[data-dd=${arguments[0]}]`).getBoundingClientRect(); return b.toJSON()"
+#: Keeps the texts that pictures have from now on.
+TEXTS = (
+    "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
+    "p.fillText = function (t, ...r) { texts.push(t); return text.call(this, t, ...r) };"
+)
 DRAWN = "await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)));"
 
 
@@ -114,7 +118,6 @@ def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypat
     monkeypatch.setattr(Site, "_clip", slow)
     browser.get(at(served, "flac"))
     disabled = "return document.querySelector('[data-dd=play]').disabled"
-    notes = "return document.querySelector('[data-dd=notes]').textContent"
     browser.wait(f"return {V}.state.clip === null && document.querySelector('[data-dd=play]').disabled")
     assert box(browser, "lanes")["height"] > 120
     assert box(browser, "stage")["height"] > 300
@@ -124,7 +127,7 @@ def test_a_page_that_waits_for_its_clip(browser: Browser, served: str, monkeypat
     go_on.set()
     browser.wait(f"return {V}.state.clip")
     assert not browser.js(disabled)
-    assert "loading" not in browser.js(notes)
+    assert "loading" not in browser.text("notes")
     assert abs(box(browser, "stage")["height"] - waiting) < 40  # nothing jumps
     browser.wait("return document.querySelector('[data-dd=root]').dataset.ready === '1'")
 
@@ -145,17 +148,15 @@ def test_the_first_minute_of_a_long_clip_comes_first(browser, odd, monkeypatch):
     with serving(ViewRequest(odd, "wav")) as address:
         browser.open(address + "&t=5")
         assert browser.js(f"return [{V}.state.clip.partial, {V}.state.clip.figure.frames]") == [True, 2 * FPS]
-        assert "the rest is loading" in browser.js("return document.querySelector('[data-dd=meta]').textContent")
+        assert "the rest is loading" in browser.text("meta")
         assert browser.js(f"return {V}.state.t") == pytest.approx(5)
         assert browser.js(f"return {V}.state.clip.windows.length") == 9  # of the whole clip
         go_on.set()
         browser.wait(f"return {V}.state.clip.figure.frames === {SECONDS * FPS}")
         browser.later(DRAWN)
-        assert browser.js(f"return [{V}.state.drawn, {V}.state.clip.speed.values.length]") == [
-            5 * FPS,
-            SECONDS * FPS - 1,
-        ]
-        assert "loading" not in browser.js("return document.querySelector('[data-dd=meta]').textContent")
+        drawn = browser.js(f"return [{V}.state.drawn, {V}.state.clip.speed.values.length]")
+        assert drawn == [5 * FPS, SECONDS * FPS - 1]
+        assert "loading" not in browser.text("meta")
         browser.open(address + "&t=1")
         browser.wait(f"return !{V}.state.clip.partial")
     # Once each, though the server warms up with the first clip and the page was opened twice.
@@ -178,9 +179,7 @@ def test_lanes_of_half_an_hour_can_be_read(browser: Browser, served: str) -> Non
     browser.wait(f"return {V}.state.clip.sound")
     browser.js(LONG)
     browser.js(
-        "window.texts = []; window.lines = 0; const p = CanvasRenderingContext2D.prototype;"
-        "const text = p.fillText, line = p.lineTo;"
-        "p.fillText = function (t, ...r) { texts.push(t); return text.call(this, t, ...r) };"
+        f"{TEXTS} window.lines = 0; const line = p.lineTo;"
         "p.lineTo = function (...r) { lines++; return line.call(this, ...r) };"
     )
     lanes = browser.driver.find_element("css selector", "[data-dd=lanes]")
@@ -229,9 +228,8 @@ def test_a_window_under_the_pointer_is_named_and_a_click_loops_it(browser: Brows
     x = lanes["left"] + 74 + (lanes["width"] - 74) * 1.02 / SECONDS
     y = lanes["top"] + row["y"] + 4
     pointer(browser, "lanes", "pointermove", x, y)
-    toast = "return document.querySelector('[data-dd=toast]').textContent"
     browser.wait("return document.querySelector('[data-dd=toast]').textContent")
-    assert browser.js(toast) == "window 2: frames 30 to 89"
+    assert browser.text("toast") == "window 2: frames 30 to 89"
     pointer(browser, "lanes", "pointermove", x, lanes["top"] + 40)
     browser.wait("return !document.querySelector('[data-dd=toast]').textContent")
     pointer(browser, "lanes", "pointerdown", x, y)
@@ -246,15 +244,10 @@ def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[
     for k in range(11):
         (folder / f"model-{k}").mkdir()
         np.savez(folder / f"model-{k}" / "wav.npz", joints=joints, fps=FPS)
-    with ExitStack() as stack:
-        yield {
-            n: stack.enter_context(
-                serving(
-                    ViewRequest(odd, "wav", compare=tuple(folder / f"model-{k}" for k in range(n - 1)), wall=True)
-                )
-            )
-            for n in (9, 12)
-        }
+    models = [tuple(folder / f"model-{k}" for k in range(n)) for n in (8, 11)]
+    eight, eleven = (serving(ViewRequest(odd, "wav", compare=of, wall=True)) for of in models)
+    with eight as nine, eleven as twelve:
+        yield {9: nine, 12: twelve}
 
 
 @pytest.mark.parametrize(
@@ -284,12 +277,7 @@ def test_the_dancers_of_a_wall_have_most_of_the_page(browser, walls, dancers, si
 def test_numbers_of_a_wall_stand_beside_its_lanes(browser: Browser, walls: dict[int, str]) -> None:
     browser.size(1366, 625)
     browser.open(walls[12])
-    browser.js(
-        "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
-        "p.fillText = function (t, ...r) { texts.push(t); return text.call(this, t, ...r) };"
-        "dispatchEvent(new Event('resize'));"
-        "document.querySelector('[data-dd=zoomin]').click();"
-    )
+    browser.js(f"{TEXTS} dispatchEvent(new Event('resize')); document.querySelector('[data-dd=zoomin]').click();")
     browser.later(DRAWN)
     texts = browser.js("return texts")
     numbers = browser.js(f"return {V}.state.clip.members.map(m => m.numbers)")
@@ -355,11 +343,7 @@ def test_the_overview_of_a_long_clip_moves_the_lanes(browser: Browser, served: s
 
 def test_left_and_right_are_told_apart_without_colours(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav", "&theme=dark"))
-    browser.js(
-        "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
-        "p.fillText = function (t, ...r) { texts.push([t, ...r]); return text.call(this, t, ...r) };"
-    )
-    browser.js(f"{V}.state.dirty = true")
+    browser.js(TEXTS.replace("push(t)", "push([t, ...r])") + f"{V}.state.dirty = true")
     browser.later(DRAWN)
     assert not {"L", "R"} & {text for text, *_ in browser.js("return texts")}
     pointer(browser, "figure", "pointerenter", 500, 200)

@@ -37,7 +37,7 @@ def address(scenes: Of, model: Path) -> Iterator[str]:
 def test_the_model_is_drawn_where_numpy_puts_it(webgl_browser, address, model, scenes):
     webgl_browser.open(address)
     webgl_browser.wait(f"return {V}.state.clip.figure.turning")
-    assert webgl_browser.js("return document.querySelector('[data-dd=body]').textContent") == "Skin"
+    assert webgl_browser.text("body") == "Skin"
     webgl_browser.js(f"Object.assign({V}.camera, {{yaw: 0.4, pitch: 0.1, zoom: 1}})")
     picture = stage(webgl_browser)
     camera, far = webgl_browser.js(f"return {V}.camera"), webgl_browser.js(f"return {V}.far")
