@@ -33,14 +33,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import (
-    DOWNLOAD_AGAIN,
-    no_frames,
-    require_dancer,
-    require_finite,
-    require_keys,
-    require_rotations,
-)
+from dancedata.datasets import checks
 from dancedata.datasets.files import MAX_LIST_BYTES, SPLITS
 from dancedata.datasets.published import Folders, Layout, Listing, PairedDataset
 from dancedata.files.regular_file import read_regular
@@ -82,17 +75,17 @@ def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
     with open_arrays(path) as arrays:
         sizes = _sizes(arrays)
         for member in members:
-            require_dancer(path, member, sizes.dancers)
+            checks.require_dancer(path, member, sizes.dancers)
         poses, places = arrays.read(POSES)[list(members)], arrays.read(TRANS)[list(members)]
         if sizes.has_orients:
             blank = np.zeros((*poses.shape[:2], _BODY - sizes.width))
             poses = np.concatenate([arrays.read(ORIENTS)[list(members)], poses, blank], axis=-1)
     motions = []
     for member, rows, trans in zip(members, poses, places, strict=True):
-        require_finite(path, f"the rotations of dancer {member}", rows, DOWNLOAD_AGAIN)
-        require_finite(path, f"{TRANS} of dancer {member}", trans, DOWNLOAD_AGAIN)
+        checks.require_finite(path, f"the rotations of dancer {member}", rows)
+        checks.require_finite(path, f"{TRANS} of dancer {member}", trans)
         rotations = rows.reshape(len(rows), JOINTS, 3)
-        require_rotations(path, f"{POSES} of dancer {member}", rotations, trans, SMPL24.parents)
+        checks.require_rotations(path, f"{POSES} of dancer {member}", rotations, trans, SMPL24.parents)
         motions.append(Motion(trans, rotations, FrameGrid.of(RATE), SMPL24))
     return motions
 
@@ -100,7 +93,7 @@ def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
 def _sizes(arrays: ArrayFile) -> Sizes:
     """Check which of the two forms a file has, and that its arrays agree."""
     path = arrays.path
-    require_keys(arrays, (POSES, TRANS), f"{POSES} and {TRANS}, and {ORIENTS} where {POSES} has no root")
+    checks.require_keys(arrays, (POSES, TRANS), f"{POSES} and {TRANS}, and {ORIENTS} where {POSES} has no root")
     shape, has_orients = arrays.shape(POSES), ORIENTS in arrays.names
     width = shape[-1] if len(shape) == 3 else 0
     if has_orients and width == _ALL:
@@ -118,14 +111,15 @@ def _sizes(arrays: ArrayFile) -> Sizes:
         allowed = f"(P, T, n) with n at most {_BODY} and a multiple of 3" if has_orients else f"(P, T, {_ALL})"
         raise DataError(f"{POSES} has the wrong shape{' for a file without ' + ORIENTS if hint else ''}",
                         reason="bad_shape", where=str(path), found=f"{shape}{hint}", allowed=allowed,
-                        fix=DOWNLOAD_AGAIN)  # fmt: skip
+                        fix=checks.DOWNLOAD_AGAIN)  # fmt: skip
     for key in (TRANS, *([ORIENTS] if has_orients else [])):
         if arrays.shape(key) != (*shape[:2], 3):
             raise DataError(f"{key} and {POSES} do not agree", reason="length_mismatch", where=str(path),
                             found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
-                            allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3", fix=DOWNLOAD_AGAIN)  # fmt: skip
+                            allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3",
+                            fix=checks.DOWNLOAD_AGAIN)  # fmt: skip
     if not (shape[0] and shape[1]):
-        raise no_frames(path)
+        raise checks.no_frames(path)
     return Sizes(shape[0], shape[1], width, has_orients)
 
 

@@ -21,8 +21,8 @@ In EDGE's (Tseng et al. 2023) each sequence has its own audio file, cut to its l
             motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl
             wavs/gBR_sBM_cAll_d04_mBR2_ch08.wav
 
-SOURCE may be the folder that contains ``motions/`` or its parent. A sequence with both kinds of music uses its own
-file. Facts (tempos, split rule, ignore list, copies) are in ``manifests/aistpp.yaml``.
+A sequence with both kinds of music uses its own file. Facts (tempos, split rule, ignore
+list, copies) are in ``manifests/aistpp.yaml``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence

@@ -91,7 +91,7 @@ def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> N
                         allowed=f"a dict with {allowed or ', '.join(keys)}", fix=DOWNLOAD_AGAIN)  # fmt: skip
 
 
-def require_finite(path: Path, what: str, array: Floats, fix: str, *, columns: bool = False) -> None:
+def require_finite(path: Path, what: str, array: Floats, fix: str = DOWNLOAD_AGAIN, *, columns: bool = False) -> None:
     """Raise DataError, ``nan`` with frame, and column if users know `columns`, unless an array (T, ...) is finite."""
     finite = np.isfinite(array.reshape(len(array), -1))
     bad = np.asarray(~finite.all(axis=1))

@@ -10,8 +10,7 @@ The published archive, unpacked:
         label_json/001.json   style1 (coarse), style2 (the genre), the song's name
         music_npy/001.npy     not read: features are computed from the audio
 
-SOURCE may be the folder that contains ``motion/`` or its parent. Facts (splits, ignore lists, trims, genres) are in
-``manifests/finedance.yaml``.
+Facts (splits, ignore lists, trims, genres) are in ``manifests/finedance.yaml``.
 """
 
 import json
@@ -355,7 +354,7 @@ def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     with open_arrays(path) as arrays:
         _length(arrays)
         array = arrays.read("")
-    require_finite(path, "the motion", array, DOWNLOAD_AGAIN, columns=True)
+    require_finite(path, "the motion", array, columns=True)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
     check_rows(path, rows)
     if trim_start >= len(array):

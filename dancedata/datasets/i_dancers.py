@@ -7,8 +7,7 @@
         music/NAME.wav          music of the sequence; second 0 is frame 0
         train.txt, test.txt     names, as they are or with the ending _smpl.pkl
 
-SOURCE may be the folder that contains ``motion/`` or its parent. Neither the rate nor the axis that is up is
-published. CoheDancers' loader takes frames 15 to -15 of each sequence and of its features; `trim_frames` does so.
+Neither the rate nor the axis that is up is published. CoheDancers' loader takes frames 15 to -15 (`trim_frames`).
 """
 
 from collections import Counter
@@ -30,18 +29,7 @@ from dancedata.core.rotations import rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed
 from dancedata.core.typing import override
-from dancedata.datasets.checks import (
-    DOWNLOAD_AGAIN,
-    bad_shape,
-    no_frames,
-    require_dancer,
-    require_finite,
-    require_keys,
-    require_matrices,
-    spine_of,
-    up_axis,
-    upright,
-)
+from dancedata.datasets import checks
 from dancedata.datasets.published import Layout, LeftOut, Listing, PairedDataset, rejected
 from dancedata.formats.values import open_arrays
 from dancedata.kernel import audio_length
@@ -220,7 +208,7 @@ def _fitting(frames: int, seconds: Fraction) -> list[int]:
 def shape_of(path: Path) -> tuple[int, int]:
     """Return dancers and frames of a pickle; DataError if they cannot be read."""
     with open_arrays(path) as arrays:
-        require_keys(arrays, KEYS)
+        checks.require_keys(arrays, KEYS)
         shape = arrays.shape("smpl_poses")
     _require_shape(path, shape)
     return shape[0], shape[1]
@@ -233,25 +221,26 @@ def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "
     Returns: Metres, turned to +Y up about the world's origin, so dancers stay in one world; SMPL24.
     """
     with open_arrays(path) as arrays:
-        require_keys(arrays, KEYS)
+        checks.require_keys(arrays, KEYS)
         matrices, places = (arrays.read(key) for key in KEYS)
     _require_shape(path, matrices.shape)
     dancers, frames = matrices.shape[:2]
     if frames <= 2 * trim:
         raise too_short(path, frames, trim)
     if places.shape != (dancers, frames, 3):
-        raise bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
+        raise checks.bad_shape(path, "smpl_trans", places.shape, f"{(dancers, frames, 3)}, as smpl_poses")
     for member in members:
-        require_dancer(path, member, dancers)
-        require_finite(path, f"dancer {member}: smpl_trans", places[member], DOWNLOAD_AGAIN)
-        require_finite(path, f"dancer {member}: smpl_poses", matrices[member].reshape(frames, -1), DOWNLOAD_AGAIN)
-        require_matrices(f"{path}, dancer {member}", matrices[member], SMPL24.joints)
+        checks.require_dancer(path, member, dancers)
+        checks.require_finite(path, f"dancer {member}: smpl_trans", places[member])
+        checks.require_finite(path, f"dancer {member}: smpl_poses", matrices[member].reshape(frames, -1))
+        checks.require_matrices(f"{path}, dancer {member}", matrices[member], SMPL24.joints)
     matrices, places = (a[:, trim : frames - trim] for a in (matrices, places))
     finite = [k for k in range(dancers) if np.isfinite(matrices[k]).all() and np.isfinite(places[k]).all()]
     grid = FrameGrid(rate)
     motions = {k: Motion(places[k], rotvec_from_matrix(matrices[k]), grid, SMPL24) for k in finite}
-    axis = up_axis(path, np.mean([spine_of(motion) for motion in motions.values()], axis=0), up, "i-dancers")
-    return [upright(motions[member], axis) for member in members]
+    spine = np.mean([checks.spine_of(motion) for motion in motions.values()], axis=0)
+    axis = checks.up_axis(path, spine, up, "i-dancers")
+    return [checks.upright(motions[member], axis) for member in members]
 
 
 def too_short(path: Path, frames: int, trim: int) -> DataError:
@@ -263,9 +252,9 @@ def too_short(path: Path, frames: int, trim: int) -> DataError:
 
 def _require_shape(path: Path, shape: tuple[int, ...]) -> None:
     if len(shape) != 5 or shape[2:] != (SMPL24.n_joints, 3, 3) or shape[0] < 1:
-        raise bad_shape(path, "smpl_poses", shape, f"(P, T, {SMPL24.n_joints}, 3, 3) of rotation matrices")
+        raise checks.bad_shape(path, "smpl_poses", shape, f"(P, T, {SMPL24.n_joints}, 3, 3) of rotation matrices")
     if shape[1] == 0:
-        raise no_frames(path)
+        raise checks.no_frames(path)
 
 
 def content_of(motion: Motion, size: int) -> dict[str, Any]:

@@ -32,17 +32,7 @@ from dancedata.core.registry import DATASETS, REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import (
-    DOWNLOAD_AGAIN,
-    bad_shape,
-    no_frames,
-    read_frames,
-    require_finite,
-    require_rotations,
-    spine_of,
-    up_axis,
-    upright,
-)
+from dancedata.datasets import checks
 from dancedata.datasets.files import ALL, MAX_LIST_BYTES, NO_FILES, files_by_stem, read_names
 from dancedata.datasets.published import Labels, Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder, relative
@@ -331,11 +321,11 @@ def _load_fit(path: Path, up: str = "auto") -> Motion:
     Returns: 30 FPS, metres, +Y up; (T, 22, 3) of SMPLX22. SMPL's hands, the last two of 23 joints, are not used.
     """
     with open_arrays(path) as arrays:
-        pose, root, places = read_frames(arrays, _SHAPES)
+        pose, root, places = checks.read_frames(arrays, _SHAPES)
     rotations = np.concatenate([root, pose[:, : 3 * BODY]], axis=1).reshape(len(pose), -1, 3)
-    require_rotations(path, "body_pose", rotations, places, SMPLX22.parents)
+    checks.require_rotations(path, "body_pose", rotations, places, SMPLX22.parents)
     motion = Motion(places, rotations, FrameGrid.of(RATE), SMPLX22)
-    return upright(motion, up_axis(path, spine_of(motion), up, "infinitedance", AXES))
+    return checks.upright(motion, checks.up_axis(path, checks.spine_of(motion), up, "infinitedance", AXES))
 
 
 def load_columns(path: Path) -> Motion:
@@ -345,10 +335,10 @@ def load_columns(path: Path) -> Motion:
         columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None
     if columns is None:
         hint = _OTHER_COLUMNS.get(shape[1], "") if len(shape) == 2 else ""
-        raise bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
+        raise checks.bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
     if not len(columns):
-        raise no_frames(path)
-    require_finite(path, "the array", columns, DOWNLOAD_AGAIN, columns=True)
+        raise checks.no_frames(path)
+    checks.require_finite(path, "the array", columns, columns=True)
     return REPRESENTATIONS.get("humanml264")().decode(columns, FrameGrid.of(RATE))
 
 

@@ -7,8 +7,6 @@
         wavs/BVxxxxxxxxxx_Clip_1.wav       music of the clip; second 0 is frame 0
         splits/train.txt, test.txt         names, from POPDG's repository (data/splits); also found beside motions/
         high_quality_dataset               names, from POPDG's repository; optional
-
-SOURCE may be the folder that contains ``motions/`` or its parent.
 """
 
 import re

@@ -7,7 +7,7 @@
         label_segment/NAME_<i>.txt, sliced_labels/NAME_chunk<k>_label.json      Motorica++, if wanted (`labels`)
         wav/NAME.wav      its music, under the same name, here or beside the motion; some recordings have none
 
-SOURCE may be the folder that contains ``bvh/`` or its parent. LDA's features are not read.
+LDA's features are not read.
 """
 
 from dancedata.datasets.motorica.reader import Motorica
