@@ -21,10 +21,19 @@ HAS_RAY = pytest.mark.skipif(not find_spec("ray"), reason="the extra ray is not 
 HAS_DASK = pytest.mark.skipif(not find_spec("distributed"), reason="the extra dask is not installed")
 
 
-@pytest.fixture(params=[pytest.param("ray", marks=HAS_RAY), pytest.param("dask", marks=HAS_DASK)])
+ENGINES = [pytest.param("ray", marks=HAS_RAY), pytest.param("dask", marks=HAS_DASK)]
+SLOW_ENGINES = [
+    pytest.param("ray", marks=[HAS_RAY, pytest.mark.nightly]),
+    pytest.param("dask", marks=[HAS_DASK, pytest.mark.nightly]),
+]
+
+
+@pytest.fixture(params=ENGINES)
 def cluster(request: pytest.FixtureRequest, slow: Any) -> Iterator[list[str]]:
     """Two workers of each engine; gives the options of `build` that use it."""
-    if request.param == "ray":
+    if request.param == "loky":
+        yield ["--jobs", "2"]
+    elif request.param == "ray":
         with ray_cluster(slow.environment):
             yield ["--cluster", "ray://auto"]
     else:
@@ -40,6 +49,20 @@ def test_the_same_bytes_and_a_killed_worker_is_survived(slow, corpus, out, songs
     assert sorted(slow.calls()) == sorted([*songs, songs[0]]), "only the unit of the dead worker ran again"
     assert slow.strays() == []
     assert "raylet" not in printed
+
+
+@pytest.mark.parametrize("cluster", ["loky", *SLOW_ENGINES], indirect=True)
+def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, cluster, undisturbed, hashes):
+    order = slow.folder / f"kill-{songs[2]}"
+    order.touch()
+    output = slow.build(corpus, out, *cluster, code=1)
+    assert "this unit of work kills its worker process" in output
+    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
+    assert not out.exists()
+    order.unlink()
+    slow.build(corpus, out, "--jobs", 1)
+    assert hashes(out) == undisturbed
+    assert slow.strays() == []
 
 
 class Raises:
@@ -95,20 +118,6 @@ def test_answers_of_workers() -> None:
 
 
 # Each of these takes half a minute to some minutes: python -m pytest -m nightly tests/fault/test_clusters.py
-
-
-@pytest.mark.nightly
-def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, cluster, undisturbed, hashes):
-    order = slow.folder / f"kill-{songs[2]}"
-    order.touch()
-    output = slow.build(corpus, out, *cluster, code=1)
-    assert "this unit of work kills its worker process (computing)" in output
-    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
-    assert not out.exists()
-    order.unlink()
-    slow.build(corpus, out, "--jobs", 1)
-    assert hashes(out) == undisturbed
-    assert slow.strays() == []
 
 
 @pytest.mark.nightly

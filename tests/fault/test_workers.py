@@ -55,19 +55,6 @@ def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(slow, corpu
     assert slow.strays() == []
 
 
-def test_a_unit_that_always_kills_its_worker_is_named(slow, corpus, out, songs, undisturbed, hashes):
-    order = slow.folder / f"kill-{songs[2]}"
-    order.touch()
-    output = slow.build(corpus, out, "--jobs", 2, code=1)
-    assert "this unit of work kills its worker process" in output
-    assert str(sorted((corpus / "wavs").glob("*.wav"))[2]) in output
-    assert not out.exists()
-    order.unlink()
-    slow.build(corpus, out, "--jobs", 1)
-    assert hashes(out) == undisturbed
-    assert slow.strays() == []
-
-
 @pytest.mark.nightly
 def test_a_build_resumes_after_a_lost_scheduler(slow, corpus, out, undisturbed, hashes):
     pytest.importorskip("distributed")

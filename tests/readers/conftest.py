@@ -19,6 +19,21 @@ from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 
 
+def _lodge_fields() -> tuple[Field, ...]:
+    (plain,) = random_fields({"lodge139": 139}, {})
+    groups = (Group("contact", 4, "1"), Group("translation", 3, "m"), Group("rotation_6d", 132, "1"))
+    key = (Group("speed", 1, "m"), Group("minimum", 1, "1"), Group("prominence", 1, "m"))
+    return (
+        replace(plain, columns=Columns(groups, plain.columns.mirror)),
+        Field("lodge", "keymotion", Columns(key, Mirror((0, 1, 2), (1,) * 3)), Fraction(30)),
+        *random_fields({}, {"librosa35": 35}),
+    )
+
+
+#: Lodge's columns and key motions, and librosa35.
+LODGE = _lodge_fields()
+
+
 @pytest.fixture(scope="session")
 def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store of track scope: 22 x 141 = 3,102 train windows of 150 frames, in several shards."""
@@ -35,16 +50,10 @@ def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     Windows of 40 frames every 10.
     """
     folder = tmp_path_factory.mktemp("mixed")
-    lodge, fast = random_fields({"lodge139": 139, "fast": 21}, {}, fast=60)
-    groups = (Group("contact", 4, "1"), Group("translation", 3, "m"), Group("rotation_6d", 132, "1"))
-    key = Columns(
-        (Group("speed", 1, "m"), Group("minimum", 1, "1"), Group("prominence", 1, "m")), Mirror((0, 1, 2), (1,) * 3)
-    )
-    music, half = random_fields({}, {"librosa35": 35, "half": 64})
-    fields = (
-        replace(lodge, columns=Columns(groups, lodge.columns.mirror)), replace(fast, dtype="float16"),
-        Field("lodge", "keymotion", key, Fraction(30)), music, replace(half, dtype="float16"),
-    )  # fmt: skip
+    (fast,) = random_fields({"fast": 21}, {}, fast=60)
+    (half,) = random_fields({}, {"half": 64})
+    lodge, key, music = LODGE
+    fields = (lodge, replace(fast, dtype="float16"), key, music, replace(half, dtype="float16"))
     made = write_random_store(
         folder / "plain", clips={"train": 5, "val": 1}, n_frames=(200, 200), length=40, stride=10, fields=fields
     )

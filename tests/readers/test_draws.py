@@ -18,7 +18,7 @@ import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
 from dancedata.core.errors import UsageError
-from dancedata.store.dataset import Store
+from dancedata.store.dataset import Store, open_store
 from dancedata.torch import (
     BatchLoader,
     BatchStream,
@@ -184,18 +184,46 @@ def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(trai
 
 
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("method", ["fork", "forkserver", pytest.param("spawn", marks=SLOW)])
+def test_every_window_once_with_the_values_of_the_store_and_the_draws_of_the_epoch(store_path, method):
+    dataset = WindowDataset(store_path, windows=Windows(stride=3), scale=None, augment={"mirror": 0.5}, seed=9)
+    assert len(dataset) >= 1000
+    # Read here as well before the workers start: a file handle opened here must not reach them.
+    dataset[0]
+    loader = DataLoader(
+        dataset, 64, num_workers=2, shuffle=True, persistent_workers=True, multiprocessing_context=method
+    )
+    store, windows = open_store(store_path), dataset.windows
+    flags = {epoch: mirrored_samples(9, epoch, range(len(dataset)), 0.5) for epoch in (0, 5)}
+    assert (flags[0] != flags[5]).any()
+    for epoch in (0, 5, 0):
+        dataset.set_epoch(epoch)
+        found = []
+        for batch in loader:
+            found += list(zip(batch["clip"], batch["start"].tolist(), batch["length"].tolist(), strict=True))
+            assert batch["mirrored"].tolist() == flags[epoch][batch["index"]].tolist()
+            for nth, index in enumerate(batch["index"].tolist() if epoch else ()):
+                for field in ("librosa35",) if flags[epoch][index] else ("edge151", "librosa35"):
+                    np.testing.assert_array_equal(batch[field][nth].numpy(), store.read(windows[index], field))
+        assert sorted(found) == sorted((window.clip, window.start, window.length) for window in windows)
+        assert len(set(found)) == len(windows)
+
+
+@pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     ("part", "n_workers"),
     [
         ("whole", 0), ("halves", 0), ("concat", 0), ("concat", 2), pytest.param("whole", 2, marks=SLOW),
-        pytest.param("halves", 2, marks=SLOW),
+        pytest.param("halves", 2, marks=SLOW), ("whole", "accelerate"),
     ],
 )  # fmt: skip
-def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: str, n_workers: int) -> None:
+def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: str, n_workers: Any) -> None:
     def opened() -> tuple[EpochSampler, Any]:
         own = WindowDataset(mixed_store, fields=FIELDS, augment={"mirror": 0.5, "drop": 0.5}, seed=3)
         data = {"whole": own, "halves": halves(own), "concat": concat(own)}[part]
-        sampler = EpochSampler(data, seed=1)
+        sampler = EpochSampler(data, seed=1, rank=0, world_size=1)
+        if n_workers == "accelerate":
+            return sampler, accelerated(data, sampler=sampler)
         return sampler, loader_of(data, sampler=sampler, num_workers=n_workers)
 
     sampler, loader = opened()
@@ -203,6 +231,8 @@ def test_resumes_in_the_middle_of_an_epoch_to_the_bit(mixed_store: Store, part: 
     resumed, again = opened()
     steps = sampler.steps(8)
     resumed.load_state_dict(resumed.at_step(steps + 2, 8))
+    if n_workers == "accelerate":
+        again.set_epoch(resumed.epoch)
     rest = list(again)
     assert len(rest) == steps - 2
     for one, other in zip(rest, whole[steps + 2 :], strict=True):

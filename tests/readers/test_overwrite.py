@@ -1,6 +1,5 @@
 """Readers across `build --overwrite`: the dataset that was opened, bit for bit, or StoreError; never another one."""
 
-import multiprocessing
 import os
 import time
 from collections.abc import Callable
@@ -141,9 +140,7 @@ KINDS: list[Any] = [
     pytest.param(of_batch_loader, {"mapped": False}, True, id="batch loader, by position"),
 ]
 for _method in ("fork", "spawn", "forkserver"):
-    _marks = [pytest.mark.skipif(_method not in multiprocessing.get_all_start_methods(), reason="not here")]
-    if _method != "fork":
-        _marks.append(pytest.mark.nightly)
+    _marks = [] if _method == "fork" else [pytest.mark.nightly]
     for _persistent in (False, True):
         KINDS.append(
             pytest.param(
@@ -224,12 +221,7 @@ def test_forked_workers_keep_the_files_mapped_by_their_parent(out: Path, overwri
 
 
 def test_an_overwrite_with_the_same_data_stops_nobody(out: Path, overwrite: Overwrite, truth: Rows) -> None:
-    reads = [
-        of_store(out),
-        of_dataset(out),
-        of_workers(out, "fork", False),
-        of_batch_loader(out, mapped=False),
-    ]
+    reads = [of_store(out), of_dataset(out), of_workers(out, "fork", False), of_batch_loader(out, mapped=False)]
     overwrite(out, 1)
     for read in reads:
         assert_equal(read(), truth)

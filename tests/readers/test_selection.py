@@ -2,22 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.messages import raises_message
+from tests.readers.conftest import LODGE
 
 pytest.importorskip("torch")
 
-from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
 from dancedata.store import Store, open_store
 from dancedata.store.normalize import Scaler
-from dancedata.store.schema import Field
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
@@ -26,25 +24,12 @@ from dancedata.torch import PRESETS, BatchLoader, Primitives, Relative, Scale, S
 N, LENGTH = 600, 120
 
 
-def _fields() -> tuple[Field, ...]:
-    (plain,) = random_fields({"lodge139": 139}, {})
-    groups = (Group("contact", 4, "1"), Group("translation", 3, "m"), Group("rotation_6d", 132, "1"))
-    key = Columns(
-        (Group("speed", 1, "m"), Group("minimum", 1, "1"), Group("prominence", 1, "m")), Mirror((0, 1, 2), (1,) * 3)
-    )
-    return (
-        replace(plain, columns=Columns(groups, plain.columns.mirror)),
-        Field("lodge", "keymotion", key, Fraction(30)),
-        *random_fields({}, {"librosa35": 35}),
-    )
-
-
 @pytest.fixture(scope="module")
 def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     """Eight clips of 600 frames: lists, trims, one that stands still from frame 300 on, one too short to cut."""
     folder = tmp_path_factory.mktemp("selection")
     made = write_random_store(
-        folder / "plain", clips={"train": 6, "test": 2}, n_frames=(N, N), length=LENGTH, stride=60, fields=_fields()
+        folder / "plain", clips={"train": 6, "test": 2}, n_frames=(N, N), length=LENGTH, stride=60, fields=LODGE
     )
     clips = []
     for number, clip in enumerate(made.clips):

@@ -169,6 +169,7 @@ def test_lies_about_a_shard(server, published, way, lie, monkeypatch):
     if lie.startswith("206"):  # they are no answers to ranges
         WAYS[way](address)
     else:
+        _wait_for(monkeypatch, 0.15, 0.1, 2)  # in vain
         with pytest.raises(StoreError) as caught:
             WAYS[way](address)
         assert name in str(caught.value) or "redirects" in str(caught.value)
@@ -180,11 +181,12 @@ def test_lies_about_a_shard(server, published, way, lie, monkeypatch):
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_lies_about_the_description(server: Server, lie: str, own_cache: Path) -> None:
+def test_lies_about_the_description(server, lie, own_cache, monkeypatch):
     server.fault("dataset.json", *[LIES[lie]] * 99)
     if lie.startswith("206"):
         assert local_folder(f"{server.url}/store")
         return
+    _wait_for(monkeypatch, 0.15, 0.1, 2)
     with pytest.raises(StoreError):
         local_folder(f"{server.url}/store")
     assert not list(own_cache.rglob("dataset.json"))
