@@ -28,8 +28,7 @@ _SLACK = 1e-9
 class BinCounts:
     """Values counted in bins of equal width; values outside count in the first or the last bin.
 
-    `low`, `width`: Lower end of the first bin, and the width of each.
-    `counts`: (B,) numbers of values.
+    `low`: Lower end of the first bin.
     `total`: Sum of the values.
     """
 
@@ -145,7 +144,7 @@ class Quantiles:
     p95: float | None
 
     @classmethod
-    def of(cls, tally: BinCounts) -> Quantiles:
+    def of_tally(cls, tally: BinCounts) -> Quantiles:
         """Summarise a tally."""
         return Quantiles(*map(tally.quantile, _QUANTILES))
 
@@ -200,21 +199,16 @@ def _distinct(values: Sequence[float], step: float) -> tuple[tuple[float, int], 
 
 
 @dataclass(frozen=True)
-class FrameHistogram(Histogram):
+class FrameHistogram(Quantiles, Histogram):
     """Histogram of the values of a tally, with mean and quantiles; None without values."""
 
     mean: float | None
-    p5: float | None
-    p25: float | None
-    p50: float | None
-    p75: float | None
-    p95: float | None
 
     @classmethod
     def of(cls, tally: BinCounts, edges: Sequence[float], **more: Any) -> Self:
         """Count the values of a tally in wider bins."""
         counts = {"all": tally.histogram(edges).tolist()}
-        return cls(tuple(edges), counts, tally.n, tally.mean, *map(tally.quantile, _QUANTILES), **more)
+        return cls(tuple(edges), counts, tally.n, **vars(Quantiles.of_tally(tally)), mean=tally.mean, **more)
 
 
 def _five(values: Sequence[float]) -> Sequence[float | None]:

@@ -6,17 +6,13 @@ from dancedata.core.columns import Columns
 from dancedata.core.text import listed
 from dancedata.pages.document import FieldNumbers
 from dancedata.pages.figures import FigureSpec
-from dancedata.pages.markup import Figure, number, rounded, table
+from dancedata.pages.markup import Figure, number, rounded, scrolled
 from dancedata.pages.scaling import EXPLODES, NARROW, ScaledGroup
 from dancedata.pages.svg import strips
 
 
 def column_figures(d: FigureSpec, columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]) -> list[Figure]:
-    """Return the figures of each field.
-
-    `columns`: Columns of each field.
-    `heat_maps`: The heat map of each field that has one.
-    """
+    """Return the figures of each field, with the heat maps of those that have one."""
     figures = []
     for name, field in d.numbers.fields.items():
         if field.columns:
@@ -50,12 +46,12 @@ def _ranges(d: FigureSpec, name: str, field: FieldNumbers, columns: Columns) -> 
 def _scaling(name: str, field: FieldNumbers) -> Figure:
     head = ("group", "unit", "columns", "min", "max", "std", "at 5 sigma", "largest elsewhere",
             f"range below {NARROW:g}", "explode")  # fmt: skip
-    body = table(head, [_scaled(group) for group in field.scaling], "list")
+    body = scrolled(head, [_scaled(group) for group in field.scaling])
     text = (
         "EDGE's scaler maps the range of train windows to −1 to 1; std: median of columns; at 5 sigma and largest "
         f"elsewhere (in other splits): normalised values; a column explodes beyond {EXPLODES:g}"
     )
-    return Figure(f"scaling_{name}", f"Scaler of {name}", text, f'<div class="scroll">{body}</div>', kind="wide")
+    return Figure(f"scaling_{name}", f"Scaler of {name}", text, body, kind="wide")
 
 
 def _scaled(group: ScaledGroup) -> tuple[object, ...]:

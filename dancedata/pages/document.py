@@ -84,15 +84,10 @@ class Contents:
 
 
 @dataclass(frozen=True)
-class Still:
-    """Share of frames of a clip with a speed below the limit, over clips; see `FiveNumbers`."""
+class Still(FiveNumbers):
+    """Share of frames of a clip with a speed below the limit, over clips."""
 
     below_m_s: float
-    min: float | None
-    p25: float | None
-    p50: float | None
-    p75: float | None
-    max: float | None
 
 
 @dataclass(frozen=True)

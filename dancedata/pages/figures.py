@@ -24,7 +24,7 @@ _T = TypeVar("_T")
 class FigureSpec:
     """Numbers that figures are drawn from.
 
-    `numbers`, `other`: The document, and that of the dataset it is compared with.
+    `other`: The document of the dataset it is compared with.
     `links`, `group_links`, `lists`: Address of the clips and groups that the page plays, and of its lists of a genre,
         song or dancer, for HTML.
     """
@@ -77,9 +77,7 @@ def histogram_figure(
 ) -> Figure:
     """Return a histogram of this dataset, with the other one as outline; else with a line for each split.
 
-    Values of clips that are nearly equal become a sentence.
-
-    `of`: What the heights are shares of.
+    Values of clips that are nearly equal become a sentence. Heights are shares of `of`.
     """
     this, other = d.both(part)
     values = [h.distinct for h in (this, other) if isinstance(h, ClipHistogram)]

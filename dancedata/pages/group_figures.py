@@ -2,7 +2,7 @@
 
 from dancedata.pages.figures import FigureSpec, bar_figure, histogram_figure
 from dancedata.pages.groups import FACING_DEG, GroupRow
-from dancedata.pages.markup import Figure, Markup, number, percent, table
+from dancedata.pages.markup import Figure, Markup, number, percent, scrolled
 
 #: Rows of the list of groups.
 _ROWS = 60
@@ -17,13 +17,11 @@ def group_figures(d: FigureSpec) -> list[Figure]:
     figures = [bar_figure(d, "groups_by_size", lambda n: n.groups.by_size, "Groups by size", minutes, "dancers")]
     if groups.distance_m.n:
         least = min(row.distance_min_m for row in groups.groups if row.distance_min_m is not None)
-        note = (
-            f"of the roots, over pairs and frames; median {number(groups.distance_m.p50)} m, least {number(least)} m"
-        )
+        median = number(groups.distance_m.p50)
+        note = f"of the roots, over pairs and frames; median {median} m, least {number(least)} m"
         figures.append(
-            histogram_figure(d, "distance_m", lambda n: n.groups.distance_m,
-                             "Distance of two dancers", note, "metres",
-                             of="pairs and frames")
+            histogram_figure(d, "distance_m", lambda n: n.groups.distance_m, "Distance of two dancers", note,
+                             "metres", of="pairs and frames")
         )  # fmt: skip
     if groups.facing_deg.n:
         note = "angle between where the hips face and the other dancer: 0 looks at him, 180 away from him"
@@ -52,8 +50,7 @@ def _list(d: FigureSpec, groups: tuple[GroupRow, ...]) -> Figure:
         f"most collisions first; facing: two dancers look at each other within {FACING_DEG} degrees; contacts: a "
         f"wrist near another dancer; colliding: frames in which bodies, capsules round the bones, intersect{more}"
     )
-    body = f'<div class="scroll">{table(head, rows, "list")}</div>'
-    return Figure("groups_list", "Groups", note, body, kind="wide")
+    return Figure("groups_list", "Groups", note, scrolled(head, rows), kind="wide")
 
 
 def _dancers(d: FigureSpec, row: GroupRow) -> Markup:

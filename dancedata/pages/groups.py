@@ -30,10 +30,7 @@ COLLIDING = 0.05
 class GroupRow:
     """A group that is not a copy; None where nothing was measured.
 
-    `group`, `split`: Its name and split.
-    `clips`, `members`, `roles`: Of its dancers.
-    `n_source`: Dancers in the source.
-    `frames`, `windows`: Frames of the group, and windows of it.
+    `clips`, `members`, `roles`: Of its dancers, of which the source has `n_source`.
     `distance_min_m`, `distance_p50_m`, `distance_max_m`: Distances of two roots, over pairs and frames.
     `nearest`: Clips of the two with the least distance.
     `facing_share`: Share of frames in which two dancers look at each other, over pairs.
@@ -65,10 +62,10 @@ class GroupRow:
 
 @dataclass
 class MeasuredGroups:
-    """Groups that were measured, and counts over their frames.
+    """Groups that were measured, and counts over pairs and frames.
 
-    `distance`: Distances of two roots, metres, over pairs and frames.
-    `facing`: Angles between where a dancer faces and another, degrees, over ordered pairs and frames.
+    `distance`: Of two roots, metres.
+    `facing`: Angles between where a dancer faces and another, degrees.
     """
 
     rows: list[GroupRow] = field(default_factory=list)
@@ -76,12 +73,7 @@ class MeasuredGroups:
     facing: BinCounts = field(default_factory=lambda: BinCounts.of(0, 180, 1))
 
     def add(self, store: Store, dancers: Sequence[Clip], pieces: Sequence[Piece], windows: int) -> None:
-        """Measure a group.
-
-        `dancers`: Its clips.
-        `pieces`: What is measured of each, of equal frames; nothing, where a dancer lacks the field.
-        `windows`: Windows of the group.
-        """
+        """Measure a group; there are no pieces where a dancer lacks the field."""
         first = dancers[0]
         sizes = store.group_sizes
         row = GroupRow(
@@ -191,9 +183,8 @@ def group_findings(groups: Groups) -> list[tuple[str, str]]:
         findings.append(("look", text))
     near = [r.group for r in rows if r.distance_min_m is not None and r.distance_min_m < NEAR_M]
     if near:
-        text = (
-            f"two dancers are in one place, less than {100 * NEAR_M:.0f} cm apart, in {counted(len(near), 'group')}"
-        )
+        apart = f"less than {100 * NEAR_M:.0f} cm apart"
+        text = f"two dancers are in one place, {apart}, in {counted(len(near), 'group')}"
         findings.append(("look", f"{text}: {listed(near, 4)}"))
     far = [r.group for r in rows if r.distance_max_m is not None and r.distance_max_m > FAR_M]
     if far:

@@ -29,11 +29,7 @@ _COLOURS = 32
 
 @dataclass(frozen=True)
 class Timeline:
-    """The time below a heat map.
-
-    `seconds`: Its length.
-    `beats`: Instants of the beats, seconds.
-    """
+    """The time below a heat map: its length, and the instants of the beats, seconds."""
 
     seconds: float
     beats: Sequence[float] = ()
@@ -41,9 +37,8 @@ class Timeline:
     def marks(self) -> str:
         """Return the beats, as marks over the map."""
         inside = [beat for beat in self.beats if 0 <= beat <= self.seconds]
-        return (
-            "".join(f'<i style="left:{self._place(beat)}"></i>' for beat in inside) if len(inside) <= _BEATS else ""
-        )
+        marks = (f'<i style="left:{self._place(beat)}"></i>' for beat in inside)
+        return "".join(marks) if len(inside) <= _BEATS else ""
 
     def axis(self) -> str:
         """Return the seconds, below the map."""

@@ -53,6 +53,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "") ->
     return f"<table{attributes}><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def scrolled(head: Sequence[str], rows: Iterable[Sequence[Any]], kind: str = "list") -> str:
+    """Return a table of a kind in a frame that scrolls sideways."""
+    return f'<div class="scroll">{table(head, rows, kind)}</div>'
+
+
 def name_text(name: str) -> "Markup":
     """Return a name for HTML that may be broken after its underscores."""
     return Markup(escaped(name).replace("_", "_<wbr>"))
@@ -72,8 +77,6 @@ class Figure:
     """A figure of the page.
 
     `key`: Its id in the page, without the prefix.
-    `title`, `note`: Above it: what is shown, and how to read it.
-    `body`: SVG or HTML.
     `head`, `rows`: Its numbers, below it.
     `legend`: Names of the groups that colours stand for, in order.
     `other`, `chance`: What dashed outlines stand for, and dotted ones; "" without them.
@@ -121,5 +124,5 @@ class Figure:
     def _numbers(self) -> str:
         if not self.rows:
             return ""
-        rows = table(self.head, self.rows, "sortable" if self.sortable else "")
-        return f'<details><summary>numbers</summary><div class="scroll">{rows}</div></details>'
+        rows = scrolled(self.head, self.rows, "sortable" if self.sortable else "")
+        return f"<details><summary>numbers</summary>{rows}</details>"

@@ -89,7 +89,6 @@ class ClipNumbers:
 class SongOffsets:
     """Offsets of key motions from the beats of one song.
 
-    `clips`: Number of clips.
     `tally`: Milliseconds after the nearest beat.
     `phase`: Sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``.
     `period_s`: Sum of the beat periods of the offsets.
@@ -128,15 +127,9 @@ class Measured:
     """A dataset's numbers: those of clips, and counts over the frames of all.
 
     `windows`: Number of windows of each clip.
-    `song_offsets`: Offsets of key motions from beats, by song.
-    `split_speed`: Speeds of the body as in `speed`, by split.
     `clips`: Numbers of each clip that is not a copy of another one; none of slices that overlap.
-    `joints`: Names of the joints whose speed is counted.
-    `feet`: Names of the foot joints with stored contacts.
+    `joints`, `feet`: Names of the joints whose speed is counted, and of foot joints with stored contacts.
     `contact`: Frames in contact and all frames, by foot joint, (F, 2).
-    `groups`: The groups.
-    `space`: The poses of the splits.
-    `stage`: Where dancers stand and face.
     """
 
     reader: ClipReader
@@ -166,8 +159,6 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
     """Measure the clips of a dataset; copies that augmentations made, and overlapping slices, are only counted.
 
     Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
-
-    Raises DataError, StoreError: if a clip cannot be read.
     """
     windows = {clip.id: store[clip.id].windows() for clip in store}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})

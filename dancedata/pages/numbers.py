@@ -55,10 +55,7 @@ _FACING_DEG = tuple(float(angle) for angle in range(0, 181, 10))
 
 
 def document(measured: Measured, scales: Scales) -> Document:
-    """Return every number of a report of one dataset.
-
-    `scales`: Borders of the bins of histograms; those of two datasets that are compared are the same.
-    """
+    """Return every number of a report of one dataset; two that are compared have the same scales."""
     store = measured.store
     return Document(
         about=_about(store),
@@ -171,7 +168,7 @@ def _movement(measured: Measured, scales: Scales) -> Movement:
         field=None if motion is None else motion.name,
         joints=len(measured.joints),
         speed_m_s=FrameHistogram.of(measured.speed, scales.speed, by_split=of_splits),
-        joint_speed_m_s={name: Quantiles.of(tally) for name, tally in measured.joint_speed.items()},
+        joint_speed_m_s={name: Quantiles.of_tally(tally) for name, tally in measured.joint_speed.items()},
         still=Still(**vars(_over_clips(measured, lambda n: n.still)), below_m_s=STILL_M_S),
         root_extent_m=_of_clips(measured, scales.root_extent_m, lambda n: n.root_extent_m),
         floor_m=_of_clips(measured, scales.floor_m, lambda n: n.floor_m),
@@ -181,10 +178,7 @@ def _movement(measured: Measured, scales: Scales) -> Movement:
         turns=_of_clips(measured, scales.turns, lambda n: n.turns),
         contact={name: int(on) / int(frames) if frames else None for name, (on, frames) in contact},
         sliding_m_s=Sliding.of(
-            measured.sliding,
-            scales.sliding,
-            above_m_s=SLIDE_M_S,
-            share_above=measured.sliding.share_above(SLIDE_M_S),
+            measured.sliding, scales.sliding, above_m_s=SLIDE_M_S, share_above=measured.sliding.share_above(SLIDE_M_S)
         ),
         paths_m={clip: numbers.path for clip, numbers in clips if numbers.path},
         stage=measured.stage.numbers(),

@@ -12,7 +12,7 @@ from dancedata.pages.document import Document
 from dancedata.pages.figures import FigureSpec, contents_figures, movement_figures, music_figures, split_figures
 from dancedata.pages.findings import findings
 from dancedata.pages.group_figures import group_figures
-from dancedata.pages.markup import Figure, Markup, escaped, number, percent, rounded, table
+from dancedata.pages.markup import Figure, Markup, escaped, number, percent, rounded, scrolled
 from dancedata.pages.outliers import LIMIT, MEASURES, Outlier
 from dancedata.pages.player import NO_PLAYER, Player
 from dancedata.pages.rhythm_figures import rhythm_figures
@@ -35,27 +35,19 @@ Section = tuple[str, str, str]
 def sections(
     d: FigureSpec, chosen: Sequence[str], columns: Mapping[str, Columns], heat_maps: Mapping[str, Figure]
 ) -> list[Section]:
-    """Return (id, title, HTML) of the sections, without those that are empty.
-
-    `chosen`: Clips whose paths are drawn.
-    `columns`: Columns of each field.
-    `heat_maps`: The heat map of each field that has one.
-    """
+    """Return (id, title, HTML) of the sections, without those that are empty; `chosen` are clips with drawn paths."""
     parts = [
         ("look", "Look at these first", _look(d)),
         ("contents", "What is in it", grid(contents_figures(d))),
-        (
-            "movement",
-            "How it moves",
-            grid([*movement_figures(d, chosen), *stage_figures(d), *pose_figures(d), *outlier_figures(d)]),
-        ),
+        ("movement", "How it moves",
+         grid([*movement_figures(d, chosen), *stage_figures(d), *pose_figures(d), *outlier_figures(d)])),
         ("groups", "Dancers together", grid(group_figures(d))),
         ("music", "Music and dance", grid([*music_figures(d), *rhythm_figures(d)])),
         ("segments", "Words and events", grid(_segments(d))),
         ("splits", "Splits", grid([*split_figures(d), *split_space_figures(d)])),
         ("columns", "Columns", grid(column_figures(d, columns, heat_maps))),
         ("left-out", "Left out and flagged", grid(_left_out(d))),
-    ]
+    ]  # fmt: skip
     return [part for part in parts if part[2]]
 
 
@@ -99,8 +91,7 @@ def _look(d: FigureSpec) -> str:
     left = len(d.numbers.ranking) - len(ranking)
     more = f"; {left:,} more in the numbers (--json)" if left > 0 else ""
     note = f"most flags per second, most sliding in contact, longest standing still take turns{more}"
-    body = f'<div class="scroll">{table(head, rows, "list")}</div>'
-    return Figure("look", "Clips in the order of suspicion", note, body, kind="wide").to_html()
+    return Figure("look", "Clips in the order of suspicion", note, scrolled(head, rows), kind="wide").to_html()
 
 
 def outlier_figures(d: FigureSpec, among: str = "all clips") -> list[Figure]:
@@ -111,7 +102,7 @@ def outlier_figures(d: FigureSpec, among: str = "all clips") -> list[Figure]:
     rows = [(d.link(outlier.clip), Markup("<br>".join(_reasons(outlier)))) for outlier in outliers[:_LOOK]]
     left = len(outliers) - len(rows)
     note = f"robust z above {LIMIT:g}: a number far above the median of {among}" + (f"; {left:,} more" * (left > 0))
-    body = f'<div class="scroll">{table(("clip", "because of"), rows, "list texts")}</div>'
+    body = scrolled(("clip", "because of"), rows, "list texts")
     return [Figure("outliers", "Clips unlike the others", note, body, kind="wide")]
 
 
@@ -137,7 +128,7 @@ def _left_out(d: FigureSpec) -> list[Figure]:
             for reason, entry in d.numbers.left_out.items()
         ]
         head = ("reason", "number", "names", "message of the first")
-        body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
+        body = scrolled(head, rows, "list texts")
         figures.append(Figure("left_out", "Left out, by reason", "all names are in rejects.jsonl", body, kind="wide"))
     by_kind = _flags(d, "flags", "Flags by kind", lambda n: n.flags.by_kind)
     by_joint = _flags(d, "flags_joint", "Flags by joint", lambda n: n.flags.by_joint)
@@ -159,7 +150,7 @@ def _segments(d: FigureSpec) -> list[Figure]:
         )
         for layer in layers
     ]  # fmt: skip
-    body = f'<div class="scroll">{table(head, rows, "list texts")}</div>'
+    body = scrolled(head, rows, "list texts")
     note = "of clips that are not copies; coverage is the share of frames in a segment; while still: no motion in it"
     return [Figure("segments", "Layers of segments", note, body, kind="wide")]
 
@@ -220,10 +211,8 @@ def page(
 ) -> str:
     """Return the HTML of a report.
 
-    `chosen`, `columns`, `heat_maps`: See `sections`.
     `stills`: A pose of each of some clips: the clip and an SVG image.
     `differences`: Kind and text of each difference from the other dataset; None: not looked for.
-    `player`: The clips of the page.
     """
     chapters = sections(d, chosen, columns, heat_maps)
     if d.other is not None:

@@ -30,8 +30,7 @@ class Player:
 
     `links`, `group_links`: Address of each clip and of each group, for HTML.
     `lists`: Address of the list of clips of each genre, song and dancer, from the first of them.
-    `css`, `body`, `scripts`: Texts for the page: style, HTML after the report, and the scripts that its policy
-        allows.
+    `body`, `scripts`: HTML after the report, and the scripts that the page's policy allows.
     `side`: Names of the files next to the page and the number of the clip in each; read one at a time.
     """
 
@@ -78,12 +77,7 @@ def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSoun
 
 
 def scene_player(scenes: SceneList, items: Sequence[Item], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of items.
-
-    `items`: The first INLINE of them are inside the page.
-    `folder`: Name of the folder with the others, next to the page.
-    `sound`: Music by the number of the item in `items`.
-    """
+    """Return the player of items: the first INLINE of them are inside the page, the others in a folder next to it."""
     if not items:
         return NO_PLAYER
     inline = {k: _payload(scenes, item, k) for k, item in enumerate(items[:INLINE])}
@@ -125,7 +119,6 @@ def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, r
 
     Raises UsageError: if the licence does not allow it and the caller does not state the right, without a source, or
         if the source has the music of none of the clips.
-    Raises DataError, SourceError: if the music cannot be read.
     """
     notice = require_shareable(store, rights=rights)
     if source is None:

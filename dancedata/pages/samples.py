@@ -59,10 +59,8 @@ def write_samples_report(
 
     `scores`: What `dancedata.evaluate` says of the samples, with the dataset as `like`.
     `against`: The built dataset.
-    `to`: HTML file to write; None: numbers alone.
     `clips`: Number of samples that the page plays, the most suspicious first.
-    `max_mb`, `overwrite`, `progress`: As in `write_report`.
-    Raises UsageError: if the page cannot be written.
+    `to`, `max_mb`, `overwrite`, `progress`: As in `write_report`.
     """
     target = None
     if to is not None:

@@ -65,12 +65,10 @@ class SamplesReport:
     """Samples of a model beside the dataset that it was trained on.
 
     `scores`: The samples under a protocol, with the real dances beside them.
-    `rows`: The samples.
     `outliers`: Samples with a number far above the median of the dataset's clips.
     `nearest`: Of each sample the pose farthest from train, the farthest first.
     `dataset`: The numbers of the dataset; its map of poses has the samples, too.
     `clips`: Numbers of the clips of the dataset.
-    `path`: The page; None if none was written.
     """
 
     name: str

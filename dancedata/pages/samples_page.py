@@ -11,7 +11,7 @@ from dancedata.core.bodies import SMPLX22
 from dancedata.core.text import counted, listed
 from dancedata.pages.bin_counts import nice_edges
 from dancedata.pages.figures import FigureSpec
-from dancedata.pages.markup import Figure, Markup, escaped, percent, rounded, table
+from dancedata.pages.markup import Figure, Markup, escaped, percent, rounded, scrolled, table
 from dancedata.pages.measure import ClipNumbers
 from dancedata.pages.page import chapter_links, chapters_html, grid, outlier_figures, whole_page
 from dancedata.pages.player import Player
@@ -97,12 +97,11 @@ def _scores(report: SamplesReport) -> str:
         "after ~: of these samples alone, not comparable with another set. The truth is measured under the same "
         "protocol against the same pool; at this n: as many real dances against the pool"
     )
-    scroll = '<div class="scroll">{}</div>'.format
-    body = scroll(table(head, cells[False], "list")) if cells[False] else ""
+    body = scrolled(head, cells[False]) if cells[False] else ""
     if void := cells[True]:
         named = listed([str(r[0]) for s, r in zip(report.scores.scores, rows, strict=True) if s.verdict == "void"], 9)
         summary = f"{counted(len(void), 'score')} without a meaning: {escaped(named)}"
-        body += f"<details><summary>{summary}</summary>{scroll(table(head, void, 'list'))}</details>"
+        body += f"<details><summary>{summary}</summary>{scrolled(head, void)}</details>"
     return Figure("scores", f"Protocol {report.scores.protocol.name}", note, body, kind="wide").to_html()
 
 
@@ -193,8 +192,7 @@ def _songs(report: SamplesReport) -> list[Figure]:
     ]  # fmt: skip
     head = ("song", "samples", *(report.scores.label(name) for name in metrics), "speed m/s", "to train m")
     note = "means over the samples of a song; to train: median distance of their poses to the nearest pose of train"
-    body = f'<div class="scroll">{table(head, rows, "list sortable")}</div>'
-    return [Figure("songs", "Songs", note, body, kind="wide")]
+    return [Figure("songs", "Songs", note, scrolled(head, rows, "list sortable"), kind="wide")]
 
 
 def _clips(d: FigureSpec, report: SamplesReport) -> Figure:
@@ -207,7 +205,7 @@ def _clips(d: FigureSpec, report: SamplesReport) -> Figure:
     ]  # fmt: skip
     head = ("sample", "song", "seconds", *(report.scores.label(name) for name in metrics), "still", "speed m/s",
             "floor drift m", "jerk m/s³", "to train m")  # fmt: skip
-    body = f'<div class="scroll">{table(head, cells, "list sortable")}</div>'
+    body = scrolled(head, cells, "list sortable")
     return Figure("samples", "Numbers of each sample", "the head of a column sorts", body, kind="wide")
 
 

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 
 from dancedata.core.skeleton import SMPL24
 from dancedata.pages.figures import FigureSpec
-from dancedata.pages.markup import Figure, Markup, escaped, rounded, table
+from dancedata.pages.markup import Figure, Markup, escaped, rounded, scrolled, table
 from dancedata.pages.svg import drawn
 from dancedata.scene.pose_space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Poses, base_split
 
@@ -138,7 +138,7 @@ def _duplicates(d: FigureSpec) -> Figure | None:
     ]  # fmt: skip
     left = poses.n_duplicates - len(rows)
     more = f"; {left:,} more pairs" if left > 0 else ""
-    body = f'<div class="scroll">{table(("windows", "splits", "distance"), rows, "list")}</div>'
+    body = scrolled(("windows", "splits", "distance"), rows)
     return Figure("duplicates", "Windows in two splits", note + more, body, kind="wide")
 
 

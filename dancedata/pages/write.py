@@ -176,11 +176,7 @@ def _embeds(audio: str) -> bool:
 
 
 def _report(
-    reader: ClipReader,
-    numbers: Document,
-    other: Document | None,
-    differences: Any,
-    options: _PageOptions | None,
+    reader: ClipReader, numbers: Document, other: Document | None, differences: Any, options: _PageOptions | None
 ) -> Report:
     if options is None:
         return Report(numbers, other, differences)
@@ -200,9 +196,7 @@ def _report(
 def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
     n = {"all": len(numbers.clips), "none": 0}.get(str(options.clips), options.clips)
     clips = _spread(numbers, int(n))
-    sound = None
-    if options.embed_audio:
-        sound = embedded_sound(store, clips, options.source, rights=options.rights)
+    sound = embedded_sound(store, clips, options.source, rights=options.rights) if options.embed_audio else None
     return clip_player(store, clips, options.target.folder.name, sound)
 
 
@@ -241,16 +235,14 @@ def _heat_maps(store: Store, numbers: Document, reader: ClipReader) -> dict[str,
             continue
         time = Timeline(len(rows) / float(store.field(name).grid.rate), beats)
         body = heat_map(rows, columns, f"columns of {name} over time", time)
-        note = f"clip {shown(clip)}; seconds, with marks at the beats"
+        note, joints = f"clip {shown(clip)}; seconds, with marks at the beats", ""
         if piece is not None and reader.motion is not None and name == reader.motion.name:
             figure = piece.figure
             speed = np.linalg.norm(np.diff(figure.joints, axis=0), axis=2) * piece.rate
             joints = joint_map(speed, figure.skeleton.joints, time, "speed of the joints over time")
             note += "; speed of each joint, light where it is fast"
-        else:
-            joints = ""
-        key = "; a line for each column, dark at its 2nd percentile, light at its 98th"
-        fold = f"<details><summary>all columns</summary><p>{key.removeprefix('; ')}</p>{body}</details>"
+        key = "a line for each column, dark at its 2nd percentile, light at its 98th"
+        fold = f"<details><summary>all columns</summary><p>{key}</p>{body}</details>"
         figures[name] = Figure(f"heat_{name}", f"{name} over time", note, joints + fold, kind="wide")
     return figures
 

@@ -82,7 +82,6 @@ def body(
 ) -> Any:
     """Return a figure at a frame as a matplotlib collection of polygons, the farthest first.
 
-    `tones`: Colours of trunk and head, left and right limbs.
     `place`: Right and up on the picture, metres, where the camera's middle is seen.
     """
     vertices = figure.vertices(at)

@@ -41,8 +41,7 @@ def compare(
     Parameters
     ----------
     a, b
-        Motions, clips of datasets (``ds[ID]``), or joint positions (T, J, 3),
-        metres. They may differ in rate and length.
+        Motions, clips of datasets (``ds[ID]``), or joint positions (T, J, 3), metres, of any rate and length.
     names
         What they are called.
     poses

@@ -65,11 +65,7 @@ def dancers_of(scene: Scene, theme: Theme = "light") -> list[Dancer]:
 
 
 def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
-    """Return the figure of a dance.
-
-    `dance`: A motion, a clip of a dataset, or joint positions.
-    `fps`, `body`: Rate and body of joint positions; see `dancedata.evaluate`.
-    """
+    """Return the figure of a dance; rate and body are those of joint positions, as in `dancedata.evaluate`."""
     if isinstance(dance, Motion):
         return Figure.of_joints(dance.joints(), dance.skeleton, dance.grid)
     if isinstance(dance, Clip):

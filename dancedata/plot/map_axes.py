@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.kernel import Store, open_store
 from dancedata.plot.axes import axes_or_new
 from dancedata.plot.dancers import SIDES, bare
-from dancedata.scene.pose_space import Hexagon, Poses, base_split, measured_poses
+from dancedata.scene.pose_space import Hexagon, base_split, measured_poses
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,13 +56,9 @@ def pose_map(store: Store | str | Path, *, stills: int = 14, ax: Axes | None = N
     >>> plot.pose_map("data/demo").figure.savefig("poses.pdf")
     """
     ds = store if isinstance(store, Store) else open_store(store)
-    return _draw_pose_map(measured_poses(ds), str(ds.path), stills=stills, ax=ax)
-
-
-def _draw_pose_map(poses: Poses, where: str, *, stills: int = 14, ax: Axes | None = None) -> Axes:
-    """Draw the map of measured poses; see `pose_map`."""
+    poses = measured_poses(ds)
     if len(poses.hexagons) < 2:
-        raise UsageError("there are no poses to map", where=where)
+        raise UsageError("there are no poses to map", where=str(ds.path))
     axes = axes_or_new(ax, 6.4, 4.6)
     base, radius = base_split(poses), poses.radius
     counts = np.array([h.counts.get(base, 0) for h in poses.hexagons], dtype=np.float64)
@@ -78,16 +74,8 @@ def _draw_pose_map(poses: Poses, where: str, *, stills: int = 14, ax: Axes | Non
         here = of_split > 0
         if here.any():
             sizes = 6 + 5 * np.minimum(of_split[here], 16) ** 0.5
-            axes.scatter(
-                centres[here, 0],
-                centres[here, 1],
-                s=sizes,
-                facecolors="none",
-                edgecolors=colour,
-                linewidths=0.9,
-                label=split,
-                zorder=2,
-            )
+            ring: dict[str, Any] = {"facecolors": "none", "edgecolors": colour, "linewidths": 0.9}
+            axes.scatter(centres[here, 0], centres[here, 1], s=sizes, label=split, zorder=2, **ring)
     low, high = centres.min(axis=0) - 2 * radius, centres.max(axis=0) + 2 * radius
     size = _POSE * float(high[1] - low[1])
     for h in _spread(poses.hexagons, stills, _APART * size):
@@ -124,11 +112,5 @@ def _draw_pose(axes: Axes, h: Hexagon, joints: tuple[str, ...], size: float) -> 
             side = 1 if name.startswith("left") else 2 if name.startswith("right") else 0
             ends = np.array([parent, place]) * scale + (h.x, h.y)
             for colour, width in (("white", 3.0), (SIDES["light"][side], 1.3)):
-                axes.plot(
-                    *ends.T,
-                    color=colour,
-                    linewidth=width,
-                    solid_capstyle="round",
-                    zorder=3 + (width < 2),
-                    label="_pose",
-                )
+                line: dict[str, Any] = {"color": colour, "linewidth": width, "zorder": 3 + (width < 2)}
+                axes.plot(*ends.T, solid_capstyle="round", label="_pose", **line)

@@ -73,13 +73,8 @@ def paths(
             colour = _PATH if len(square) == 1 else dancer.sides[0]
             axes.plot(*places.T, color=colour, linewidth=1.2, label=dancer.name or "_path")
             axes.plot(*places[0], "o", color=colour, markersize=4)
-            axes.plot(
-                *places[-1],
-                "o",
-                markerfacecolor="none",
-                markersize=6,
-                markeredgecolor=_END if len(square) == 1 else colour,
-            )
+            end = _END if len(square) == 1 else colour
+            axes.plot(*places[-1], "o", markerfacecolor="none", markersize=6, markeredgecolor=end)
         label = name if len(name) <= 18 else f"{name[:5]}…{name[-12:]}"
         axes.text(middle[0] - 0.475 * side, middle[1] + 0.5 * side, label, fontsize="x-small", parse_math=False)
     _bar(axes, side, -high * (rows - 1) - 0.55 * side)
@@ -98,21 +93,17 @@ def _squares(
     """Return the dancers of each square with their paths (T, 2), metres from its middle."""
     if not isinstance(source, Store | str | Path):
         names = {item.id: item for item in motion_scenes_of(source).items}
-        motions = (
-            [source] if isinstance(source, Motion) else list(source.values() if hasattr(source, "values") else source)
-        )
+        motions = [source] if isinstance(source, Motion) else source.values() if hasattr(source, "values") else source
         return {shown(name): _together([Dancer(figure_of(m))]) for name, m in zip(names, motions, strict=True)}
     store = source if isinstance(source, Store) else open_store(source)
-    names_of = (
-        [clips] if isinstance(clips, str) else [clip.id for clip in store.clips()[:_MOST]] if clips is None else clips
-    )
-    if not names_of:
-        raise UsageError("there is no path to draw", where=str(store.path))
     if isinstance(clips, str):
         return {shown(clips): _together(dancers_of(scene_of(store, clips, None)))}
-    scenes = {clip: scene_of(store, clip, None) for clip in names_of}
+    names_of = [clip.id for clip in store.clips()[:_MOST]] if clips is None else clips
+    if not names_of:
+        raise UsageError("there is no path to draw", where=str(store.path))
     squares = {}
-    for clip, scene in scenes.items():
+    for clip in names_of:
+        scene = scene_of(store, clip, None)
         alone = [s.figure for s in scene.dancers if s.item.clip.id == clip and s.figure is not None]
         squares[shown(clip)] = _together([Dancer(figure) for figure in alone] or dancers_of(scene))
     return squares

@@ -41,11 +41,7 @@ _RIGHT = 0.015
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """Draws the lanes of a scene on axes, times in seconds to the right, lanes downwards.
-
-    `dancers`: Those of the scene, in its order.
-    `music`: Samples from the scene's first frame on; None: its onsets are drawn.
-    """
+    """Draws the lanes of a scene on axes, seconds to the right, lanes downwards; see `Frames` for the music."""
 
     axes: Axes
     scene: Scene

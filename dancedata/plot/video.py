@@ -43,13 +43,8 @@ def _write_mp4(
     *,
     comment: str = "",
 ) -> None:
-    """Write frames as H.264 and a sound as AAC; no date and no version is stored.
+    """Write RGBA frames (height, width, 4) as H.264 and a sound as AAC; no date and no version is stored.
 
-    `frames`: RGBA of each frame, (height, width, 4).
-    `rate`: Frames per second.
-    `sound`: Of the same length; None for a silent video.
-    `comment`: Text that is stored in the file.
-    Raises MissingPackageError: if there is no ffmpeg.
     Raises StoreError: if ffmpeg fails, as on a full disk; its own words are on the screen.
     Raises OSError: if the folder or the sound cannot be written.
     """
@@ -112,15 +107,9 @@ def write_scene(
     length_s: float | None = None,
     credit: str = "",
 ) -> Path:
-    """Write a scene as a video: the dancers, and below music, speed and contacts in time.
+    """Write a scene as a video; arguments and errors as of `write_video`.
 
-    `sound`: Its music; None: a silent video.
-    `size`: Width and height, pixels.
-    `start_s`, `length_s`: Part of the scene, seconds; default: all of it.
     `credit`: Licence and citation, for the picture of the last two seconds and the file's comment.
-    Raises UsageError: if matplotlib or ffmpeg is not installed, an argument is invalid, or nothing of the scene can
-        be drawn.
-    Raises StoreError: if the file cannot be written.
     """
     _require_drawable(size, theme)
     figure = next((dancer.figure for dancer in scene.dancers), None)
@@ -244,8 +233,6 @@ def export_video(
     `size`: Width and height in pixels, as in "1080x1920".
     `silent`, `rights`, `overwrite`: As in `viewer.view.export_page`.
     `say`: Takes the notes on what is missing, which a page shows.
-    Raises UsageError: As `write_scene`; for another name than of an .mp4 file, and music that may not be passed on.
-    Raises StoreError: if it cannot be written.
     """
     _require_video_name(to)
     sides = size.lower().split("x")
@@ -273,7 +260,6 @@ def export_video(
 
 
 def _require_video_name(path: Path) -> None:
-    """Raise UsageError unless a file is named as a video."""
     if path.suffix.lower() != ".mp4":
         raise UsageError("a video is an mp4 file", found=shown(path.name), allowed="a name that ends in .mp4")
 

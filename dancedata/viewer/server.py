@@ -47,11 +47,7 @@ _KEPT, _KEPT_BYTES = 8, 64_000_000
 
 
 class ViewServer(ThreadingHTTPServer):
-    """Serves a site on 127.0.0.1.
-
-    `port`: 0 for a free one.
-    Raises UsageError: if the port is taken.
-    """
+    """Serves a site on a port of 127.0.0.1, 0 for a free one; UsageError if it is taken."""
 
     daemon_threads = True
     allow_reuse_address = True
@@ -62,10 +58,8 @@ class ViewServer(ThreadingHTTPServer):
         try:
             super().__init__(("127.0.0.1", port), _Handler)
         except (OSError, OverflowError) as error:
-            fix = "choose another --port, or leave it out for a free one"
-            raise UsageError(
-                "the port cannot be used", where=f"127.0.0.1:{port}", found=str(error), fix=fix
-            ) from error
+            raise UsageError("the port cannot be used", where=f"127.0.0.1:{port}", found=str(error),
+                             fix="choose another --port, or leave it out for a free one") from error  # fmt: skip
 
     @property
     def address(self) -> str:
@@ -161,13 +155,7 @@ class Answer:
 
 
 class Site:
-    """Pages, clips, music and comparisons by number in the list of clips; no part of a path is a file name.
-
-    `scenes`: The items of the page.
-    `source`: Their music; None without any.
-    `comparisons`: Other motions of its clips.
-    `mesh`: Body model that dancers are drawn as; None for limbs.
-    """
+    """Pages, clips, music and comparisons by number in the list of clips; no part of a path is a file name."""
 
     def __init__(
         self,

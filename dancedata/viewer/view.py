@@ -42,7 +42,6 @@ def serve(
     `browser`: Whether to open a browser, if there is a display.
     `say`: Takes lines for the user; the first one is the address.
     `until`: Ends the server when it is set; default: Ctrl-C.
-    Raises UsageError, StoreError, SourceError: if the dataset, the clip, the source or the port cannot be used.
     """
     mesh, opened = request.mesh(), ViewSelection.of(request)
     site = Site(opened.scenes, opened.sounds, opened.comparisons, mesh)
@@ -82,7 +81,6 @@ def export_page(
     `rights`: Why the caller may pass the music on against its licence; it is published in the page.
     `say`: Takes what the page holds.
     Raises UsageError: if the file exists or is inside the dataset; for `rights` without music, and a body model.
-    Raises StoreError: if it cannot be written.
     """
     if to.suffix.lower() in (".mp4", ".mov", ".webm", ".gif"):
         raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --out FILE.mp4")
