@@ -10,10 +10,10 @@ import pytest
 import dancedata
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.representations.root_place import RootPlace
 from dancedata.store import Store, open_store, write_store
-from dancedata.testing.examples import random_motion
+from dancedata.testing.examples import contact_rule_of, random_motion
 from dancedata.torch import GroupDataset
 from tests.commands import as_json
 from tests.groups_store import HEADER, SIZES, stored
@@ -33,11 +33,10 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 def columns(name: str, size: int = 4, n_frames: int = 20) -> tuple[np.ndarray, list[Motion]]:
     """Rows (P, T, D) of dancers 1.3 m apart, and their motions."""
     plugin = REPRESENTATIONS.get(name)()
-    rule = None if plugin.default_contacts is None else CONTACTS.get(plugin.default_contacts)()
     long = random_motion(plugin.skeleton, size * n_frames, turn_rad=0.3)
     parts = [long.part(k * n_frames, (k + 1) * n_frames) for k in range(size)]
     motions = [replace(part, translation=part.translation * 0.1 + (1.3 * k, 0, 0.7)) for k, part in enumerate(parts)]
-    return np.stack([plugin.encode(motion, rule) for motion in motions]), motions
+    return np.stack([plugin.encode(motion, contact_rule_of(plugin)) for motion in motions]), motions
 
 
 def roots(motions: list[Any]) -> np.ndarray:

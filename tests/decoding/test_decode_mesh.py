@@ -9,10 +9,10 @@ import pytest
 import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import UsageError
-from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
-from dancedata.testing.examples import random_motion
+from dancedata.testing.examples import contact_rule_of, random_motion
 from tests.body_models import body_model, body_model_arrays
 from tests.commands import as_json, run
 from tests.formats.test_body_mesh import Read, smplx_vertices
@@ -23,8 +23,7 @@ N = 8
 
 def columns(name: str, later: int = 0) -> Any:
     made = REPRESENTATIONS.get(name)()
-    rule = None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
-    return made.encode(random_motion(made.skeleton, N + later).part(later, N + later), rule)
+    return made.encode(random_motion(made.skeleton, N + later).part(later, N + later), contact_rule_of(made))
 
 
 def vertices_of(path: Path) -> Any:
@@ -91,14 +90,7 @@ def test_options_that_do_not_go_together(tmp_path: Path) -> None:
         ("glb", {"body_model": model, "frames": "3"}), ("obj", {"body_model": tmp_path / "x.npy"}),
     ):  # fmt: skip
         with raises_message(UsageError, "chosen|model"):
-            dancedata.decode(
-                tmp_path / "x.npy",
-                "edge151",
-                to=to,
-                fps=30,
-                out=tmp_path / "o",
-                **options,  # type: ignore[arg-type]
-            )
+            dancedata.decode(tmp_path / "x.npy", "edge151", to=to, fps=30, out=tmp_path / "o", **options)
     assert not (tmp_path / "o").exists()
 
 

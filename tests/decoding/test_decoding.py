@@ -12,14 +12,14 @@ from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError, StoreError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.files import atomic
 from dancedata.recipes.parse import parse_recipe
 from dancedata.representations.edge151 import Edge151
 from dancedata.store import Store, open_store
-from dancedata.testing.examples import random_motion
+from dancedata.testing.examples import contact_rule_of, random_motion
 from tests.messages import raises_message
 
 DECODED = [name for name in REPRESENTATIONS.names() if REPRESENTATIONS.get(name).decodes]
@@ -28,8 +28,7 @@ METRES = Reading(Declared(unit="m", up="y"), Declared())
 
 def _columns(name: str, n_frames: int = 30) -> tuple[Any, np.ndarray]:
     made = REPRESENTATIONS.get(name)()
-    rule = None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
-    return made, made.encode(random_motion(made.skeleton, n_frames, turn_rad=0.3), rule)
+    return made, made.encode(random_motion(made.skeleton, n_frames, turn_rad=0.3), contact_rule_of(made))
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,5 @@
 """Properties that every registered representation has to have; none is named here."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,8 +9,9 @@ from scipy.spatial.transform import Rotation
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion, grounded
-from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
+from dancedata.testing.examples import contact_rule_of
 from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
@@ -36,10 +35,6 @@ FLIP = np.array([-1.0, 1.0, 1.0])
 TURNS = (0.0, 1e-9, 1e-5, np.pi - 1e-7, np.pi, np.pi + 1e-7, 2 * np.pi, 3 * np.pi, 4 * np.pi)
 
 seeds = st.integers(0, 2**31)
-
-
-def rule_of(made: Any) -> Any:
-    return None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
 
 
 def random_motion(seed: int, skeleton: Skeleton, n: int = 4, trim: int = 0) -> Motion:
@@ -76,7 +71,7 @@ def test_some_representations_decode() -> None:
 def test_decoding_undoes_encoding(name: str, seed: int, trim: int) -> None:
     made = REPRESENTATIONS.get(name)()
     motion = random_motion(seed, made.skeleton, trim=trim)
-    array = made.encode(motion, rule_of(made))
+    array = made.encode(motion, contact_rule_of(made))
     back = made.decode(array, THIRTY)
     assert (back.grid, back.skeleton) == (THIRTY, made.skeleton)
     # A representation that grounds gives back the grounded motion.
@@ -87,7 +82,7 @@ def test_decoding_undoes_encoding(name: str, seed: int, trim: int) -> None:
     assert angle.max() < 1e-6
     np.testing.assert_allclose(back.translation, wanted.translation, atol=2e-6)  # float32 at 20 m
     assert np.linalg.norm(back.rotations, axis=-1).max() <= np.pi + 1e-9
-    again = made.encode(Motion(back.translation, back.rotations, THIRTY, made.skeleton, trim), rule_of(made))
+    again = made.encode(Motion(back.translation, back.rotations, THIRTY, made.skeleton, trim), contact_rule_of(made))
     motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
     np.testing.assert_allclose(again[:, motion_columns], array[:, motion_columns], atol=4e-6)
 
@@ -99,7 +94,7 @@ def test_mirroring_twice_gives_the_same_bytes(name: str, seed: int) -> None:
     made = REPRESENTATIONS.get(name)()
     mirror = made.columns.mirror
     assert mirror is not None
-    array = made.encode(random_motion(seed, made.skeleton), rule_of(made))
+    array = made.encode(random_motion(seed, made.skeleton), contact_rule_of(made))
     image = mirror.apply(array)
     assert image.dtype == np.float32
     np.testing.assert_array_equal(mirror.apply(image), array)
@@ -110,7 +105,7 @@ def test_mirroring_twice_gives_the_same_bytes(name: str, seed: int) -> None:
 @given(seeds)
 def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, seed: int) -> None:
     made = REPRESENTATIONS.get(name)()
-    array = made.encode(random_motion(seed, made.skeleton), rule_of(made))
+    array = made.encode(random_motion(seed, made.skeleton), contact_rule_of(made))
     image = made.columns.mirror.apply(array)
     if made.decodes:
         plain = made.decode(array, THIRTY).joints()
@@ -129,10 +124,10 @@ def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim
     """The same from the other end: no decoder is trusted."""
     made = REPRESENTATIONS.get(name)()
     motion = random_motion(seed, made.skeleton, trim=trim)
-    image = made.columns.mirror.apply(made.encode(motion, rule_of(made)))
+    image = made.columns.mirror.apply(made.encode(motion, contact_rule_of(made)))
     again = reflected(motion)
     # On the mirrored bones, not on the layout's own, which `encode` takes.
-    wanted = made.reencode(grounded(again) if made.grounded else again, rule_of(made))
+    wanted = made.reencode(grounded(again) if made.grounded else again, contact_rule_of(made))
     # Contacts of another body's feet: the next test.
     motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
     np.testing.assert_allclose(image[:, motion_columns], wanted[:, motion_columns], atol=1e-5)
@@ -143,7 +138,7 @@ def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim
 )
 def test_decoding_what_is_not_a_motion(name: str) -> None:
     made = REPRESENTATIONS.get(name)()
-    array = made.encode(random_motion(0, made.skeleton), rule_of(made))
+    array = made.encode(random_motion(0, made.skeleton), contact_rule_of(made))
     with raises_message(UsageError, f"{name} decodes"):
         made.decode(array[:, :-1], THIRTY)
     first = made.columns.slice("rotation_6d").start
@@ -187,7 +182,7 @@ def test_rate_belongs_to_the_motion(name: str) -> None:
     for rate in (24, 30, 60):
         motion = random_motion(1, made.skeleton)
         at_rate = Motion(motion.translation, motion.rotations, FrameGrid.of(rate), motion.skeleton)
-        array = made.encode(at_rate, rule_of(made))
+        array = made.encode(at_rate, contact_rule_of(made))
         assert len(array) == 4
         if made.decodes:
             assert made.decode(array, at_rate.grid).grid == at_rate.grid

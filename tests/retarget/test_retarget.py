@@ -1,7 +1,6 @@
 """Retargeting: exact where the skeletons allow it, feet that stand, one world for a group."""
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from dancedata.retarget.transfer import group_scale, leg_ratio, retargeted
 from dancedata.retarget.transforms import Retarget
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
+from tests.retarget.test_limbs import CAPTURES
 
 MM = 1e-3
 
@@ -213,10 +213,8 @@ def test_large_residuals_are_flagged_once_for_each_run(dance: Motion) -> None:
     residual = np.zeros(240)
     residual[[10, 11, 12, 50]] = 0.2, 0.4, 0.3, 0.5
     flags = replace(result, residual_m=residual).flags()
-    assert [(f.kind, f.frame, f.value) for f in flags] == [
-        ("retarget_residual", 11, 0.4),
-        ("retarget_residual", 50, 0.5),
-    ]
+    assert {f.kind for f in flags} == {"retarget_residual"}
+    assert [(f.frame, f.value) for f in flags] == [(11, 0.4), (50, 0.5)]
 
 
 def test_a_map_may_come_from_a_file(tmp_path: Path) -> None:
@@ -226,19 +224,13 @@ def test_a_map_may_come_from_a_file(tmp_path: Path) -> None:
         assert load_map(path) == {"pelvis": ("Root",), "left_hip": ("LThigh",)}
 
 
-def test_an_unknown_map_is_an_error() -> None:
+def test_a_bad_map_and_one_that_nobody_knows_are_errors(tmp_path: Path) -> None:
     with raises_message(UsageError, "mixano"):
         load_map("mixano")
-
-
-@pytest.mark.parametrize(
-    "joints", [{"pelvsi": "Hips"}, {"pelvis": 3}, [], {}], ids=["joint", "name", "list", "empty"]
-)
-def test_a_bad_map_is_an_error(tmp_path: Path, joints: object) -> None:
-    path = tmp_path / "own.json"
-    path.write_text(json.dumps({"joints": joints}))
-    with raises_message(UsageError, "joint"):
-        load_map(path)
+    for joints in ({"pelvsi": "Hips"}, {"pelvis": 3}, [], {}):
+        (tmp_path / "own.json").write_text(json.dumps({"joints": joints}))
+        with raises_message(UsageError, "joint"):
+            load_map(tmp_path / "own.json")
 
 
 def test_smpl_names_need_no_map(dance: Motion) -> None:
@@ -298,13 +290,9 @@ def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> N
     source.mkdir()
     (source / "a.bvh").write_text(motion_bvh(long_legged(dance), "cm"))
     overrides = {
-        "dataset": {"folder": {"unit": "cm", "music": "optional"}},
-        "audio": {},
-        "motion": {"joints": {}},
-        "windows": {"length_s": 2, "stride_s": 1},
-        "fps": 30,
-        "transforms.retarget.skeleton": "smpl24",
-    }
+        "dataset": {"folder": {"unit": "cm", "music": "optional"}}, "audio": {}, "motion": {"joints": {}}, "fps": 30,
+        "windows": {"length_s": 2, "stride_s": 1}, "transforms.retarget.skeleton": "smpl24",
+    }  # fmt: skip
     places = {"source": source, "out": tmp_path / "out", "cache": tmp_path / "cache"}
     built = dancedata.build("demo", overrides=overrides, jobs=1, progress=False, **places)
     assert any("retargeted to smpl24" in note for note in built.notes)
@@ -323,18 +311,9 @@ def test_clips_of_a_group_have_one_scale(dance: Motion) -> None:
         assert moved == pytest.approx(path * scale, rel=1e-3)
 
 
-_SHARED = Path(os.environ.get("DANCEDATA_SHARED", Path(__file__).parents[3] / "shared"))
-_CAPTURES = {
-    "motorica": "golden/crowd/inputs/motorica/bvh/kthstreet_gKR_sFM_cAll_d01_mKR_ch01.bvh",
-    "cmu": "realdata/bvh/cmu_01_01.bvh",
-}
-
-
-@pytest.mark.parametrize("capture", _CAPTURES.values(), ids=_CAPTURES)
-def test_feet_of_real_captures_move_as_the_scaled_source(capture: str) -> None:
-    if not (_SHARED / capture).exists():
-        pytest.skip("no real captures")
-    motion = load_motion(_SHARED / capture, Reading(Declared(), Declared(unit="guess"))).part(0, 600)
+@pytest.mark.parametrize("name", ["Motorica", "CMU"])
+def test_feet_of_real_captures_move_as_the_scaled_source(shared: Path, name: str) -> None:
+    motion = load_motion(shared / str(CAPTURES[name][0]), Reading(Declared(), Declared(unit="guess"))).part(0, 600)
     result = retargeted(motion, SMPL24)
     feet, moved = motion.joints()[:, 10:12] * result.scale, result.motion.joints()[:, 10:12]
     for side in (0, 1):

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import WindowGrid
-from dancedata.core.motion import Motion, forward_kinematics
+from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.synthetic import synthesise_motion, synthesise_song, write_synthetic
 from dancedata.synthetic.motion import MotionTruth
@@ -25,14 +25,10 @@ CLIPS = [clip.name for clip in PLAN.clips]
 SOME = CLIPS[::5]
 
 
-def joints_of(motion: Motion) -> Floats:
-    return forward_kinematics(SMPL24, motion.rotations, motion.translation)
-
-
 @pytest.fixture(scope="module", params=SOME)
 def danced(request: pytest.FixtureRequest) -> tuple[Motion, MotionTruth, Floats]:
     motion, truth = synthesise_motion(request.param)
-    return motion, truth, joints_of(motion)
+    return motion, truth, motion.joints()
 
 
 # --- the plan ---------------------------------------------------------------------------------------------------

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
-from dancedata.core.motion import Motion, forward_kinematics
-from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.formats.safe_pickle import load_pickle
@@ -25,10 +23,6 @@ from tests.messages import raises_message
 
 Floats = NDArray[np.float64]
 FEET = [SMPL24.index(name) for name in ("left_ankle", "right_ankle", "left_foot", "right_foot")]
-
-
-def joints_of(motion: Motion) -> Floats:
-    return forward_kinematics(SMPL24, motion.rotations, motion.translation)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +69,7 @@ def test_pickles_hold_the_synthesised_motion(corpus: Path) -> None:
 def test_float32_does_not_unplant_the_feet(corpus: Path) -> None:
     name = make_plan(3, 2, 6.0).clips[0].name
     motion = Synthetic(songs=3, clips_per_song=2, clip_s=6.0).load(_ref(corpus, name))
-    feet = joints_of(motion)[:, FEET]
+    feet = motion.joints()[:, FEET]
     planted = np.load(corpus / "truth" / f"{name}.npz")["planted"]
     step = np.linalg.norm(np.diff(feet, axis=0), axis=2)
     assert step[planted[1:] & planted[:-1]].max() < 1e-5
@@ -116,13 +110,6 @@ def test_a_second_call_writes_nothing(corpus: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in corpus.rglob("*")} == times
 
 
-def test_a_folder_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
-    (tmp_path / "thesis.txt").write_text("mine")
-    with raises_message(SourceError, "separate"):
-        Synthetic().scan(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["thesis.txt"]
-
-
 def test_other_parameters_are_an_error_that_shows_them(corpus: Path) -> None:
     before = digests(corpus)
     with raises_message(SourceError, "clips_per_song", where="corpus/synthetic.json"):
@@ -130,23 +117,16 @@ def test_other_parameters_are_an_error_that_shows_them(corpus: Path) -> None:
     assert digests(corpus) == before
 
 
-def test_damaged_marker_is_an_error(tmp_path: Path) -> None:
-    (tmp_path / synthetic.MARKER).write_text("{")
-    with raises_message(SourceError, "clips_per_song", where="synthetic.json"):
-        write_synthetic(tmp_path)
-
-
-def test_source_that_is_a_file(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_text("")
-    with raises_message(SourceError, "synthetic", where="file"):
-        Synthetic().scan(path)
-
-
-def test_source_that_cannot_be_made(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
-    with raises_message(SourceError, "enough", where="file/below"):
-        write_synthetic(tmp_path / "file" / "below")
+@pytest.mark.parametrize(("file", "source", "word", "where"), [
+    ("thesis.txt", ".", "separate", ""), (synthetic.MARKER, ".", "clips_per_song", "synthetic.json"),
+    ("file", "file", "synthetic", "file"), ("file", "file/below", "enough", "file/below"),
+])  # fmt: skip
+def test_sources_that_cannot_be_written(tmp_path: Path, file: str, source: str, word: str, where: str) -> None:
+    (tmp_path / file).write_text("{")
+    for make in (write_synthetic, Synthetic().scan):
+        with raises_message(SourceError, word, where=where):
+            make(tmp_path / source)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(file, "{")]
 
 
 def test_an_interrupted_write_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,10 +149,6 @@ def _interrupt(*_: object) -> None:
 # --- the plug-in ------------------------------------------------------------------------------------------------
 
 
-def test_registered() -> None:
-    assert DATASETS.get("synthetic") is Synthetic
-
-
 def test_scan_writes_and_lists(tmp_path: Path) -> None:
     dataset = Synthetic(songs=2, clips_per_song=2, clip_s=3.0)
     scan = dataset.scan(tmp_path / "new")
@@ -193,7 +169,5 @@ def test_example_covers_the_splits(tmp_path: Path) -> None:
     assert any("example" in note for note in scan.notes)
     with raises_message(SourceError, "clips_per_song", where="example/synthetic.json"):
         Synthetic(seed=1).scan(tmp_path / "example")
-    with raises_message(
-        SourceError, "clips_per_song", where="example/synthetic.json"
-    ):  # it requires the whole corpus
-        write_synthetic(tmp_path / "example")
+    with raises_message(SourceError, "clips_per_song", where="example/synthetic.json"):
+        write_synthetic(tmp_path / "example")  # it requires the whole corpus

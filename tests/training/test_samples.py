@@ -26,13 +26,9 @@ from tests.scene.test_scenes import unpacked
 
 FIELDS = ("edge151", "librosa35")
 RECIPE: dict[str, Any] = {
-    "recipe": 1,
-    "name": "toy",
-    "dataset": {"synthetic": {"songs": 5, "clips_per_song": 2, "clip_s": 7}},
-    "windows": {"length_s": 5, "stride_s": 1},
-    "motion": {"edge151": {}},
-    "audio": {"librosa35": {}},
-}
+    "recipe": 1, "name": "toy", "dataset": {"synthetic": {"songs": 5, "clips_per_song": 2, "clip_s": 7}},
+    "windows": {"length_s": 5, "stride_s": 1}, "motion": {"edge151": {}}, "audio": {"librosa35": {}},
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
