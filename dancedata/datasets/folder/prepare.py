@@ -12,7 +12,7 @@ from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.text import counted, csv_cell, listed, shown
-from dancedata.datasets.folder.propose import Proposal, propose
+from dancedata.datasets.folder.propose import propose
 from dancedata.files.atomic import write_text
 from dancedata.files.regular_file import read_regular
 
@@ -87,8 +87,8 @@ def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
     table = _Table.of(path)
     rows = table.rows
     known = {row.get("motion", "") for row in rows}
-    filled = sum(_fill(row, _cells(new)) for row in rows for new in proposal.rows if new.motion == row.get("motion"))
-    new = [_cells(row) for row in proposal.rows if row.motion not in known]
+    filled = sum(_fill(row, new.cells) for row in rows for new in proposal.rows if new.motion == row.get("motion"))
+    new = [row.cells for row in proposal.rows if row.motion not in known]
     rows += new
     songs = {row.get("audio") for row in rows} - {"", None}
     if not recipe.exists():
@@ -97,7 +97,7 @@ def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
         split = f"split: {{val: 0.2, test: 0.2, by: {by}, balance: true}}" if len(rows) >= _FEW else "split: train"
         _write(recipe, _RECIPE.format(folder=shown(str(folder)), name=name, split=split))
     if filled or new:
-        _write(path, table.text(() if known else _comments(proposal)))
+        _write(path, table.text(() if known else proposal.comments))
     return Prepared(
         path, recipe, len(rows), len(new), filled, tuple(row["id"] for row in rows if row.get("guessed")),
         tuple(row["id"] for row in rows if not row.get("audio")),
@@ -141,17 +141,13 @@ class _Table:
         return cls([line.rstrip("\r\n") for line in comments], separator, rows)
 
     def text(self, comments: Sequence[str]) -> str:
-        """Return the text of the file; `comments` for a new one."""
+        """Return the text of the file, with further `comments`."""
         names = list(dict.fromkeys(name for row in self.rows for name in row))
+        cells = [[row.get(name) or "" for name in names] for row in self.rows]
         text = io.StringIO()
         writer = csv.writer(text, delimiter=self.separator, lineterminator="\n")
-        writer.writerows([names, *([row.get(name) or "" for name in names] for row in self.rows)])
-        return "".join(f"{line}\n" for line in comments or self.comments) + text.getvalue()
-
-
-def _cells(row: Any) -> dict[str, str]:
-    cells = asdict(row) | {"guessed": " ".join(row.guessed), "evidence": "; ".join(row.evidence)}
-    return {name: str(csv_cell(value)) for name, value in cells.items() if name not in ("motion_s", "audio_s")}
+        writer.writerows([*([comment] for comment in comments), names, *cells])
+        return "".join(f"{line}\n" for line in self.comments) + text.getvalue()
 
 
 def _fill(row: dict[str, str], cells: Mapping[str, str]) -> int:
@@ -162,10 +158,6 @@ def _fill(row: dict[str, str], cells: Mapping[str, str]) -> int:
         row["guessed"] = " ".join(dict.fromkeys([*(row.get("guessed") or "").split(), *guesses]))
         row["evidence"] = cells.get("evidence", "")
     return len(empty)
-
-
-def _comments(proposal: Proposal) -> list[str]:
-    return [line for line in proposal.to_csv().splitlines() if line.lstrip('"').startswith("#")]
 
 
 def _write(path: Path, text: str) -> None:

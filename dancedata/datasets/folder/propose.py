@@ -6,9 +6,7 @@ has checked a row empties its ``guessed``; until then readers of the manifest na
 
 from __future__ import annotations
 
-import csv
 import difflib
-import io
 import os
 import re
 import unicodedata
@@ -45,7 +43,6 @@ _PARTS = re.compile(r"[^\W\d_]+|[0-9]+")
 _SAME_S = 0.5
 #: Rates that are tried against the length of the music, the usual one first.
 _RATES = (30, 60, 120, 24, 25, 50, 100)
-_COLUMNS = ("id", "motion", "audio", "fps", "up", "unit", "guessed", "evidence")
 _HEAD = "# Proposed by dancedata init: check the rows whose column guessed is not empty and then empty that cell."
 #: Words of names of files that are compared: letters, without numbers of takes.
 _WORD = re.compile(r"[^\W\d_]{3,}")
@@ -108,6 +105,12 @@ class ProposedRow:
     motion_s: float | None = None
     audio_s: float | None = None
 
+    @property
+    def cells(self) -> dict[str, str]:
+        """The row as the manifest has it, by column."""
+        cells = asdict(self) | {"guessed": " ".join(self.guessed), "evidence": "; ".join(self.evidence)}
+        return {name: str(csv_cell(value)) for name, value in cells.items() if name not in ("motion_s", "audio_s")}
+
     def with_guess(self, column: str, value: str, why: str) -> ProposedRow:
         """Return the row with a guess."""
         stated: dict[str, Any] = {column: value, "guessed": (*self.guessed, column)}
@@ -126,25 +129,12 @@ class Proposal:
     unused: tuple[str, ...] = field(default=())
     others: tuple[str, ...] = field(default=())
 
-    def to_csv(self) -> str:
-        """Return the text of manifest.csv."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([_HEAD])
-        if self.unused:
-            writer.writerow([f"# Music that no motion has: {listed(self.unused)}"])
-        if self.others:
-            writer.writerow([f"# Files whose arrays are no motion: {listed(self.others)}"])
-        writer.writerow(_COLUMNS)
-        for row in self.rows:
-            cells = {**asdict(row), "guessed": " ".join(row.guessed), "evidence": "; ".join(row.evidence)}
-            writer.writerow([csv_cell(cells[column]) for column in _COLUMNS])
-        return text.getvalue()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return plain JSON data."""
-        return {"rows": [asdict(row) for row in self.rows], "unused_music": list(self.unused),
-                "not_motion": list(self.others)}  # fmt: skip
+    @property
+    def comments(self) -> list[str]:
+        """The lines above the columns of the manifest."""
+        unused = [f"# Music that no motion has: {listed(self.unused)}"] if self.unused else []
+        others = [f"# Files whose arrays are no motion: {listed(self.others)}"] if self.others else []
+        return [_HEAD, *unused, *others]
 
 
 def propose(source: Path) -> Proposal:
