@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from dancedata.core.bodies import transfer_to
 from dancedata.core.skeleton import SMPL24
@@ -70,10 +71,19 @@ def _decodable(job: ExportJob) -> dict[str, ColumnsReader]:
     )
 
 
+@dataclass(frozen=True, kw_only=True)
 class MotionExport(Export):
-    """Base of exports of decoded motion; `field` "" takes the first with rotations."""
+    """Base of exports of decoded motion.
 
-    field: str
+    Attributes
+    ----------
+    field
+        Motion field to decode; "" takes the first with rotations.
+    """
+
+    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
+
+    field: str = ""
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:

@@ -1,8 +1,7 @@
 """BVH files, one per clip, for Blender, Maya, MotionBuilder and other programs for animation."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name
@@ -20,15 +19,11 @@ class BvhFiles(MotionExport):
     ----------
     unit
         ``m``: metres, which Blender reads at a scale of 1. ``cm``: centimetres, as Maya and MotionBuilder expect.
-    field
-        Motion field to decode; none: the first that holds rotations.
     """
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
 
     unit: Literal["m", "cm"] = "m"
-    field: str = ""
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:

@@ -52,8 +52,6 @@ class Duolando(MotionExport):
     ----------
     feature
         Audio feature of 54 columns at 30 rows per second.
-    field
-        Motion field to decode; "" takes the first with rotations.
     """
 
     version: ClassVar[int] = 1
@@ -67,7 +65,6 @@ class Duolando(MotionExport):
     listed_folders: ClassVar[tuple[str, ...]] = tuple(f"{kind}/{part}" for kind in _KINDS for part in _PARTS)
 
     feature: str = "bailando54"
-    field: str = ""
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:

@@ -38,8 +38,6 @@ class Gcd(MotionExport):
     ----------
     feature
         Audio feature of `jukebox_features`, at 30 rows per second.
-    field
-        Motion field to decode; "" takes the first with rotations.
     """
 
     version: ClassVar[int] = 1
@@ -52,7 +50,6 @@ class Gcd(MotionExport):
     guide_text: ClassVar[str] = _GUIDE
 
     feature: str = "librosa35"
-    field: str = ""
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:

@@ -1,8 +1,7 @@
 """AMASS-like and SMPL-X files, one per clip, for Blender's SMPL add-ons and tools that read AMASS."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name
@@ -35,16 +34,12 @@ class SmplFiles(MotionExport):
     ----------
     gender
         Written into the files: the body model that a viewer takes. AIST++ was fitted with the male one.
-    field
-        Motion field to decode; none: the first that holds rotations.
     """
 
     version: ClassVar[int] = 1
-    recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
     reference: ClassVar[str] = "AMASS's and SMPL-X's .npz (amass.is.tue.mpg.de)"
 
     gender: Literal["neutral", "male", "female"] = "neutral"
-    field: str = ""
 
     @override
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:

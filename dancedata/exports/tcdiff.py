@@ -55,8 +55,6 @@ class Tcdiff(MotionExport):
     feature
         Audio feature of 438 columns at 60 rows per second to take from the dataset; "" computes them from the sound
         of each slice, as TCDiff does.
-    field
-        Motion field to decode; "" takes the first with rotations.
     """
 
     version: ClassVar[int] = 1
@@ -70,7 +68,6 @@ class Tcdiff(MotionExport):
     listed_folders: ClassVar[tuple[str, ...]] = tuple(f"{part}/{name}" for part in _PARTS for name in _FOLDERS)
 
     feature: str = ""
-    field: str = ""
 
     @override
     def missing(self, job: ExportJob) -> list[Missing]:
