@@ -15,7 +15,7 @@ import typer
 from dancedata.cli.interrupts import Interrupted, is_interrupted
 from dancedata.cli.options import HELP, About, parameters_of, read_values
 from dancedata.cli.terminal import say
-from dancedata.core.errors import DanceDataError, UsageError, unwritable_name
+from dancedata.core.errors import DanceDataError, StoreError, UsageError, unwritable_name
 from dancedata.core.plugin_files import load_plugins
 from dancedata.core.text import json_text
 from dancedata.core.version import __version__
@@ -76,10 +76,10 @@ def _run(function: Callable[..., Any], as_json: bool, arguments: dict[str, Any])
                 output = Output(output.to_json, output.__str__)
             if output is not None:
                 result = output.document() if as_json else output.text()
-    except (DanceDataError, UnicodeEncodeError) as error:
+    except (DanceDataError, UnicodeEncodeError, OSError) as raised:
         if is_interrupted():
             raise Interrupted from None
-        fail(unwritable_name(error) if isinstance(error, UnicodeEncodeError) else error, as_json, name, warnings)
+        fail(_error(raised), as_json, name, warnings)
     if output is None:
         return
     ok, warnings = output.ok and output.error is None, [*warnings, *output.warnings]
@@ -91,6 +91,13 @@ def _run(function: Callable[..., Any], as_json: bool, arguments: dict[str, Any])
         say(str(result))
     if not ok:
         raise typer.Exit(1)
+
+
+def _error(raised: Exception) -> DanceDataError:
+    """Return the error to print: its own, or that of the system, such as for a file that nobody may list."""
+    if isinstance(raised, UnicodeEncodeError):
+        return unwritable_name(raised)
+    return raised if isinstance(raised, DanceDataError) else StoreError("the system refuses it", found=str(raised))
 
 
 def fail(error: DanceDataError, as_json: bool, name: str, warnings: Sequence[str] = ()) -> Any:

@@ -48,8 +48,8 @@ def view(
     from dancedata.scene.selection import ViewRequest
     from dancedata.viewer.view import export_page, serve
 
-    if at < 0:
-        raise UsageError("--at is before the clip", found=at, allowed="seconds, 0 and above")
+    if not 0 <= at < float("inf"):
+        raise UsageError("--at is not within a clip", found=at, allowed="seconds, 0 and above")
     beside = tuple(map(local_folder, compare or ()))
     request = ViewRequest(
         local_folder(path), clip, compare=beside, up=up or "y", at=at, overlay=overlay, wall=wall, **read
@@ -99,8 +99,9 @@ def report(
     if of_samples["like"] is None and (saved := saved_samples(path)) is not None:
         of_samples["like"] = saved.dataset
     if of_samples["like"] is not None and not (path / DATASET_FILE).exists():
-        if compare is not None or not clips.isdecimal():
-            raise UsageError("--compare goes with a dataset, and --clips of samples is a number", where=path)
+        if compare is not None or rights is not None or not clips.isdecimal():
+            raise UsageError("--compare and --rights go with a dataset, and --clips of samples is a number",
+                             where=path, fix="leave them out")  # fmt: skip
         page = out or (None if as_json else Path(f"{path.stem}-report.html"))
         return _samples_report(path, page, int(clips), music, of_samples, **how)
     del of_samples["protocol"]

@@ -130,6 +130,8 @@ def make_trials(
     if not 1 <= songs <= len(clips):
         raise UsageError("there are not so many clips in common", found=f"{songs} asked for",
                          allowed=f"1 to {len(clips)}", fix="ask for fewer songs")  # fmt: skip
+    if seed < 0:
+        raise UsageError("invalid seed", found=seed, allowed="0 or more")
     if not 0 <= checks <= 100:
         raise UsageError("invalid number of checks", found=checks, allowed="0 to 100")
     rng = np.random.default_rng(seed)

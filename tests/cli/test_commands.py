@@ -58,7 +58,8 @@ def places(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
         ("info edge151", 0, "representations"), ("info edge-aistpp", 0, "metrics"), ("info edge15", 2, "usage"),
         ("info nowhere/x", 1, "store"), ("info --clips", 2, "usage"),
         ("view DEMO -o page.html gBR_sBM_cAll_d04_mBR0_ch01", 0, "path"), ("view DEMO", 2, "usage"),
-        ("view DEMO nobody -o page.html", 2, "usage"), ("view DEMO -o old.html", 2, "usage"),
+        ("view DEMO nobody -o page.html", 2, "usage"), ("view DEMO --at nan -o page.html", 2, "usage"),
+        ("view DEMO -o old.html", 2, "usage"),
         ("view nowhere -o page.html", 1, "nothing_matched"), ("view DEMO --silent", 2, "usage"),
         ("report nowhere", 1, "store"), (f"report DEMO {SAMPLES}", 2, "usage"),
         ("evaluate nowhere", 1, "nothing_matched"), ("evaluate DEMO --protocol nothing", 2, "usage"),
@@ -93,6 +94,14 @@ def test_exit_codes_and_documents(places: dict[str, str], line: str, code: int, 
         assert error["code"] == word
         assert (error["kind"] == "usage") == (code == 2)
         assert set(error) == {"kind", "code", "problem", "where", "found", "allowed", "fix"}
+
+
+def test_errors_of_the_system_are_documents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object) -> None:
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr("dancedata.datasets.folder.prepare.prepare", refused)
+    assert "Invalid argument" in as_json("init", tmp_path, code=1)["found"]
 
 
 def test_warnings_are_in_the_document_and_on_stderr(places: dict[str, str]) -> None:

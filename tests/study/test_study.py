@@ -67,12 +67,12 @@ def test_trials_are_fair(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"songs": 11}, {"systems": ("a",)}, {"checks": 101}], ids=lambda o: next(iter(o))
+    "options", [{"songs": 11}, {"systems": ("a",)}, {"checks": 101}, {"seed": -1}], ids=lambda o: next(iter(o))
 )
 def test_impossible_studies(options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "checks|common|compares"):
+    with raises_message(UsageError, "checks|common|compares|seed"):
         make_trials(CLIPS, options.get("systems", ("a", "b")), songs=options.get("songs", 2),
-                    checks=options.get("checks", 0), seed=0)  # fmt: skip
+                    checks=options.get("checks", 0), seed=options.get("seed", 0))  # fmt: skip
 
 
 def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
