@@ -110,11 +110,7 @@ def refuse_rule(rule: ContactRule | None, name: str) -> None:
 
 
 def checked(array: npt.NDArray[Any], width: int, name: str, first: int = 0) -> Float64Array:
-    """Return columns `first` and later of (T, `width`) in float64, for decoding.
-
-    Raises UsageError: The array has another shape.
-    Raises DataError: "nan".
-    """
+    """Return columns `first` and later of (T, `width`) in float64; UsageError for another shape, DataError "nan"."""
     array = np.asarray(array)
     if array.ndim != 2 or array.shape[1] != width:
         raise UsageError(f"{name} decodes (T, {width})", found=f"shape {array.shape}")

@@ -28,11 +28,7 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 
 @dataclass(frozen=True)
 class SixD:
-    """Contacts 4, root translation 3, J x 6D, for the joints of a skeleton.
-
-    `name`: Name of the representation, for messages.
-    `skeleton`: J joints.
-    """
+    """Contacts 4, root translation 3, J x 6D, for the J joints of a skeleton; `name` is the representation's."""
 
     name: str
     skeleton: Skeleton
@@ -60,9 +56,7 @@ class SixD:
         return out
 
     def unpack(self, array: npt.NDArray[Any]) -> tuple[Float64Array, Float64Array]:
-        """Return translation (T, 3) and matrices (T, J, 3, 3) of (T, D) columns, not normalised.
-
-        Six columns need not be orthonormal: Gram-Schmidt turns them into a rotation.
+        """Return translation (T, 3) and matrices (T, J, 3, 3) of (T, D) columns, not normalised, by Gram-Schmidt.
 
         Raises UsageError: The array has another shape.
         Raises DataError: "nan", or "bad_rotation" where six columns do not span a plane.
@@ -93,13 +87,16 @@ class SixD:
 class SmplX6D(Representation):
     """Base of Lodge's and FineDance's columns: +Y up, on SMPL-X's joints, some of them grounded.
 
-    Subclasses define their layout, `default_contacts`, `axes` and whether they are `grounded`.
+    Subclasses define `skeleton`, `default_contacts`, `axes` and whether they are `grounded`.
     """
 
-    layout: ClassVar[SixD]
-    skeleton: ClassVar[Skeleton]
     version: ClassVar[int] = 1
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
+
+    @property
+    def layout(self) -> SixD:
+        """How the columns are laid out."""
+        return SixD(self.name, self.skeleton)
 
     @property
     @override

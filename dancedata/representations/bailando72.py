@@ -29,14 +29,10 @@ class Bailando72(Representation):
 
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
+    columns: ClassVar[Columns] = parts.columns_of(parts.positions(SMPL24))
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     rate: ClassVar[Fraction | None] = Fraction(60)
     spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return parts.columns_of(parts.positions(SMPL24))
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

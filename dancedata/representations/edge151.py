@@ -37,13 +37,9 @@ class Edge151(Representation):
     version: ClassVar[int] = 1
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
+    columns: ClassVar[Columns] = _LAYOUT.columns
     axes: ClassVar[str] = "right-handed, +Z up, metres"
     spatial: ClassVar[Spatial | None] = Spatial("z", ROLES)
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return _LAYOUT.columns
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

@@ -35,14 +35,10 @@ class Fact219(Representation):
 
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
+    columns: ClassVar[Columns] = parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     rate: ClassVar[Fraction | None] = Fraction(60)
     spatial: ClassVar[Spatial | None] = Spatial("y", {"translation": "place", "rotation_matrix": "root_rotation"})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

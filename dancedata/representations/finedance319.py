@@ -6,7 +6,7 @@ from typing import ClassVar
 from dancedata.core.bodies import SMPLX52
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
-from dancedata.representations._six_d import SixD, SmplX6D
+from dancedata.representations._six_d import SmplX6D
 
 
 @REPRESENTATIONS.register("finedance319")
@@ -19,7 +19,6 @@ class FineDance319(SmplX6D):
     from its files: the same where those are orthonormal. Mirroring reflects across the plane x = 0.
     """
 
-    layout: ClassVar[SixD] = SixD("finedance319", SMPLX52)
     skeleton: ClassVar[Skeleton] = SMPLX52
     default_contacts: ClassVar[str | None] = "velocity"
     axes: ClassVar[str] = "right-handed, +Y up, metres"

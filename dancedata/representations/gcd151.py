@@ -68,13 +68,11 @@ class Gcd151(Representation):
     version: ClassVar[int] = 1
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
+    columns: ClassVar[Columns] = parts.columns_of(
+        parts.translation(), parts.rotations(SMPL24, n_rows=2), parts.contacts(SMPL24)
+    )
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=2), parts.contacts(SMPL24))
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:

@@ -23,20 +23,6 @@ from dancedata.representations import _columns as parts
 from dancedata.representations import _humanml as humanml
 from dancedata.representations._columns import Part
 
-#: A clip begins at the origin and faces +Z wherever it was danced, and each row is relative to the one before.
-SPATIAL = Spatial(
-    "y",
-    {
-        "root_turn": "unchanged",
-        "root_velocity": "unchanged",
-        "root_height": "unchanged",
-        "local_position": "unchanged",
-        "rotation_6d_columns": "unchanged",
-        "local_velocity": "unchanged",
-        "foot_contact": "unchanged",
-    },
-)
-
 
 def _skeleton() -> Skeleton:
     """Return HumanML3D's body: SMPL's directions at rest, the target's lengths, the pelvis at the translation."""
@@ -48,6 +34,24 @@ def _skeleton() -> Skeleton:
 
 #: The 22 joints and their bones.
 HUMANML22 = _skeleton()
+#: The root's turn, velocity and height.
+ROOT = (
+    Part(Group("root_turn", 1, "rad, half the angle"), Mirror((0,), (-1,))),
+    Part(Group("root_velocity", 2, "m", ("x", "z")), Mirror((0, 1), (-1, 1))),
+    Part(Group("root_height", 1, "m"), Mirror((0,), (1,))),
+)
+# Entry (r, c) of a rotation changes its sign if row or column is x, not if both are; here column by column.
+_ENTRIES, _SIGNS = ("x0", "y0", "z0", "x1", "y1", "z1"), (1, -1, -1, -1, 1, 1)
+_FEET = ("left_ankle", "left_foot", "right_ankle", "right_foot")
+#: The columns after the root.
+BODY = (
+    parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1),
+    parts.per_joint("rotation_6d_columns", "1", HUMANML22, _ENTRIES, _SIGNS, first=1),
+    parts.per_joint("local_velocity", "m", HUMANML22, "xyz", (-1, 1, 1)),
+    Part(Group("foot_contact", 4, "1", _FEET), Mirror((2, 3, 0, 1), (1, 1, 1, 1))),
+)
+#: A clip begins at the origin and faces +Z wherever it was danced, and each row is relative to the one before.
+SPATIAL = Spatial("y", {part.group.name: "unchanged" for part in (*ROOT, *BODY)})
 
 
 @REPRESENTATIONS.register("humanml263")
@@ -64,16 +68,12 @@ class Humanml263(Representation):
 
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = HUMANML22
+    columns: ClassVar[Columns] = parts.columns_of(*ROOT, *BODY)
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"
     rate: ClassVar[Fraction | None] = Fraction(20)
     spatial: ClassVar[Spatial | None] = SPATIAL
     grounded: ClassVar[bool] = True
     positions_only: ClassVar[bool] = True
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return parts.columns_of(*root_parts(), *body_parts())
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
@@ -131,33 +131,3 @@ class Humanml263(Representation):
         How bones turn about themselves is not in the columns. Raises the errors of `positions`.
         """
         return fitted(self.positions(array), HUMANML22, grid)
-
-
-def root_parts() -> tuple[Part, ...]:
-    """Return the root's turn, velocity and height."""
-    return (
-        Part(Group("root_turn", 1, "rad, half the angle"), Mirror((0,), (-1,))),
-        Part(Group("root_velocity", 2, "m", ("x", "z")), Mirror((0, 1), (-1, 1))),
-        Part(Group("root_height", 1, "m"), Mirror((0,), (1,))),
-    )
-
-
-def body_parts() -> tuple[Part, ...]:
-    """Return the columns after the root: local positions, rotations, velocities, contacts."""
-    return (
-        parts.per_joint("local_position", "m", HUMANML22, "xyz", (-1, 1, 1), first=1),
-        _rotations(),
-        parts.per_joint("local_velocity", "m", HUMANML22, "xyz", (-1, 1, 1)),
-        _contacts(),
-    )
-
-
-def _rotations() -> Part:
-    # Entry (r, c) changes its sign if row or column is x, not if both are; here column by column.
-    entries, signs = ("x0", "y0", "z0", "x1", "y1", "z1"), (1, -1, -1, -1, 1, 1)
-    return parts.per_joint("rotation_6d_columns", "1", HUMANML22, entries, signs, first=1)
-
-
-def _contacts() -> Part:
-    names = ("left_ankle", "left_foot", "right_ankle", "right_foot")
-    return Part(Group("foot_contact", 4, "1", names), Mirror((2, 3, 0, 1), (1, 1, 1, 1)))

@@ -15,7 +15,10 @@ from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 from dancedata.representations._columns import Part
-from dancedata.representations.humanml263 import SPATIAL, Humanml263, body_parts, root_parts
+from dancedata.representations.humanml263 import BODY, ROOT, SPATIAL, Humanml263
+
+_TURN, _VELOCITY, _HEIGHT = ROOT
+_ANGLE = Part(Group("root_angle", 1, "rad, half the angle"), Mirror((0,), (-1,)))
 
 
 def with_root_angle(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -35,16 +38,9 @@ class Humanml264(Humanml263):
     the wrong sign in one row, as in HumanML3D.
     """
 
+    columns: ClassVar[Columns] = parts.columns_of(_HEIGHT, _ANGLE, _TURN, _VELOCITY, *BODY)
     rate: ClassVar[Fraction | None] = Fraction(30)
     spatial: ClassVar[Spatial | None] = Spatial("y", {**SPATIAL.roles, "root_angle": "unchanged"})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        turn, velocity, height = root_parts()
-        angle = Part(Group("root_angle", 1, "rad, half the angle"), Mirror((0,), (-1,)))
-        root = (height, angle, turn, velocity)
-        return parts.columns_of(*root, *body_parts())
 
     @override
     def _columns(self, motion: Motion, floor_m: float | None) -> npt.NDArray[np.float32]:

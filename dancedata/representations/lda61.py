@@ -25,6 +25,7 @@ from dancedata.representations._columns import Part
 #: Joints of the columns in their order: Motorica's backwards, without the toes.
 _JOINTS = tuple(j for j, name in reversed(list(enumerate(MOTORICA21.joints))) if not name.endswith("ToeBase"))
 _ROTATIONS = 3 * len(_JOINTS)
+_GROUPS = ("axis_angle", "root_height", "root_way", "root_turn")
 #: Below this sine of its angle to the vertical, the side axis of the hips has no direction on the floor.
 _LEAST = 1e-6
 
@@ -46,10 +47,7 @@ class Lda61(Representation):
     skeleton: ClassVar[Skeleton] = MOTORICA21
     axes: ClassVar[str] = "right-handed, +Y up, centimetres, each frame facing +Z"
     rate: ClassVar[Fraction | None] = Fraction(30)
-    spatial: ClassVar[Spatial | None] = Spatial(
-        "y",
-        {"axis_angle": "unchanged", "root_height": "unchanged", "root_way": "unchanged", "root_turn": "unchanged"},
-    )
+    spatial: ClassVar[Spatial | None] = Spatial("y", {name: "unchanged" for name in _GROUPS})
 
     @property
     @override

@@ -6,7 +6,7 @@ from typing import ClassVar
 from dancedata.core.bodies import SMPLX52
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
-from dancedata.representations._six_d import SixD, SmplX6D
+from dancedata.representations._six_d import SmplX6D
 
 
 @REPRESENTATIONS.register("lodge319")
@@ -20,7 +20,6 @@ class Lodge319(SmplX6D):
     Mirroring reflects across the plane x = 0.
     """
 
-    layout: ClassVar[SixD] = SixD("lodge319", SMPLX52)
     skeleton: ClassVar[Skeleton] = SMPLX52
     default_contacts: ClassVar[str | None] = "height"
     axes: ClassVar[str] = "right-handed, +Y up, metres, floor at y = 0"

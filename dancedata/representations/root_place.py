@@ -37,17 +37,12 @@ class RootPlace(Representation):
 
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
+    columns: ClassVar[Columns] = parts.columns_of(
+        parts.Part(Group("place", 3, "m", _AXES), _REFLECTED), parts.Part(Group("facing", 3, "1", _AXES), _REFLECTED)
+    )
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     holds_places: ClassVar[bool] = True
     spatial: ClassVar[Spatial | None] = Spatial("y", {"place": "place", "facing": "direction"})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return parts.columns_of(
-            parts.Part(Group("place", 3, "m", _AXES), _REFLECTED),
-            parts.Part(Group("facing", 3, "1", _AXES), _REFLECTED),
-        )
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
