@@ -35,7 +35,7 @@ _RATE_OF_SEVEN_OCTAVES = 60 * HOP
 
 Floats = NDArray[np.float32]
 
-_GROUPS = (
+GROUPS = (
     Group("mfcc", N_MFCC, "dB"),
     Group("mfcc_delta", N_MFCC, "dB"),
     Group("chroma_cqt", N_CHROMA, "1"),
@@ -52,6 +52,7 @@ class BailandoFeature(HopFeature):
     onset_fmax: Literal["era", "nyquist"] = "era"
 
     beat_rows_late: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns(GROUPS, None)
     min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
     usual_rates: ClassVar[str] = "use 60 (next to motion) or 7.5 (Bailando's GPT) rows per second"
     #: Bailando's script starts the search for the tempo at 120 beats per minute, for any song.
@@ -62,11 +63,6 @@ class BailandoFeature(HopFeature):
             raise UsageError(
                 f"{self.name}: invalid value for onset_fmax", found=str(self.onset_fmax), allowed="era, nyquist"
             )
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return Columns(_GROUPS, None)
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:

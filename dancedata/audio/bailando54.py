@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from dancedata.audio._bailando import BailandoFeature, Floats, first_columns
+from dancedata.audio._bailando import GROUPS, BailandoFeature, Floats, first_columns
 from dancedata.audio._settings import HOP
 from dancedata.core.columns import Columns
 from dancedata.core.registry import FEATURES
@@ -27,13 +27,9 @@ class Bailando54(BailandoFeature):
     onset_fmax: Literal["era", "nyquist"] = "nyquist"
 
     version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns(GROUPS[:-1], None)
     min_sample_rate: ClassVar[int] = _MIN_SAMPLE_RATE
     usual_rates: ClassVar[str] = "use 30 rows per second (Duolando)"
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return Columns(super().columns.groups[:-1], None)
 
     @override
     def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:

@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dancedata.audio._bailando import BailandoFeature, Floats, compute
+from dancedata.audio._bailando import GROUPS, BailandoFeature, Floats, compute
 from dancedata.core.columns import Columns, Group
 from dancedata.core.registry import FEATURES
 from dancedata.core.typing import override
@@ -29,12 +29,8 @@ class Bailando55(BailandoFeature):
     onset_fmax: Literal["era", "nyquist"] = "nyquist"
 
     version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns((*GROUPS[:-1], Group("tempogram", 1, "1")), None)
     usual_rates: ClassVar[str] = "use 30 rows per second (InfiniteDance)"
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return Columns((*super().columns.groups[:-1], Group("tempogram", 1, "1")), None)
 
     @override
     def _rows(self, samples: Floats, rate: int, onset_fmax: float) -> Floats:

@@ -16,7 +16,6 @@ from dancedata.core.typing import override
 from dancedata.kernel import resample
 
 N_FFT = 384
-_BINS = 1 + N_FFT // 2
 
 
 @FEATURES.register("stft193")
@@ -36,17 +35,13 @@ class Stft193(HopFeature):
     part: Literal["real", "magnitude"] = "real"
 
     version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns((Group("stft", 1 + N_FFT // 2, "full scale"),), None)
     usual_rates: ClassVar[str] = "use 30 rows per second (GCDance)"
     uses_tempo: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.part not in ("real", "magnitude"):
             raise UsageError("stft193: invalid value for part", found=str(self.part), allowed="real, magnitude")
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return Columns((Group("stft", _BINS, "full scale"),), None)
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:

@@ -17,6 +17,8 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.typing import override
 from dancedata.metrics.key_motion import SIGMA_FRAMES, key_motion
 
+_GROUPS = (Group("speed", 1, "m/frame"), Group("minimum", 1, "0/1"), Group("prominence", 1, "m/frame"))
+
 
 @KEYMOTIONS.register("lodge")
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Lodge(KeyMotionFinder):
     """
 
     version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns(_GROUPS, mirror=Mirror((0, 1, 2), (1, 1, 1)))
     skeleton: ClassVar[Skeleton] = SMPLX55
 
     sigma_frames: float = SIGMA_FRAMES
@@ -41,12 +44,6 @@ class Lodge(KeyMotionFinder):
     def __post_init__(self) -> None:
         if not (self.sigma_frames > 0 and math.isfinite(self.sigma_frames)):
             raise UsageError("sigma_frames must be above 0", found=self.sigma_frames, allowed="frames, > 0")
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        groups = (Group("speed", 1, "m/frame"), Group("minimum", 1, "0/1"), Group("prominence", 1, "m/frame"))
-        return Columns(groups, mirror=Mirror((0, 1, 2), (1, 1, 1)))
 
     @override
     def analyse(self, motion: Motion) -> npt.NDArray[np.float32]:

@@ -29,6 +29,7 @@ ENVIRONMENT = "DANCEDATA_BEAT_THIS"
 
 Source = Literal["librosa", "beat_this"]
 _SOURCES = ("librosa", "beat_this")
+_UNITS = {"beat": "0/1", "downbeat": "0/1", "phase": "bars", "tempo": "1/min"}
 #: Of the onset envelope that librosa finds beats in: 50 frames per second.
 SAMPLE_RATE, HOP, N_FFT = 22050, 441, 1024
 
@@ -57,6 +58,7 @@ class Beats(NetworkFeature):
     """
 
     version: ClassVar[int] = 1
+    columns: ClassVar[Columns] = Columns(tuple(Group(name, 1, unit) for name, unit in _UNITS.items()))
     #: Not torch: another version of it moves logits by about 1e-6, and beats are whole frames of 20 ms.
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     uses_tempo: ClassVar[bool] = True
@@ -73,12 +75,6 @@ class Beats(NetworkFeature):
         if self.source == "librosa" and (self.weights is not None or self.weights_sha256):
             raise UsageError("beats: the source librosa has no weights", found=self.weights or self.weights_sha256,
                              fix="set source: beat_this, or leave weights out")  # fmt: skip
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        names = {"beat": "0/1", "downbeat": "0/1", "phase": "bars", "tempo": "1/min"}
-        return Columns(tuple(Group(name, 1, unit) for name, unit in names.items()))
 
     @override
     def with_weights(self, folder: Path) -> Beats:

@@ -60,6 +60,7 @@ class Librosa35(HopFeature):
     method: Literal["fast", "librosa"] = "fast"
 
     version: ClassVar[int] = 3
+    columns: ClassVar[Columns] = Columns(_GROUPS, None)
     #: librosa's onset envelope is the rise from the row before, and a beat is the row that has risen.
     beat_rows_late: ClassVar[int] = 1
     min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
@@ -72,11 +73,6 @@ class Librosa35(HopFeature):
             )
         if self.method not in ("fast", "librosa"):
             raise UsageError("librosa35: unknown method", found=str(self.method), allowed="fast, librosa")
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        return Columns(_GROUPS, None)
 
     @override
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> NDArray[np.float32]:
