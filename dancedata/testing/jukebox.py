@@ -47,20 +47,14 @@ class RandomSource:
     path = Path("random weights")
 
     def __init__(self, config: JukeboxConfig, layer: int, *, seed: int = 0) -> None:
+        import torch
+
         self.seed = seed
         specs = (*tensors.vqvae_tensors(config), *tensors.prior_tensors(config, layer))
         self._specs = {spec.name: spec for spec in specs}
-
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shape of every tensor, by name."""
-        return {name: spec.shape for name, spec in self._specs.items()}
-
-    def dtype(self, name: str) -> torch.dtype:
-        """Type of a tensor."""
-        import torch
-
-        dtype: torch.dtype = getattr(torch, self._specs[name].dtype)
-        return dtype
+        self.tensors: Mapping[str, torch.Tensor] = {
+            spec.name: torch.empty(spec.shape, dtype=getattr(torch, spec.dtype), device="meta") for spec in specs
+        }
 
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Generate the leading rows of a tensor."""
@@ -72,11 +66,8 @@ class RandomSource:
         return (
             tensor.mul_(_scale(spec))
             .add_(1 if ".ln_" in name and name.endswith("weight") else 0)
-            .to(self.dtype(name))
+            .to(self.tensors[name].dtype)
         )
-
-    def close(self) -> None:
-        """Do nothing: no file is open."""
 
 
 def _scale(spec: tensors.TensorSpec) -> float:

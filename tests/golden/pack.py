@@ -248,7 +248,7 @@ def pack_checkpoint(path: Path, out: Path, needed: dict[str, int]) -> None:
     """A checkpoint whose tensors, and rows of tables, that no comparison looks at are zero. All else stays."""
     data = bytearray(path.read_bytes())
     file = TorchFile(path)
-    for name, tensor in file._tensors.items():
+    for name, tensor in file.tensors.items():
         start, size = file._places[tensor.untyped_storage()._cdata], tensor.untyped_storage().nbytes()
         rows = needed.get(name, 0)
         begin, end = start + rows * math.prod(tensor.shape[1:]) * tensor.itemsize, start + size

@@ -55,10 +55,10 @@ def _load(folder: Path, tiny: SimpleNamespace, layers: tuple[int, ...] = (6,)) -
 @pytest.mark.parametrize("file", [VQVAE_FILE, PRIOR_FILE])
 def test_every_tensor_bit_for_bit(tiny: SimpleNamespace, file: str) -> None:
     source = TorchFile(tiny.folder / file)
-    assert set(source.shapes()) == set(tiny.tensors[file])
+    assert set(source.tensors) == set(tiny.tensors[file])
     for name, tensor in tiny.tensors[file].items():
-        assert source.shapes()[name] == tuple(tensor.shape)
-        assert source.dtype(name) == tensor.dtype
+        assert source.tensors[name].shape == tensor.shape
+        assert source.tensors[name].dtype == tensor.dtype
         assert torch.equal(source.read(name, len(tensor)), tensor)
         assert torch.equal(source.read(name, 1), tensor[:1])
 
@@ -142,7 +142,7 @@ def test_other_content_of_the_checkpoint_is_ignored(tmp_path: Path, monkeypatch:
         content = {"hps": hparams, "model": {"a": torch.ones(2)}, "loss": np.float64(0.5), "opt": None}
         torch.save(content, tmp_path / "x", _use_new_zipfile_serialization=False)
     source = TorchFile(tmp_path / "x")
-    assert list(source.shapes()) == ["a"]
+    assert list(source.tensors) == ["a"]
     assert torch.equal(source.read("a", 2), torch.ones(2))
 
 

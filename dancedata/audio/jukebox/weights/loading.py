@@ -85,9 +85,9 @@ def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
     checkpoint = Checkpoint(open_torch_file(folder / VQVAE_FILE), open_torch_file(folder / PRIOR_FILE))
     expected = {spec.name for spec in tensors.vqvae_tensors(config)}
     prefixes = (tensors.ENCODER.split(".level")[0] + ".", tensors.CODEBOOK)
-    names = [name for name in checkpoint.vqvae.shapes() if name.startswith(prefixes)]
+    names = [name for name in checkpoint.vqvae.tensors if name.startswith(prefixes)]
     _refuse_unknown(checkpoint.vqvae, names, expected)
-    _refuse_unknown(checkpoint.prior, checkpoint.prior.shapes(), tensors.all_prior_names(config))
+    _refuse_unknown(checkpoint.prior, checkpoint.prior.tensors, tensors.all_prior_names(config))
     return checkpoint
 
 

@@ -20,15 +20,10 @@ _FLOATING = (torch.float16, torch.bfloat16, torch.float32)
 
 
 class TensorSource(Protocol):
-    """Named tensors on disk, read one at a time."""
+    """Named tensors on disk, read one at a time; those of `tensors` have a shape and a type."""
 
     path: Path
-
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shape of every tensor, by name."""
-
-    def dtype(self, name: str) -> torch.dtype:
-        """Type of a tensor."""
+    tensors: Mapping[str, torch.Tensor]
 
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Read the leading rows into separate memory, on the CPU, in the stored type."""
@@ -60,7 +55,7 @@ class TorchFile:
                 allowed="a complete file that torch.save wrote, of tensors and plain containers",
                 fix="get the file again with `dancedata pull jukebox`",
             ) from error
-        self._tensors: dict[str, torch.Tensor] = {
+        self.tensors: Mapping[str, torch.Tensor] = {
             name: tensor for name, tensor in _model(loaded, path).items() if isinstance(tensor, torch.Tensor)
         }
 
@@ -97,17 +92,9 @@ class TorchFile:
             raise ValueError(f"the file is truncated: {size:,} of {position:,} bytes")
         return loaded
 
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shape of every tensor, by name."""
-        return {name: tuple(tensor.shape) for name, tensor in self._tensors.items()}
-
-    def dtype(self, name: str) -> torch.dtype:
-        """Type of a tensor."""
-        return self._tensors[name].dtype
-
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Read the leading rows into separate memory, in the stored type."""
-        part = self._tensors[name][:rows]
+        part = self.tensors[name][:rows]
         if not part.numel():
             return torch.empty(part.shape, dtype=part.dtype)
         if not part.is_meta:
@@ -138,8 +125,7 @@ class SafetensorsSource:
     def __init__(self, path: Path, files: Iterable[str]) -> None:
         self.path = path
         self._homes: dict[str, str] = {}
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self._dtypes: dict[str, torch.dtype] = {}
+        tensors: dict[str, torch.Tensor] = {}
         self._open_name = ""
         self._open_file: Any = None
         for file in files:
@@ -148,16 +134,9 @@ class SafetensorsSource:
             for name in opened.keys():  # noqa: SIM118
                 part = opened.get_slice(name)
                 self._homes[name] = file
-                self._shapes[name] = tuple(part.get_shape())
-                self._dtypes[name] = _SAFETENSORS_DTYPES.get(part.get_dtype(), torch.uint8)
-
-    def shapes(self) -> Mapping[str, tuple[int, ...]]:
-        """Shape of every tensor, by name."""
-        return self._shapes
-
-    def dtype(self, name: str) -> torch.dtype:
-        """Type of a tensor."""
-        return self._dtypes[name]
+                dtype = _SAFETENSORS_DTYPES.get(part.get_dtype(), torch.uint8)
+                tensors[name] = torch.empty(part.get_shape(), dtype=dtype, device="meta")
+        self.tensors: Mapping[str, torch.Tensor] = tensors
 
     def read(self, name: str, rows: int) -> torch.Tensor:
         """Read the leading rows into separate memory, in the stored type."""
@@ -212,13 +191,12 @@ def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimme
     Raises SourceError: Tensors are missing, or have another shape or a type that is not floating-point; the first ten
         are named.
     """
-    shapes = source.shapes()
     problems = []
     for spec in specs:
-        if spec.name not in shapes:
+        if spec.name not in source.tensors:
             problems.append(f"{spec.name} is missing")
             continue
-        shape, dtype = shapes[spec.name], source.dtype(spec.name)
+        shape, dtype = tuple(source.tensors[spec.name].shape), source.tensors[spec.name].dtype
         if trimmed and shape[1:] == spec.shape[1:] and spec.rows <= shape[0] <= spec.shape[0]:
             shape = spec.shape
         if shape != spec.shape:
