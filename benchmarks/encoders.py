@@ -124,7 +124,7 @@ def measured(compute: Any) -> dict[str, float]:
 
 def ours(folder: Path, minutes: float, layer: int) -> dict[str, float]:
     """Compute rows at 30 per second as a build does."""
-    from dancedata.audio.hf import HuggingFaceEncoder
+    from dancedata.audio.hf.encoder import HuggingFaceEncoder
     from dancedata.core.grid import FrameGrid
 
     encoder = HuggingFaceEncoder(_settings(folder, layer), device="cpu")
@@ -136,7 +136,8 @@ def ours(folder: Path, minutes: float, layer: int) -> dict[str, float]:
 
 
 def _settings(folder: Path, layer: int) -> Any:
-    from dancedata.audio.hf import open_model, settings_of
+    from dancedata.audio.hf.model_folder import open_model
+    from dancedata.audio.hf.settings import settings_of
 
     return settings_of(
         open_model(str(folder)), output="auto", layers=layer, reduce="concat", chunk_s=None, overlap_s=None,
@@ -193,7 +194,7 @@ def on_card(folder: Path, device: str, layer: int) -> None:
     """Print songs of 60 s per second, and the share of the card's matmul rate in the transformer's products."""
     import torch
 
-    from dancedata.audio.hf import HuggingFaceEncoder
+    from dancedata.audio.hf.encoder import HuggingFaceEncoder
     from dancedata.core.grid import FrameGrid
 
     samples = song(1)

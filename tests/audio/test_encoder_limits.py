@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 
-from dancedata.audio.hf import open_model, settings_of
+from dancedata.audio.hf.model_folder import open_model
+from dancedata.audio.hf.settings import settings_of
 from dancedata.core.errors import SourceError
 from tests.messages import raises_message
 

@@ -27,7 +27,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from golden import layouts, uniform, write_model
 
-from dancedata.audio.hf import HuggingFaceEncoder, open_model, settings_of
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
+from dancedata.audio.hf.model_folder import open_model
+from dancedata.audio.hf.settings import settings_of
 
 #: Largest difference that passes, of values near 1.
 TOLERANCE = 1e-4

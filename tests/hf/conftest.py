@@ -13,10 +13,11 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
-from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, open_model, settings_of
+from dancedata.audio.hf import HuggingFace
 from dancedata.audio.hf import encoder as hf_encoder
-from dancedata.audio.hf.model_folder import ENVIRONMENT
-from dancedata.audio.hf.settings import Settings
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
+from dancedata.audio.hf.model_folder import ENVIRONMENT, open_model
+from dancedata.audio.hf.settings import Settings, settings_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.files.regular_file import sha256_file
 from dancedata.testing.encoders import write_random_model

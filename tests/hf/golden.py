@@ -81,7 +81,9 @@ def write_model(layout: dict[str, Any], folder: Path) -> None:
 
 def outputs(folder: Path) -> dict[str, np.ndarray]:
     """Some frames and columns of what a model gives: the first and last layers, or embedding and codes."""
-    from dancedata.audio.hf import HuggingFaceEncoder, open_model, settings_of
+    from dancedata.audio.hf.encoder import HuggingFaceEncoder
+    from dancedata.audio.hf.model_folder import open_model
+    from dancedata.audio.hf.settings import settings_of
     from dancedata.core.errors import UsageError
 
     found = {}

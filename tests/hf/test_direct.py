@@ -14,7 +14,7 @@ pytest.importorskip("transformers")
 import torch
 import transformers
 
-from dancedata.audio.hf import HuggingFaceEncoder
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
 
 from .conftest import noise
 

@@ -16,7 +16,8 @@ pytest.importorskip("transformers")
 import torch
 
 import dancedata
-from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder
+from dancedata.audio.hf import HuggingFace
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
 from dancedata.audio.hf.loading import place, weight_bytes
 from dancedata.building.fields.music import MusicField
 from dancedata.core.audio_signal import AudioSignal

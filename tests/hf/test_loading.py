@@ -18,8 +18,9 @@ pytest.importorskip("transformers")
 import torch
 from safetensors.torch import load_file, save_file
 
-from dancedata.audio.hf import HuggingFace, HuggingFaceEncoder, licence_of, open_model
-from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE, UNKNOWN
+from dancedata.audio.hf import HuggingFace
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
+from dancedata.audio.hf.model_folder import ENVIRONMENT, PROVENANCE, UNKNOWN, licence_of, open_model
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid

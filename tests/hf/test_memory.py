@@ -19,7 +19,9 @@ import json, sys
 from pathlib import Path
 import numpy as np
 import torch
-from dancedata.audio.hf import HuggingFaceEncoder, open_model, settings_of
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
+from dancedata.audio.hf.model_folder import open_model
+from dancedata.audio.hf.settings import settings_of
 from dancedata.core.grid import FrameGrid
 
 def status(key):

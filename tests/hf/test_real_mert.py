@@ -16,7 +16,8 @@ pytest.importorskip("torch")
 pytest.importorskip("transformers")
 
 import dancedata
-from dancedata.audio.hf import HuggingFaceEncoder, open_model
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
+from dancedata.audio.hf.model_folder import open_model
 from dancedata.synthetic import synthesise_song
 
 from .conftest import settings

@@ -14,7 +14,7 @@ import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dancedata.audio.hf import HuggingFaceEncoder
+from dancedata.audio.hf.encoder import HuggingFaceEncoder
 from dancedata.audio.hf.families.base import Chunk, Timing, chunks_of
 from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal

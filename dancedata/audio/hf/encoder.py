@@ -3,9 +3,9 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,14 +25,6 @@ _BATCH = 16
 _SMALLER = "set a smaller chunk_s, or compute on the CPU (device: cpu)"
 
 Finish = Callable[[npt.NDArray[np.float32]], npt.NDArray[Any]]
-
-
-class _Item(NamedTuple):
-    """A chunk of one of several signals, and its number there."""
-
-    signal: int
-    number: int
-    chunk: Chunk
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,7 @@ class HuggingFaceEncoder:
         chunks = self._chunks(len(resampled))
         grid = FrameGrid(Fraction(1))  # the frames alone are used, not the rows
         kept = frames_of(chunks, self._counts(chunks), self.settings.family.timing, grid)
-        outputs = [values for _, values in self._run([resampled], [chunks], None)]
+        outputs = [values for _, _, values in self._run([resampled], chunks, None)]
         values = np.concatenate([v[kept.number[kept.chunk == k].astype(int)] for k, v in enumerate(outputs)])
         return FramesOfSignal(values, np.asarray(kept.stamp / kept.ticks, dtype=np.float64))
 
@@ -106,8 +98,8 @@ class HuggingFaceEncoder:
         method = method_of(self.settings.resample, family.timing, grid, codes=self.settings.output == "codes")
         weights: RowMap = row_map(kept, n_rows, method)
         sums = [RowSum(weights, self.settings.width, finish) for _ in resampled]
-        for item, values in self._run(resampled, [chunks] * len(resampled), batch_size):
-            sums[item.signal].add(item.number, values)
+        for number, signal, values in self._run(resampled, chunks, batch_size):
+            sums[signal].add(number, values)
         return [one.result() for one in sums]
 
     def _chunks(self, n_samples: int) -> list[Chunk]:
@@ -128,29 +120,28 @@ class HuggingFaceEncoder:
         return [self.settings.family.n_frames(chunk.n_samples) for chunk in chunks]
 
     def _run(
-        self,
-        signals: Sequence[npt.NDArray[np.float32]],
-        chunks: Sequence[Sequence[Chunk]],
-        batch_size: int | None,
-    ) -> Iterator[tuple[_Item, npt.NDArray[np.float32]]]:
-        """Yield the frames (K, D) of every chunk; those of one signal in order. Equal chunks are batched."""
+        self, signals: Sequence[npt.NDArray[np.float32]], chunks: Sequence[Chunk], batch_size: int | None
+    ) -> Iterator[tuple[int, int, npt.NDArray[np.float32]]]:
+        """Yield the numbers of a chunk and a signal, and its frames (K, D), in order. Equal chunks are batched."""
         normalize = self.settings.normalize == "extractor"
         prepared = [self.settings.family.prepared(samples, normalize=normalize) for samples in signals]
-        items = [_Item(k, number, c) for k, of_signal in enumerate(chunks) for number, c in enumerate(of_signal)]
         # The first chunks of all signals, then the second ones: those are equally long.
-        items.sort(key=lambda item: item.number)
+        parts = product(range(len(chunks)), range(len(signals)))
         size = batch_size or (_BATCH if self.device.type == "cuda" else 1)
-        for _, equal in groupby(items, key=lambda item: item.chunk.n_samples):
+        for _, equal in groupby(parts, key=lambda part: chunks[part[0]].n_samples):
             batch = list(equal)
             begin = 0
-            for values in self._batches.run(batch, size, lambda part: self._compute(prepared, part)):
-                yield from zip(batch[begin : begin + len(values)], values, strict=True)
+            for values in self._batches.run(batch, size, lambda some: self._compute(prepared, chunks, some)):
+                for (number, signal), frames in zip(batch[begin:], values, strict=False):
+                    yield number, signal, frames
                 begin += len(values)
 
     @torch.inference_mode()
-    def _compute(self, prepared: Sequence[Prepared], items: Sequence[_Item]) -> list[npt.NDArray[np.float32]]:
+    def _compute(
+        self, prepared: Sequence[Prepared], chunks: Sequence[Chunk], parts: Sequence[tuple[int, int]]
+    ) -> list[npt.NDArray[np.float32]]:
         settings = self.settings
-        arrays = [prepared[item.signal](item.chunk.start, item.chunk.n_samples) for item in items]
+        arrays = [prepared[signal](chunks[number].start, chunks[number].n_samples) for number, signal in parts]
         inputs = torch.from_numpy(np.stack(arrays)).to(self.device, self._dtype)
         with exact_float32():
             hidden = settings.family.frames(self._network, inputs, settings.output, settings.layers)
