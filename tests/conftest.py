@@ -313,6 +313,13 @@ def metrics_golden(request: pytest.FixtureRequest, tmp_path_factory: pytest.Temp
 
 
 @pytest.fixture(scope="session")
+def crowd_golden(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, np.ndarray]]:
+    """Return a function that reads a file of outputs of programs for groups: the compact set."""
+    folder = unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
+    return lambda name: dict(np.load(folder / f"{name}.npz"))
+
+
+@pytest.fixture(scope="session")
 def jukebox_golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of the reference's tiny Jukebox, its clips and its outputs."""
     return unpack(DATA / "jukebox", tmp_path_factory.mktemp("jukebox"))

@@ -9,8 +9,8 @@ from types import CodeType, FrameType
 from typing import Any
 
 import dancedata
+from tests.docs.pages import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "inside.md").read_text(encoding="utf-8")
 
 

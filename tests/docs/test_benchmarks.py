@@ -8,39 +8,20 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.docs.pages import ROOT
+
 #: Arguments of each script. {corpus} is a source of AIST++; its dataset is {built}, a file of it {bvh}.
 SMALLEST = {
-    "align": "--clips 2",
-    "face": "",
-    "build": "40 --jobs 1",
-    "drawing": "{built} --rounds 1 --seconds 0.5",
-    "encoders": "--minutes 0.1",
-    "features": "--songs 2 --plain-windows 1",
-    "groups": "--clips 40 --rounds 1",
-    "intervals": "--sets 10",
-    "jukebox": "",
-    "kinematics": "--quick",
-    "lines": "HEAD",
-    "metric_switches": "{corpus} --song {corpus}/wavs/mHO3.wav",
-    "metrics": "--clips 1",
-    "million": "--clips 100 --processes 1",
-    "pages": "--clips 3",
-    "quality": "--planted 1 --clips 2",
-    "ratios": "{root} {root} ratios demo --rounds 1",
-    "reading": "--quick --rounds 1 --wide 0",
-    "remote": "--quick --rounds 1 --shards 1",
-    "retarget": "{bvh}",
-    "rings": "--pairs",
-    "scaling": "units",
-    "sounds": "",
-    "startup": "--rounds 1",
-    "tables": "{root} {root} --clips 100 --rounds 1",
-    "up_axis": "cuts",
-    "values": "{root} {root} values demo",
-    "walk": "",
-    "writing": "aist++ {corpus} cache writing",
-}
+    "align": "--clips 2", "face": "", "build": "40 --jobs 1", "drawing": "{built} --rounds 1 --seconds 0.5",
+    "encoders": "--minutes 0.1", "features": "--songs 2 --plain-windows 1", "groups": "--clips 40 --rounds 1",
+    "intervals": "--sets 10", "jukebox": "", "kinematics": "--quick", "lines": "HEAD",
+    "metric_switches": "{corpus} --song {corpus}/wavs/mHO3.wav", "metrics": "--clips 1",
+    "million": "--clips 100 --processes 1", "pages": "--clips 3", "quality": "--planted 1 --clips 2",
+    "ratios": "{root} {root} ratios demo --rounds 1", "reading": "--quick --rounds 1 --wide 0",
+    "remote": "--quick --rounds 1 --shards 1", "retarget": "{bvh}", "rings": "--pairs", "scaling": "units",
+    "sounds": "", "startup": "--rounds 1", "tables": "{root} {root} --clips 100 --rounds 1", "up_axis": "cuts",
+    "values": "{root} {root} values demo", "walk": "", "writing": "aist++ {corpus} cache writing",
+}  # fmt: skip
 #: Modules of others; what writes a page here, which test_history.py reads; what reads checkouts of other projects.
 NOT_RUN = {"metric_loops", "reading_peers", "history", "splits", "value_cases", "ensemble", "tables"}
 

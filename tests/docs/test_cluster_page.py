@@ -14,9 +14,9 @@ import pytest
 
 from tests import warm
 from tests.clusters import dask_cluster, ray_cluster
+from tests.docs.pages import text_of
 
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "guides" / "beyond-one-machine.md").read_text(encoding="utf-8")
-SECTION = PAGE.split("## The same build everywhere")[1].split("\n## ")[0]
+SECTION = text_of("docs/guides/beyond-one-machine.md").split("## The same build everywhere")[1].split("\n## ")[0]
 MODULES = {"tcp": "distributed", "ray": "ray"}
 
 

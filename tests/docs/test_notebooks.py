@@ -8,9 +8,8 @@ from types import ModuleType
 
 import pytest
 
+from tests.docs.pages import ROOT
 from tests.docs.test_tutorials import PAGES, blocks, environment  # noqa: F401 (a fixture)
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture

@@ -10,9 +10,8 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
-from tests.docs.pages import WRITTEN
+from tests.docs.pages import ROOT, WRITTEN
 
-ROOT = Path(__file__).resolve().parents[2]
 SITE = ROOT / "docs" / "site"
 
 

@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 from dancedata.cli.app import app
 from tests import warm
+from tests.docs.pages import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PAGES = ("captures", "aistpp-to-a-table", "add-your-own")
 #: What this test trains shorter; the notebooks, at night, run as they are.
 SHORTER = {"range(10)": "range(1)", "steps=10": "steps=2"}

@@ -18,7 +18,6 @@ from dancedata.evaluation.protocol import protocol_named
 from dancedata.scene.inputs.files import FileFormat, path_clips
 from dancedata.store import Store
 from dancedata.synthetic import synthesise_motion
-from tests.conftest import DATA, unpack
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 GROUPS = ("-Ab_cdEf123_01_0_150", "plainid0123_03_0_152", "Zz9_8-7_6Q1_02_300_451")
@@ -26,10 +25,8 @@ FPS = 30
 
 
 @pytest.fixture(scope="module")
-def golden(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Array]:
-    folder = unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
-    with np.load(folder / "groups.npz") as file:
-        return dict(file)
+def golden(crowd_golden: Any) -> Mapping[str, Array]:
+    return dict(crowd_golden("groups"))
 
 
 @pytest.fixture(scope="module")

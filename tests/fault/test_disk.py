@@ -107,7 +107,7 @@ main()
 def test_a_quota_is_a_clear_error(slow: Any, corpus: Path, out: Path, undisturbed: Any, hashes: Any):
     arguments = slow.command(corpus, "--out", out, "--jobs", 1)[3:]
     for size in (100, 60_000):
-        command = [sys.executable, "-c", LIMITED, str(size), *arguments]
+        command = [sys.executable, "-B", "-c", LIMITED, str(size), *arguments]
         done = subprocess.run(command, env=slow.environment, capture_output=True, text=True, check=False)
         assert done.returncode == 1, done.stderr
         assert "cannot be written; found [Errno 27] File too large" in done.stderr

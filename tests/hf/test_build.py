@@ -22,13 +22,7 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.recipes.parse import load_recipe
 from dancedata.songs import find_jobs, write_features
 from dancedata.store import verify_store
-from dancedata.synthetic import write_synthetic
 from dancedata.testing.jukebox import random_checkpoint
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
 
 
 def _recipe(mert: Path, dac: Path, jukebox: Path, **mert_keys: Any) -> Any:

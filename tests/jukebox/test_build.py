@@ -26,15 +26,8 @@ from dancedata.files.regular_file import sha256_file
 from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
-from dancedata.synthetic import write_synthetic
 
 SET = ("audio={jukebox: {layer: 6, device: cpu}}", "windows.stride_s=1", "motion={edge151: {}}")
-
-
-@pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four clips of 6 s to two songs."""
-    return write_synthetic(tmp_path_factory.mktemp("corpus") / "source", songs=2, clips_per_song=2, clip_s=6)
 
 
 @pytest.fixture(autouse=True)

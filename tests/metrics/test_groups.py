@@ -3,7 +3,6 @@
 import itertools
 from collections.abc import Mapping
 from itertools import permutations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,6 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import beat_alignment, geometric, groups, motion_beats, skating
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
 from dancedata.synthetic import synthesise_motion
-from tests.conftest import DATA, unpack
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -26,22 +24,15 @@ def dancers(n: int = 3, n_frames: int = 60) -> Array:
 
 
 @pytest.fixture(scope="module")
-def crowd(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
-
-
-@pytest.fixture(scope="module")
-def golden(crowd: Path) -> Mapping[str, Array]:
+def golden(crowd_golden: Any) -> Mapping[str, Array]:
     """Groups as GCD's code measures them, a duet as Duolando's does."""
-    with np.load(crowd / "groups.npz") as file:
-        return dict(file)
+    return dict(crowd_golden("groups"))
 
 
 @pytest.fixture(scope="module")
-def scores(crowd: Path) -> Mapping[str, Array]:
+def scores(crowd_golden: Any) -> Mapping[str, Array]:
     """Tables, a dance and a follower, as GCD's, POPDG's and Duolando's code score them."""
-    with np.load(crowd / "scores.npz") as file:
-        return dict(file)
+    return dict(crowd_golden("scores"))
 
 
 GROUPS = ("-Ab_cdEf123_01_0_150", "plainid0123_03_0_152", "Zz9_8-7_6Q1_02_300_451")

@@ -137,9 +137,9 @@ def test_invalid_input_is_refused() -> None:
         MADE.decode(array, TWENTY)
 
 
-def test_infinitedances_columns(tmp_path: Path) -> None:
+def test_infinitedances_columns(crowd_golden: Any) -> None:
     """Its 264 are columns 1 and 3 to 265 of 266; the clip passes half a turn, with the wrong sign in one row."""
-    arrays = Arrays(unpack(DATA / "crowd", tmp_path) / "infinitedance.npz")
+    arrays = crowd_golden("infinitedance")
     expected = arrays["columns"][:, [1, *range(3, 266)]]
     columns = humanml.columns_of(humanml.retargeted(arrays["joints"].astype(np.float64)))
     made = Humanml264()

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,6 @@ from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.motorica.motion import load_motion, write_recording
 from dancedata.representations.lda61 import Lda61
 from dancedata.testing.examples import random_motion
-from tests.conftest import DATA, Arrays, unpack
 from tests.messages import raises_message
 
 THIRTY = FrameGrid.of(30)
@@ -47,8 +47,8 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_columns_are_ldas(number: int, tmp_path: Path) -> None:
-    arrays = Arrays(unpack(DATA / "crowd", tmp_path) / "lda.npz")
+def test_columns_are_ldas(number: int, tmp_path: Path, crowd_golden: Any) -> None:
+    arrays = crowd_golden("lda")
     path = tmp_path / "a.bvh"
     path.write_bytes(arrays["bvh"].tobytes())
     rows = take(path, number)
