@@ -257,5 +257,5 @@ def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, l
 def test_a_group_is_not_measured_as_a_dancer(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     group = next(iter(joints_of(motions).values()))
     np.savez(tmp_path / "group.npz", joints=group, fps=FPS)
-    with pytest.raises(DataError, match="--protocol groups"):
+    with pytest.raises(DataError, match="protocol of groups"):
         dancedata.evaluate(tmp_path, protocol="dancedata", fps=FPS, up="y", intervals=False, metrics=["pfc"])
