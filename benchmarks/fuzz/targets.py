@@ -276,7 +276,7 @@ def _put_side_files(path: Path) -> None:
 
 def _seal(folder: Path, document: dict[str, Any]) -> None:
     """Write dataset.json with its own hash."""
-    from dancedata.store.dataset_json import self_hash
+    from dancedata.core.hashing import self_hash
 
     text = json.dumps({**document, "self_sha256": self_hash(document)})
     (folder / "dataset.json").write_text(text)
