@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from dancedata.core.clip import ClipRef, Reject
@@ -19,25 +19,19 @@ _TEXTS = "texts"
 _DESCRIPTION = "description"
 
 
-@dataclass(frozen=True)
-class StatedWords:
-    """Clips with their segments, and what is not used."""
-
-    clips: list[ClipRef]
-    rejects: tuple[Reject, ...]
-    notes: tuple[str, ...]
-
-
 def words_of(source: Path) -> list[Path]:
     """Return the files of segments and the folder of captions in a source."""
     return [path for name in (*SEGMENT_FILES, _TEXTS) if (path := source / name).exists()]
 
 
-def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> StatedWords:
-    """Read the segments that a source states, in `language` where they name none; SourceError for a mistake."""
+def stated_words(
+    source: Path, clips: Sequence[ClipRef], language: str
+) -> tuple[list[ClipRef], list[Reject], list[str]]:
+    """Return clips with the segments that a source states, what is not used, and notes; SourceError for a mistake."""
     ids = {clip.id for clip in clips}
     segments: dict[str, list[Segment]] = defaultdict(list)
-    rejects, notes = [], []
+    rejects: list[Reject] = []
+    notes = []
     files = [path for path in words_of(source) if path.name in SEGMENT_FILES]
     if len(files) > 1:
         found = " and ".join(SEGMENT_FILES)
@@ -68,7 +62,7 @@ def stated_words(source: Path, clips: Sequence[ClipRef], language: str) -> State
                 rejects.append(Reject(error.reason, clip=name, file=relative(path, source), detail=str(error)))
         notes.append(f"Captions: {_TEXTS}/, of {counted(len(ids & captions.files.keys()), 'clip')}.")
     stated = [replace(clip, segments=(*clip.segments, *segments[clip.id])) for clip in clips]
-    return StatedWords(stated, tuple(rejects), tuple(notes))
+    return stated, rejects, notes
 
 
 def _require_partners(path: Path, rows: Sequence[SegmentRow], ids: set[str]) -> None:

@@ -13,7 +13,6 @@ The published archive, unpacked:
 Facts (splits, ignore lists, trims, genres) are in ``manifests/finedance.yaml``.
 """
 
-import json
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -257,7 +256,7 @@ class FineDance(PublishedDataset):
     @override
     def make_example(self, folder: Path) -> None:
         """Write four clips of six seconds: ``motion/``, ``music_wav/`` and ``label_json/``."""
-        from dancedata.datasets._examples import write_array, write_lines, write_song
+        from dancedata.datasets._examples import write_array, write_json, write_song
 
         # Id, frames, style1, style2, and the synthetic clip that provides steps and song. 010 has a beginning to
         # trim (three frames), 063 is a test clip of both releases' cross-genre split.
@@ -274,7 +273,7 @@ class FineDance(PublishedDataset):
             write_array(folder / "motion" / f"{clip}.npy", columns.astype(np.float32))
             write_song(folder / MUSIC / f"{clip}.wav", steps, n / RATE)
             label = {"name": f"synthetic {clip}", "style1": coarse, "style2": fine}
-            write_lines(folder / LABELS / f"{clip}.json", [json.dumps(label)], end="")
+            write_json(folder / LABELS / f"{clip}.json", label)
 
     def _skeleton(self) -> Skeleton:
         if self.body_model is None:

@@ -13,7 +13,6 @@
         styles/all_style_map.json, styles/NAME.json            styles of clips
 """
 
-import json
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -262,7 +261,7 @@ class InfiniteDance(PublishedDataset):
     @override
     def make_example(self, folder: Path) -> None:
         """Write four clips of six seconds: fits, columns, tokens, features with random values, lists and styles."""
-        from dancedata.datasets._examples import dance, write_array, write_lines, write_pickle
+        from dancedata.datasets._examples import dance, write_array, write_json, write_lines, write_pickle
 
         rng = np.random.default_rng(0)
         for clip, n, is_own, split, style, steps in _CLIPS:
@@ -287,9 +286,9 @@ class InfiniteDance(PublishedDataset):
                 muq = rng.normal(size=(n * MUQ_RATE // RATE, 1024)).astype(np.float32)
                 write_array(folder / MUQ_FOLDER / f"{clip}.npy", muq)
             if style:
-                write_lines(folder / "styles" / f"{clip}.json", [json.dumps({"style": style})], end="")
+                write_json(folder / "styles" / f"{clip}.json", {"style": style})
         styles = {clip: style for clip, _, _, _, style, _ in _CLIPS if style}
-        write_lines(folder / "styles" / "all_style_map.json", [json.dumps(styles)], end="")
+        write_json(folder / "styles" / "all_style_map.json", styles)
         for k, (name, splits, recorded) in enumerate(_LISTS):
             names = [clip for clip, _, is_own, of, *_ in _CLIPS if of == splits and recorded in (None, is_own)]
             write_lines(folder / "partition" / f"{name}.txt", names, end="\n" * (k % 2))

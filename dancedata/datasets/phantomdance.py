@@ -9,7 +9,6 @@
 The names of the folders are not documented: motions are in SOURCE or in one folder of it, music in any of these.
 """
 
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
@@ -116,14 +115,14 @@ class PhantomDance(PairedDataset):
     @override
     def make_example(self, folder: Path) -> None:
         """Write three dances of six seconds and their music."""
-        from dancedata.datasets._examples import dance, write_lines, write_song
+        from dancedata.datasets._examples import dance, write_json, write_song
 
         for name, steps, n in (
             ("dance_001", "gBR_sBM_cAll_d04_mBR0_ch01", 181),
             ("dance_002", "gPO_sBM_cAll_d10_mPO4_ch03", 180),
             ("dance_003", "gMH_sBM_cAll_d22_mMH1_ch04", 186),
         ):
-            write_lines(folder / "motion" / f"{name}.json", [json.dumps(content_of(dance(steps, n)))], end="")
+            write_json(folder / "motion" / f"{name}.json", content_of(dance(steps, n)))
             write_song(folder / "music" / f"{name}.wav", steps, n / RATE, 16_000)
 
     def _folder(self, source: Path) -> Path:

@@ -193,10 +193,6 @@ class Splits:
     without: str = "on no list of a split"
     ignored: Mapping[str, str] = field(default_factory=dict)
 
-    def lists_of(self, name: str) -> tuple[str, ...]:
-        """Return the lists that hold a name."""
-        return tuple(kind for kind, names in self.lists.items() if name in names)
-
 
 class PublishedDataset(Dataset):
     """Base of published datasets: a folder of motions, folders of music by their names, lists of names.
@@ -337,7 +333,7 @@ class PublishedDataset(Dataset):
                     raise LeftOut("unassigned", splits.without)
                 audio = self.audio_of(name, listing)
                 keys = ((self.unit, self.unit_of(name)),) if self.unit else ()
-                of, lists = splits.of[name], splits.lists_of(name)
+                of, lists = splits.of[name], tuple(kind for kind, names in splits.lists.items() if name in names)
                 refs.append(ClipRef(name, path, audio, of, self.song_of(name), lists=lists, keys=keys))
         clips = sorted(self.all_clips(refs, listing, left_out), key=lambda clip: clip.id)
         missing = [

@@ -40,7 +40,9 @@ def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
 
     from dancedata.kernel import Scaler
 
-    low, high, n_rows = _extremes(pieces)
+    extremes = [(rows.min(axis=0), rows.max(axis=0), len(rows)) for rows in pieces if len(rows)]
+    lows, highs, lengths = zip(*extremes, strict=True)
+    low, high, n_rows = np.min(lows, axis=0), np.max(highs, axis=0), sum(lengths)
     spread = high - low
     scale = np.float32(2) / np.where(spread < np.float32(Scaler.CONSTANT_RANGE), np.float32(1), spread)
     arrays = {
@@ -61,17 +63,6 @@ def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
         whole.__dict__["scaler"] = fitted
         torch.save(whole, buffer)
     return buffer.getvalue()
-
-
-def _extremes(pieces: Iterable[npt.NDArray[np.float32]]) -> tuple[Any, Any, int]:
-    low = high = None
-    n_rows = 0
-    for rows in pieces:
-        if len(rows):
-            n_rows += len(rows)
-            low = rows.min(axis=0) if low is None else np.minimum(low, rows.min(axis=0))
-            high = rows.max(axis=0) if high is None else np.maximum(high, rows.max(axis=0))
-    return low, high, n_rows
 
 
 @contextmanager

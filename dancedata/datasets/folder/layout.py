@@ -1,7 +1,6 @@
 """Motion and audio files of a folder without a manifest; files with equal names belong together."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
@@ -19,19 +18,8 @@ LOOKED_FOR = (
 )
 
 
-@dataclass(frozen=True)
-class Matched:
-    """Motion and audio files by name."""
-
-    layout: str
-    motions: dict[str, Path]
-    music: dict[str, Path]
-    rejects: tuple[Reject, ...]
-    notes: tuple[str, ...]
-
-
-def match_names(source: Path, music_dir: Path | None = None) -> Matched:
-    """List motion and audio by their names, those of `music_dir` first; SourceError if there is no motion."""
+def match_names(source: Path, music_dir: Path | None = None) -> tuple[str, dict[str, Path], Files]:
+    """Return the layout, motion by name, and music (`music_dir` first) with all rejects; SourceError: no motion."""
     folders = [source / name for name in MOTION_FOLDERS if (source / name).is_dir()]
     apart = bool(folders)
     motion_folder = folders[0] if apart else source
@@ -55,13 +43,12 @@ def match_names(source: Path, music_dir: Path | None = None) -> Matched:
     places = (
         f"{relative(motion_folder, source)}/ and {listed([f'{p.name}/' for p in music_folders]) or 'no music folder'}"
     )
-    notes = [
+    note = (
         f"No manifest: motion and music were matched by file name, {places if apart else 'side by side'}; "
         f"{counted(len(both), 'pair')}, {counted(len(motions) - len(both), 'motion')} without music."
-    ]
-    notes += files.notes
+    )
     layout = "names" if apart else "names, side by side"
-    return Matched(layout, motions, music, tuple(rejects), tuple(notes))
+    return layout, motions, Files(music, tuple(rejects), (note, *files.notes))
 
 
 def points_note(clips: Sequence[ClipRef]) -> list[str]:

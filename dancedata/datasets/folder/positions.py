@@ -36,40 +36,26 @@ _POSITION_NAMES = (
     "keypoints_3d", "new_joints", "full_pose", "",
 )  # fmt: skip
 _SIDES = "left", "right"
-
-
-def _both(*joints: str) -> tuple[str, ...]:
-    return tuple(f"{side}_{joint}" for joint in joints for side in _SIDES)
-
-
-def _one_side(side: str, *joints: str) -> tuple[str, ...]:
-    return tuple(f"{side}_{joint}" for joint in joints)
-
-
-#: Orders of joints that a recipe may name, in SMPL's names where SMPL has the joint.
+#: Orders of joints of programs for video and sensors, in SMPL's names where SMPL has the joint.
+_ORDERS = {
+    "coco17": "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow "
+    "left_wrist right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle",
+    "body25": "nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist pelvis right_hip "
+    "right_knee right_ankle left_hip left_knee left_ankle right_eye left_eye right_ear left_ear left_foot "
+    "left_small_toe left_heel right_foot right_small_toe right_heel",
+    "h36m17": "pelvis right_hip right_knee right_ankle left_hip left_knee left_ankle spine2 neck nose head_top "
+    "left_shoulder left_elbow left_wrist right_shoulder right_elbow right_wrist",
+    "ntu25": "pelvis spine2 neck head left_shoulder left_elbow left_wrist left_hand right_shoulder right_elbow "
+    "right_wrist right_hand left_hip left_knee left_ankle left_foot right_hip right_knee right_ankle right_foot "
+    "spine3 left_fingertip left_thumb right_fingertip right_thumb",
+}
+#: Orders of joints that a recipe may name.
 JOINT_SETS: Mapping[str, tuple[str, ...]] = {
     "smpl": SMPL24.joints,
     "smpl22": SMPL24.joints[:22],
     "smplx": SMPLX55.joints,
-    "coco17": ("nose", *_both("eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")),
-    "body25": (
-        "nose", "neck", *_one_side("right", "shoulder", "elbow", "wrist"),
-        *_one_side("left", "shoulder", "elbow", "wrist"), "pelvis", *_one_side("right", "hip", "knee", "ankle"),
-        *_one_side("left", "hip", "knee", "ankle"), "right_eye", "left_eye", "right_ear", "left_ear",
-        "left_foot", "left_small_toe", "left_heel", "right_foot", "right_small_toe", "right_heel",
-    ),
-    "h36m17": (
-        "pelvis", *_one_side("right", "hip", "knee", "ankle"), *_one_side("left", "hip", "knee", "ankle"), "spine2",
-        "neck", "nose", "head_top", *_one_side("left", "shoulder", "elbow", "wrist"),
-        *_one_side("right", "shoulder", "elbow", "wrist"),
-    ),
-    "ntu25": (
-        "pelvis", "spine2", "neck", "head", *_one_side("left", "shoulder", "elbow", "wrist", "hand"),
-        *_one_side("right", "shoulder", "elbow", "wrist", "hand"), *_one_side("left", "hip", "knee", "ankle", "foot"),
-        *_one_side("right", "hip", "knee", "ankle", "foot"), "spine3", *_one_side("left", "fingertip", "thumb"),
-        *_one_side("right", "fingertip", "thumb"),
-    ),
-}  # fmt: skip
+    **{name: tuple(joints.split()) for name, joints in _ORDERS.items()},
+}
 _COUNTS = {22: "smpl22", 24: "smpl"}
 _LIKE_SPINE = ("spine", "chest", "thorax", "torso", "abdomen", "upperback", "lowerback")
 #: A bone of the limbs, or the trunk, is longer than this part of the body.

@@ -194,10 +194,9 @@ class Folder(Dataset):
         clips, splits = self._split(sorted(clips, key=lambda clip: clip.id), assigned)
         clips, files, lying = _file_notes(clips, self._reading)
         rejects += lying
-        words = stated_words(source, clips, self.language)
-        rejects += words.rejects
-        notes += [*splits, *points_note(clips), *files, *words.notes]
-        clips = words.clips
+        notes += [*splits, *points_note(clips), *files]
+        clips, unused, words = stated_words(source, clips, self.language)
+        rejects, notes = [*rejects, *unused], [*notes, *words]
         numbers = genre_ids_of(manifests[0], rows) if manifests else {}
         return Scan(layout, tuple(clips), tuple(rejects), tuple(notes), numbers)
 
@@ -288,10 +287,10 @@ class Folder(Dataset):
         )
 
     def _matched(self, source: Path) -> tuple[list[ClipRef], list[Reject], list[str], str]:
-        matched = match_names(source, self.music_dir)
-        clips, rejects = [], list(matched.rejects)
-        for name, path in matched.motions.items():
-            audio = matched.music.get(name)
+        layout, motions, files = match_names(source, self.music_dir)
+        clips, rejects = [], list(files.rejects)
+        for name, path in motions.items():
+            audio = files.files.get(name)
             problem = id_problem(name)
             if problem is not None:
                 detail = (
@@ -305,7 +304,7 @@ class Folder(Dataset):
             else:
                 music = name if audio else ""
                 clips.append(ClipRef(name, path, audio, self._default_split, music=music))
-        return clips, rejects, list(matched.notes), matched.layout
+        return clips, rejects, list(files.notes), layout
 
     @property
     def _default_split(self) -> str:

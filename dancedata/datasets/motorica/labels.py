@@ -9,7 +9,6 @@
         [motorica/]sliced_labels/NAME_chunk<k>_M_label.json   the words of its mirrored chunk
 """
 
-import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -195,7 +194,7 @@ def write_example(folder: Path, name: str) -> None:
         (90, 130, "wave", ["waves with the left arm"]),
         (150, 180, "freeze", ["holds a pose"]),
     ]
-    from dancedata.datasets._examples import write_lines
+    from dancedata.datasets._examples import write_json, write_lines
 
     for k, (start, end, label, texts) in enumerate(moves):
         lines = {"genre": "jazz", "label": label, "start": start, "end": end - 1, "fps": 30, "description": texts[0]}
@@ -209,5 +208,5 @@ def write_example(folder: Path, name: str) -> None:
             for start, end, label, texts in moves
             if start < first + 150 and end > first
         ]  # fmt: skip
-        document = json.dumps({"fps": 30, "length": 150, "segments": segments})
-        write_lines(folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json", [document], end="")
+        document = {"fps": 30, "length": 150, "segments": segments}
+        write_json(folder / "sliced_labels" / f"{name}_chunk{chunk}_label.json", document)
