@@ -26,17 +26,10 @@ Numbers = IntArray | Float64Array
 class BeatDetector:
     """A way to find the beats of a motion: minima of its speed.
 
-    Attributes
-    ----------
-    source
-        Paper or file.
-    curve
-        "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
+    `curve`: "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
         t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
-    sigma_frames, sigma_s
-        Of the Gaussian that smooths the curve, in frames at any rate or in seconds; both None: none.
-    order
-        Neighbours on each side that a minimum has to be below.
+    `sigma_frames`, `sigma_s`: Of the Gaussian that smooths the curve, in frames at any rate or in seconds.
+    `order`: Neighbours on each side that a minimum has to be below.
     """
 
     source: str
@@ -154,13 +147,7 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
 
 
 def nearest_offsets(points: Numbers, to: Numbers) -> Float64Array:
-    """Return the difference of each point from the nearest of `to`, below 0 where the point comes before it.
-
-    Parameters
-    ----------
-    points, to
-        (A,), (B,) instants or frames, of one unit; B > 0.
-    """
+    """Return the difference (A,) of each point from the nearest of `to` (B,), below 0 where it comes before it."""
     targets = np.sort(np.asarray(to, dtype=np.float64))
     values = np.asarray(points, dtype=np.float64)
     right = np.searchsorted(targets, values).clip(0, len(targets) - 1)
@@ -295,9 +282,8 @@ class BeatAlignment(Metric):
     def __post_init__(self) -> None:
         known_name("detector", self.detector, (INSTANTS, *DETECTORS))
         if self.needs_instants and self.unit != "s":
-            raise UsageError(
-                "beats at their instants are in seconds", found=f"unit {self.unit!r}", fix='take unit="s"'
-            )
+            raise UsageError("beats at their instants are in seconds", found=f"unit {self.unit!r}",
+                             fix='take unit="s"')  # fmt: skip
         if not (np.isfinite(self.sigma) and self.sigma > 0):
             raise UsageError("sigma must be above 0", found=self.sigma)
 

@@ -283,12 +283,11 @@ MIRROR = (("turn left", "turn right"), ("travel left", "travel right"))
 def events(
     dancers: Sequence[Float64Array], fps: float, skeleton: Skeleton, kinds: Sequence[str], limits: Mapping[str, float]
 ) -> list[list[Event]]:
-    """Return the events of each dancer, in one world.
+    """Return the events of each dancer, in one world, by the first frame.
 
     `dancers`: Joint positions (T, J, 3) of each, metres, +Y up.
     `kinds`: Some of `KINDS`.
     `limits`: ``turn_degrees``, ``flight_s`` and ``travel_m``: least turn, time in the air, and distance.
-    Returns: For each dancer, by the first frame.
     """
     floor = min(_lowest_often(joints) for joints in dancers)
     bodies = [MovingBody.of(joints, fps, skeleton, floor) for joints in dancers]

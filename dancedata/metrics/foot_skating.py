@@ -112,7 +112,6 @@ def _duolando(positions: Float64Array, fps: float) -> Skating:
 class SkatingRule:
     """A definition of skating.
 
-    `source`: Paper or file.
     `count`: The rule: positions (T, J, 3) with y up, frames per second -> `Skating`.
     `feet`: Whether each foot is counted by itself.
     `pooled`: Whether frames of all clips are added up, in place of a mean of shares.
@@ -199,11 +198,7 @@ class FootSkating(Metric):
 
     version: ClassVar[int] = 2
     source: ClassVar[str] = "Li et al. 2024, Lodge; rules: SKATING_RULES"
-    better: ClassVar[dict[str, Better]] = {
-        "skating_left": "lower",
-        "skating_right": "lower",
-        "skating": "lower",
-    }
+    better: ClassVar[dict[str, Better]] = {"skating_left": "lower", "skating_right": "lower", "skating": "lower"}
     bounds: ClassVar[tuple[float, float]] = (0, 1)
 
     rule: str = "speed"

@@ -32,24 +32,14 @@ _RATE = 120.0
 N_JOINTS = 22
 
 _JOINT = {
-    "root": SMPL24.index("pelvis"),
-    "belly": SMPL24.index("spine1"),
-    "chest": SMPL24.index("spine3"),
+    "root": SMPL24.index("pelvis"), "belly": SMPL24.index("spine1"), "chest": SMPL24.index("spine3"),
     "neck": SMPL24.index("neck"),
     **{
-        short + name: SMPL24.index(f"{side}_{full}")
-        for short, side in (("l", "left"), ("r", "right"))
-        for name, full in (
-            ("hip", "hip"),
-            ("knee", "knee"),
-            ("ankle", "ankle"),
-            ("toe", "foot"),
-            ("shoulder", "shoulder"),
-            ("elbow", "elbow"),
-            ("wrist", "wrist"),
-        )
+        side[0] + name: SMPL24.index(f"{side}_{name}")
+        for side in ("left", "right")
+        for name in ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
     },
-}
+}  # fmt: skip
 
 
 class _Pose:
@@ -127,8 +117,8 @@ def _arm_rules(p: _Pose) -> list[BoolArray]:
 def _leg_rules(p: _Pose) -> list[BoolArray]:
     h = HUMERUS_M
     return [
-        p.beyond(p.normal("root", "lhip", "ltoe"), "root", "rankle") > 0.38 * h,
-        p.beyond(p.normal("root", "rhip", "rtoe"), "root", "lankle") > 0.38 * h,
+        p.beyond(p.normal("root", "lhip", "lfoot"), "root", "rankle") > 0.38 * h,
+        p.beyond(p.normal("root", "rhip", "rfoot"), "root", "lankle") > 0.38 * h,
         p.height("rankle") > 1.2 * h,
         p.height("lankle") > 1.2 * h,
         p.beyond(p.line("lhip", "rhip"), "lankle", "rankle") > 2.1 * HIPS_M,

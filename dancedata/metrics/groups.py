@@ -164,9 +164,8 @@ def beat_echo(leader: Float64Array, follower: Float64Array, fps: float, *, detec
     """
     beats = [motion_beats(joints, fps, detector=detector) for joints in (leader, follower)]
     if not all(map(len, beats)):
-        raise Undefined(
-            "no_motion_beats", found=f"{len(beats[0])} beats of the leader, {len(beats[1])} of the follower"
-        )
+        found = f"{len(beats[0])} beats of the leader, {len(beats[1])} of the follower"
+        raise Undefined("no_motion_beats", found=found)
     return beat_alignment(*beats, sigma=_ECHO_SIGMA)
 
 

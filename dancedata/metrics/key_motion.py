@@ -69,12 +69,7 @@ class KeyMotion:
     def from_rows(cls, rows: npt.NDArray[Any]) -> KeyMotion:
         """Make a key motion from rows (T, 3) of `to_rows`, or of a window of them: its frames count from its start.
 
-        The minima of a window are those of the whole; no others are found.
-
-        Raises
-        ------
-        UsageError
-            The rows have another shape.
+        The minima of a window are those of the whole; no others are found. UsageError for rows of another shape.
         """
         rows = np.asarray(rows)
         if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) == 0:
@@ -86,17 +81,12 @@ class KeyMotion:
 
 
 def kinetic_curve(joints: FloatArray) -> Float64Array:
-    """Return the distance that the joints move to the next frame, a mean over joints.
+    """Return the distance (T - 1,) that the joints move to the next frame, a mean over joints, metres per frame.
 
     Parameters
     ----------
     joints
         (T, J, 3) positions, metres.
-
-    Returns
-    -------
-    (T - 1,) float64
-        Metres per frame.
 
     Raises
     ------

@@ -29,18 +29,10 @@ _MIN_FRAMES = 3
 class KineticVariant:
     """Kinetic features as one paper or program computes them.
 
-    Attributes
-    ----------
-    source
-        Paper or file.
-    definition
-        Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`.
-    energy
-        "fixed", or "code" with the slip of the released code; of `fairmotion` only.
-    frame_s
-        Duration of a frame that is assumed; None: the clip's own.
-    rounded
-        Whether features are rounded to float32, as they are stored there.
+    `definition`: Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`.
+    `energy`: "fixed", or "code" with the slip of the released code; of `fairmotion` only.
+    `frame_s`: Duration of a frame that is assumed; None: the clip's own.
+    `rounded`: Whether features are rounded to float32, as they are stored there.
     """
 
     source: str

@@ -102,17 +102,8 @@ def rhythm_curves(joints: Float64Array, fps: float, names: Sequence[str]) -> npt
     lands.
 
     `joints`: (T, J, 3) positions, metres.
-    `fps`: Frames per second.
     `names`: (J,) names of the joints, SMPL's among them.
     Returns: At second t / `RATE`; columns `CURVES`.
-
-    Examples
-    --------
-    >>> from dancedata.metrics.offsets import rhythm_curves
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=121)[0]
-    >>> rhythm_curves(motion.joints(), 60, motion.skeleton.joints).shape
-    (481, 4)
     """
     body = [names.index(name) for name in BODY_JOINTS if name in names]
     places = steady(joints[:, body], fps)
@@ -170,7 +161,6 @@ def find_offset(
     `level`: Largest `p` of a known offset.
     `tempo_bpm`: Of the music; None: from its onsets.
     `test_songs`: The offset is unknown too if other songs fit.
-    `seed`: Of the draws.
     """
     reach = round(window_s * RATE)
     seconds = sum(len(piece.curves) for piece in pieces) / RATE
@@ -281,12 +271,9 @@ def _beat_s(song: Float64Array) -> float:
 
 
 def _null(
-    motions: Sequence[Float64Array],
-    pieces: Sequence[RhythmPiece],
-    songs: Sequence[Float64Array],
-    reach: int,
+    motions: Sequence[Float64Array], pieces: Sequence[RhythmPiece], songs: Sequence[Float64Array], reach: int,
     rng: np.random.Generator,
-) -> Float64Array:
+) -> Float64Array:  # fmt: skip
     """Return the highest fits of songs at other tempos, for each draw."""
     highest = np.zeros(_DRAWS)
     rings = [(np.arange(len(song) + 1), np.append(song, song[:1])) for song in songs]

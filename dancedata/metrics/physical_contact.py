@@ -27,16 +27,9 @@ _ARM_WEIGHT, _HEAD_WEIGHT = 0.01, 0.1
 
 @dataclass(frozen=True)
 class PfcVariant:
-    """Unit of the speeds of the feet in PFC, and its constant.
+    """Constant that the mean of PFC is multiplied by, and the unit of time of the speeds of the feet.
 
-    Attributes
-    ----------
-    source
-        Paper or file.
-    scale
-        What the mean is multiplied by.
-    per
-        Unit of time of the speeds; "frame": of the clip, so that the value falls with the square of the rate.
+    Per frame of the clip, the value falls with the square of the rate.
     """
 
     source: str

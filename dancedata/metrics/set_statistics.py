@@ -21,7 +21,6 @@ from dancedata.metrics.arguments import IntArray, known_name
 class Normalisation:
     """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps).
 
-    `source`: Programs that do it so.
     `ddof`: The standard deviation divides by M - ddof.
     `eps`: Added to the standard deviation.
     `leaves_out`: Whether columns that are constant in the pool are left out, instead of being divided by eps.
@@ -154,12 +153,9 @@ def constant_columns(pool: Float64Array) -> IntArray:
 
 @dataclass(frozen=True)
 class SetScores:
-    """Frechet distance and diversity of a set, normalised by a pool.
+    """Frechet distance to a pool and diversity of a set and of the pool, all normalised by the pool.
 
-    `fid`: Frechet distance to the pool.
-    `div`, `div_pool`: Diversity of the set and of the pool, both normalised by the pool.
-    `n_constant`: Columns in which all clips of the pool are equal.
-    `fid_varying`: Frechet distance without these columns.
+    `n_constant`: Columns in which all clips of the pool are equal; `fid_varying` is without them.
     """
 
     fid: float
@@ -170,11 +166,7 @@ class SetScores:
 
     @classmethod
     def of(cls, rows: Float64Array, pool: Float64Array | None, statistics: str = "numpy") -> SetScores:
-        """Compare rows (N, D) with a pool (M, D).
-
-        Raises UsageError: Without a pool.
-        Raises Undefined: "few_clips".
-        """
+        """Compare rows (N, D) with a pool (M, D); UsageError without one, Undefined ("few_clips")."""
         if pool is None:
             raise UsageError("the scores need a pool of clips to compare with", fix="give the features of a pool")
         normal_pool, normal = STATISTICS[statistics](pool, rows)
@@ -189,10 +181,8 @@ class SetScores:
         """Return the scores as fid_SUFFIX, div_SUFFIX, div_SUFFIX_pool; with constant columns also what they do."""
         scores = {f"fid_{suffix}": self.fid, f"div_{suffix}": self.div, f"div_{suffix}_pool": self.div_pool}
         if self.n_constant:
-            scores |= {
-                f"constant_columns_{suffix}": float(self.n_constant),
-                f"fid_{suffix}_varying": self.fid_varying,
-            }
+            scores[f"constant_columns_{suffix}"] = float(self.n_constant)
+            scores[f"fid_{suffix}_varying"] = self.fid_varying
         return scores
 
 
