@@ -157,7 +157,7 @@ def check(
         aligned = align(paths[0], out=out, cache=cache, **reader, **how)
         return Output(aligned.to_json, lambda: str(aligned), ok=bool(aligned.rows))
     if published:
-        from dancedata.evaluation.run import self_test
+        from dancedata.evaluation.self_test import self_test
 
         return self_test(paths[0], jobs=how["jobs"], cache=cache, progress=how["progress"])
     if same_as is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -14,12 +14,9 @@ from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.formats.arrays import UNSTATED, StatedScaling
-from dancedata.kernel import make_named
-
-if TYPE_CHECKING:
-    from dancedata.kernel import Store
-    from dancedata.scene.like import DatasetLike, ScalerLike
-
+from dancedata.formats.stated import same_rate
+from dancedata.kernel import Store, make_named
+from dancedata.scene.like import DatasetLike, ScalerLike, opened, scaling_of, store_of
 
 #: The representation that holds the places of dancers.
 _PLACES = "root_place"
@@ -122,8 +119,6 @@ class Decoder:
 
     def _undone(self, array: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], FrameGrid]:
         """Return columns as they are stored, and their rate."""
-        from dancedata.scene.like import opened, scaling_of, store_of
-
         like = None if self.like is None else opened(self.like)
         grid = _grid(self.representation, self.field, self.fps, None if like is None else store_of(like), self.grid)
         scaling = scaling_of(
@@ -185,8 +180,6 @@ def _grid(
 ) -> FrameGrid:
     stored = None if store is None else FrameGrid(store.field(name).rate)
     grid = FrameGrid.of(fps) if fps is not None else stored or file or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
-    from dancedata.formats.stated import same_rate
-
     if not same_rate(file, grid):
         raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",
                         allowed=f"{grid}, as fps or the dataset states",

@@ -22,12 +22,13 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.decoding.decoder import Decoder
 from dancedata.files import atomic
 from dancedata.files.listing import named_files
-from dancedata.formats.arrays import Array, ArrayFile
+from dancedata.formats.arrays import Array, ArrayFile, stated_scaling
 from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.formats.motion_files import MOTION_FILES, motion_file
-from dancedata.formats.stated import PERSON_MASK
+from dancedata.formats.stated import PERSON_MASK, stated_grid
 from dancedata.formats.values import MOTION_SUFFIXES, open_arrays
+from dancedata.kernel import saved_samples
 from dancedata.scene.inputs.files import field_of_width
 from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 
@@ -78,10 +79,6 @@ def _decode_file(
     **parameters: Any,
 ) -> list[Path]:
     """Decode a file, and count what its motions lose on a body model."""
-    from dancedata.formats.arrays import stated_scaling
-    from dancedata.formats.stated import stated_grid
-    from dancedata.kernel import saved_samples
-
     if (saved := saved_samples(path)) is not None:
         like = saved.dataset if like is None else like
         scaler = saved.chosen_scaler(scaler, normalized)

@@ -15,9 +15,6 @@ from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
-from dancedata.evaluation.scores import DRAWS
-from dancedata.evaluation.self_test import SelfTest
-from dancedata.evaluation.self_test import self_test as _self_test
 from dancedata.kernel import Progress, Store, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
 from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
@@ -25,7 +22,7 @@ from dancedata.scene.like import DatasetLike, ScalerLike, opened, store_of
 if TYPE_CHECKING:
     from dancedata.core.motion import Motion
 
-__all__ = ["evaluate", "self_test"]
+__all__ = ["evaluate"]
 
 #: A dataset, a folder or a file of motion, or motions by the id of a clip.
 MotionSet: TypeAlias = "str | Path | Store | Mapping[str, npt.ArrayLike | Motion]"
@@ -177,34 +174,3 @@ def evaluate(
 def _protocol(protocol: str | Protocol) -> Protocol:
     file = isinstance(protocol, str) and Path(protocol).suffix in (".yaml", ".yml")
     return read_protocol(Path(str(protocol)).expanduser()) if file else protocol_named(protocol)
-
-
-def self_test(
-    source: str | Path,
-    *,
-    protocol: str | Protocol | None = None,
-    intervals: bool = True,
-    jobs: int | None = 1,
-    cache: str | Path | None = None,
-    progress: bool = False,
-) -> SelfTest:
-    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata check --published`` does.
-
-    Parameters
-    ----------
-    source
-        Folder with the dataset's files, as for `build`.
-    protocol
-        Only this protocol. Default: every one that has a published row of the dataset.
-    intervals, jobs, cache, progress
-        As in `evaluate`.
-
-    Returns
-    -------
-    SelfTest
-        ``str(...)`` is the table, `rows()` its lines, `reports` the whole results.
-    """
-    return _self_test(
-        Path(source).expanduser(), protocol=protocol, draws=DRAWS if intervals else 0, jobs=jobs_of(jobs),
-        cache=folder_of(cache), progress=Progress(quiet=not progress),
-    )  # fmt: skip

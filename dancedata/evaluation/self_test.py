@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from dancedata.core.arguments import folder_of
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
@@ -16,7 +17,7 @@ from dancedata.evaluation.options import Inputs
 from dancedata.evaluation.protocol import PROTOCOLS, PaperResult, Protocol, protocol_named
 from dancedata.evaluation.report import LABELS, Report
 from dancedata.evaluation.scores import DRAWS
-from dancedata.kernel import Progress, scan_folder
+from dancedata.kernel import Progress, jobs_of, scan_folder
 from dancedata.scene.inputs.clip import DatasetClip
 from dancedata.scene.inputs.songs import MusicSources
 
@@ -83,18 +84,24 @@ def _number(value: float | None) -> str:
 
 
 def self_test(
-    source: Path,
+    source: str | Path,
     *,
     protocol: str | Protocol | None = None,
-    draws: int = DRAWS,
-    jobs: int = 1,
-    cache: Path | None = None,
-    progress: Progress | None = None,
+    intervals: bool = True,
+    jobs: int | None = 1,
+    cache: str | Path | None = None,
+    progress: bool = False,
 ) -> SelfTest:
-    """Measure the ground truth of a dataset under every protocol that has a published row for it; see `run`.
+    """Compare a copy of AIST++ or FineDance with published ground truth, as ``dancedata check --published`` does.
 
-    SourceError if no reader recognises the folder; UsageError if nothing was published for it.
+    `source`: Folder with the dataset's files, as for `build`.
+    `protocol`: Only this one. Default: every one that has a published row of the dataset.
+    `intervals`, `jobs`, `cache`, `progress`: As in `evaluate`.
+    Raises SourceError: if no reader recognises the folder.
+    Raises UsageError: if nothing was published for it.
     """
+    source = Path(source).expanduser()
+    how: dict[str, Any] = {"jobs": jobs_of(jobs), "cache": folder_of(cache), "progress": Progress(quiet=not progress)}
     reader, _ = scan_folder(source)
     protocols = (
         [protocol_named(protocol)] if protocol is not None else [PROTOCOLS.get(n)() for n in PROTOCOLS.names()]
@@ -116,10 +123,10 @@ def self_test(
         pool_numbers = [number for number in numbers if tested.measures[number].metric.needs_pool]
         clip_set = _clip_set(reader, truth, source, MusicSources(files=_music_files(tested, truth)))
         inputs = Inputs(
-            protocol=tested, clip_set=clip_set, numbers=numbers, draws=draws, dataset=reader.name,
+            protocol=tested, clip_set=clip_set, numbers=numbers, draws=DRAWS if intervals else 0, dataset=reader.name,
             pool=_clip_set(reader, everything, source) if pool_numbers else None, pool_numbers=pool_numbers,
         )  # fmt: skip
-        reports.append((evaluate_inputs(inputs, jobs=jobs, cache=cache, progress=progress), published))
+        reports.append((evaluate_inputs(inputs, **how), published))
     return SelfTest(reader.name, str(source), tuple(reports), tuple(skipped))
 
 

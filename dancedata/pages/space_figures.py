@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from math import cos, pi, sin
 
-from dancedata.core.skeleton import SMPL24
 from dancedata.pages.figures import FigureSpec
 from dancedata.pages.markup import Figure, Markup, escaped, rounded, scrolled, table
 from dancedata.pages.svg import drawn
@@ -13,7 +12,6 @@ from dancedata.scene.pose_space import DRAWS, DUPLICATE_M, Hexagon, Nearness, Po
 _MAP, _SIDE, _EDGE = (620.0, 420.0), 190.0, 16.0
 #: Pairs of windows in the list.
 _PAIRS = 40
-_PARENTS = {SMPL24.joints[j]: SMPL24.joints[parent] for j, parent in enumerate(SMPL24.parents) if parent >= 0}
 _FEATURES = {"kinetic": "FID_k", "geometric": "FID_g"}
 
 
@@ -79,15 +77,11 @@ def _linked(d: FigureSpec, h: Hexagon, body: str) -> str:
 
 def _pose(h: Hexagon, joints: Sequence[str], left: float) -> str:
     """Return the stick figure that appears beside the map; the reader sees the dancer from the front."""
-    at = dict(zip(joints, h.pose, strict=True))
     x0, y0 = left + _SIDE / 2, _MAP[1] / 2 - 20
     ways: dict[str, str] = {}
-    for name, (x, y) in at.items():
-        parent = at.get(_PARENTS.get(name, ""))
-        if parent is not None:
-            side = name.split("_")[0] if name.startswith(("left_", "right_")) else "mid"
-            ends = f"M{x0 + parent[0] / 10:.0f} {y0 - parent[1] / 10:.0f}L{x0 + x / 10:.0f} {y0 - y / 10:.0f}"
-            ways[side] = ways.get(side, "") + ends
+    for side, parent, (x, y) in h.bones(joints):
+        ends = f"M{x0 + parent[0] / 10:.0f} {y0 - parent[1] / 10:.0f}L{x0 + x / 10:.0f} {y0 - y / 10:.0f}"
+        ways[side] = ways.get(side, "") + ends
     return "".join(f'<path class="pose bone {side}" d="{way}"/>' for side, way in ways.items())
 
 

@@ -1,6 +1,7 @@
 """write_report: a dataset as a page and as numbers, and the files of the page."""
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -10,7 +11,6 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
-from dancedata.files.addresses import local_folder
 from dancedata.files.page_files import PageFiles
 from dancedata.kernel import Progress, Store, open_store
 from dancedata.pages.document import SCHEMA, Document
@@ -142,25 +142,21 @@ def write_report(
     DataError, StoreError
         If a dataset is damaged, or the page cannot be written.
     """
-    options = None
-    if to is not None:
-        stores = [local_folder(path) for path in (store, against) if path is not None]
-        target = PageFiles.of(Path(to), stores, max_mb=max_mb, overwrite=overwrite)
-        folder = None if source is None else Path(source)
-        options = _PageOptions(target, _checked(clips), _embeds(audio), folder, rights)
-    reporter = Progress(quiet=not progress)
-    with open_store(store) as opened_store:
-        opened_store.require_intact()
-        measured = measure(opened_store, reporter)
-        if against is None:
-            return _report(measured.reader, document(measured, Scales.of([measured])), None, None, options)
-        with open_store(against) as other:
-            other.require_intact()
-            beside = measure(other, reporter)
-            scales = Scales.of([measured, beside])
-            compared = None if differences is None else differences(opened_store.path, other.path)
-            numbers, other_numbers = document(measured, scales), document(beside, scales)
-            return _report(measured.reader, numbers, other_numbers, compared, options)
+    with ExitStack() as open_stores:
+        stores = [open_stores.enter_context(open_store(path)) for path in (store, against) if path is not None]
+        options, places = None, [opened.path for opened in stores]
+        if to is not None:
+            target = PageFiles.of(Path(to), places, max_mb=max_mb, overwrite=overwrite)
+            folder = None if source is None else Path(source)
+            options = _PageOptions(target, _checked(clips), _embeds(audio), folder, rights)
+        for opened in stores:
+            opened.require_intact()
+        reporter = Progress(quiet=not progress)
+        measured = [measure(opened, reporter) for opened in stores]
+        scales = Scales.of(measured)
+        compared = None if differences is None or against is None else differences(*places)
+        numbers, *beside = (document(of_store, scales) for of_store in measured)
+        return _report(measured[0].reader, numbers, beside[0] if beside else None, compared, options)
 
 
 def _checked(clips: Clips) -> Clips:

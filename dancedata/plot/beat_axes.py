@@ -10,8 +10,7 @@ import numpy as np
 from dancedata.core.errors import UsageError
 from dancedata.core.text import shown
 from dancedata.kernel import Store
-from dancedata.plot.axes import axes_or_new
-from dancedata.plot.dancers import bare, scene_of
+from dancedata.plot.dancers import axes_or_new, bare, scene_of
 from dancedata.scene.scene_list import HIT_S
 
 if TYPE_CHECKING:

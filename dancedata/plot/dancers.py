@@ -12,6 +12,7 @@ import numpy.typing as npt
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
+from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
@@ -135,6 +136,15 @@ def moments(figure: Figure, poses: int, times: Sequence[float] | None = None) ->
             "a time is not within the motion", found=shown(list(times)), allowed=f"seconds from 0 to {end:.3f}"
         )
     return frames
+
+
+def axes_or_new(axes: Axes | None, width: float, height: float) -> Axes:
+    """Return the given axes, or those of a new figure of this size in inches; no window is opened."""
+    if axes is not None:
+        return axes
+    figure = load("matplotlib.figure", "report", "a figure").Figure(figsize=(width, height), layout="constrained")
+    new_axes: Axes = figure.subplots()
+    return new_axes
 
 
 def bare(axes: Axes, *sides: str) -> None:

@@ -11,7 +11,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
 from dancedata.core.text import shown
 from dancedata.kernel import Store, open_store
-from dancedata.plot.axes import axes_or_new
+from dancedata.plot.dancers import axes_or_new
 from dancedata.scene.poses import motion_readers
 from dancedata.scene.scenes import Scenes
 

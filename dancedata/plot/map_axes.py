@@ -9,10 +9,8 @@ import numpy as np
 
 from dancedata.core.errors import UsageError
 from dancedata.core.packages import load
-from dancedata.core.skeleton import SMPL24
 from dancedata.kernel import Store, open_store
-from dancedata.plot.axes import axes_or_new
-from dancedata.plot.dancers import SIDES, bare
+from dancedata.plot.dancers import SIDES, axes_or_new, bare
 from dancedata.scene.pose_space import Hexagon, base_split, measured_poses
 
 if TYPE_CHECKING:
@@ -21,7 +19,6 @@ if TYPE_CHECKING:
 #: Height of a pose on the map, in heights of the map, and the least distance of two, in widths of a pose.
 _POSE, _APART = 0.14, 1.1
 _RINGS = ("#c96a00", "#00866a", "#a8467a", "#6b6f00", "#5a5f69")
-_PARENTS = {SMPL24.joints[j]: SMPL24.joints[parent] for j, parent in enumerate(SMPL24.parents) if parent >= 0}
 
 
 def pose_map(store: Store | str | Path, *, stills: int = 14, ax: Axes | None = None) -> Axes:
@@ -104,13 +101,9 @@ def _spread(hexagons: tuple[Hexagon, ...], most: int, apart: float) -> list[Hexa
 
 
 def _draw_pose(axes: Axes, h: Hexagon, joints: tuple[str, ...], size: float) -> None:
-    at = {name: np.array(place) / 1000 for name, place in zip(joints, h.pose, strict=True)}
-    scale = size / 1.7
-    for name, place in at.items():
-        parent = at.get(_PARENTS.get(name, ""))
-        if parent is not None:
-            side = 1 if name.startswith("left") else 2 if name.startswith("right") else 0
-            ends = np.array([parent, place]) * scale + (h.x, h.y)
-            for colour, width in (("white", 3.0), (SIDES["light"][side], 1.3)):
-                line: dict[str, Any] = {"color": colour, "linewidth": width, "zorder": 3 + (width < 2)}
-                axes.plot(*ends.T, solid_capstyle="round", label="_pose", **line)
+    for side, *places in h.bones(joints):
+        ends = np.array(places) / 1000 * (size / 1.7) + (h.x, h.y)
+        of_side = SIDES["light"][("mid", "left", "right").index(side)]
+        for colour, width in (("white", 3.0), (of_side, 1.3)):
+            line: dict[str, Any] = {"color": colour, "linewidth": width, "zorder": 3 + (width < 2)}
+            axes.plot(*ends.T, solid_capstyle="round", label="_pose", **line)

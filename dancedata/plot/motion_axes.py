@@ -12,9 +12,18 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 from dancedata.kernel import Store
-from dancedata.plot.axes import axes_or_new
 from dancedata.plot.bodies import Camera
-from dancedata.plot.dancers import Dancer, bare, dancers_of, draw_pose, extent, figure_of, moments, scene_of
+from dancedata.plot.dancers import (
+    Dancer,
+    axes_or_new,
+    bare,
+    dancers_of,
+    draw_pose,
+    extent,
+    figure_of,
+    moments,
+    scene_of,
+)
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Scene
 

@@ -13,8 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import shown
 from dancedata.kernel import Store, open_store
-from dancedata.plot.axes import axes_or_new
-from dancedata.plot.dancers import Dancer, bare, dancers_of, figure_of, scene_of
+from dancedata.plot.dancers import Dancer, axes_or_new, bare, dancers_of, figure_of, scene_of
 from dancedata.scene.motion_page import Motions, motion_scenes_of
 
 if TYPE_CHECKING:

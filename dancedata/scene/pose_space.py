@@ -6,7 +6,7 @@ equal datasets give equal numbers.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,7 @@ from dancedata.core.clip import Window
 from dancedata.core.dance import Undefined
 from dancedata.core.grid import FrameGrid
 from dancedata.core.rotations import Float64Array
+from dancedata.core.skeleton import SMPL24
 from dancedata.execution.arithmetic import one_thread
 from dancedata.kernel import ClipRecord, Store
 from dancedata.metrics import frechet, geometric, kinetic
@@ -34,6 +35,7 @@ _HEXAGONS = 18
 DRAWS = 20
 #: Rows of distances at a time.
 _BLOCK = 1000
+_PARENTS = {SMPL24.joints[j]: SMPL24.joints[parent] for j, parent in enumerate(SMPL24.parents) if parent >= 0}
 
 
 def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
@@ -78,6 +80,15 @@ class Hexagon:
     clip: str
     seconds: float
     pose: tuple[tuple[int, int], ...]
+
+    def bones(self, joints: Sequence[str]) -> Iterator[tuple[str, tuple[int, int], tuple[int, int]]]:
+        """Yield side ("left", "right", "mid") and both ends of each bone of SMPL that the pose has, millimetres."""
+        at = dict(zip(joints, self.pose, strict=True))
+        for name, place in at.items():
+            parent = at.get(_PARENTS.get(name, ""))
+            if parent is not None:
+                side = name.partition("_")[0]
+                yield side if side in ("left", "right") else "mid", parent, place
 
 
 @dataclass(frozen=True)

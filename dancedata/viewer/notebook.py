@@ -19,12 +19,6 @@ from dancedata.scene.stills import middle_still
 MOST_CLIPS, _STILL = 8, 64
 
 
-def view_clip(store: Store, clip: Clip) -> Page:
-    """Return a page that plays a clip of a dataset."""
-    scenes = Scenes(store)
-    return Page(repr(clip), clip_page(scenes, scenes.items_of(clip.id)))
-
-
 def html_of(value: Any) -> str:
     """Return what a notebook shows: of a motion or clip a player, of clips or a dataset tables with stills.
 
@@ -40,7 +34,8 @@ def html_of(value: Any) -> str:
         return view_motions(value)._repr_html_()
     if not isinstance(value, Clip) or not isinstance(value.store, Store):
         return f"<pre>{html.escape(str(value))}</pre>"
-    return view_clip(value.store, value)._repr_html_()
+    scenes = Scenes(value.store)
+    return Page(repr(value), clip_page(scenes, scenes.items_of(value.id)))._repr_html_()
 
 
 def _scores(report: Any) -> str:

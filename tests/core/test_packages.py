@@ -23,7 +23,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.core.packages import MODULES, MissingPackageError, install, require
 from dancedata.files.regular_file import sha256_file
-from dancedata.plot.axes import axes_or_new
+from dancedata.plot.dancers import axes_or_new
 from tests.messages import raises_message
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.datasets.finedance import FineDance
-from dancedata.evaluation.run import self_test
+from dancedata.evaluation.self_test import self_test
 from tests.commands import as_json
 from tests.messages import raises_message
 
