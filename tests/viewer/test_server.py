@@ -21,7 +21,7 @@ import pytest
 
 import dancedata
 from dancedata.building.source_music import SourceMusic
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.view import ViewRequest, export_page
@@ -198,7 +198,8 @@ def test_a_rebuilt_dataset_is_refused(odd: Path, tmp_path: Path) -> None:
     {"compare": (Path("/nothing/here"),)},
 ], ids=str)  # fmt: skip
 def test_wrong_requests(odd: Path, request_: dict) -> None:
-    with raises_message(UsageError, "compare|drawn|no clip named|window"), serving(ViewRequest(odd, **request_)):
+    error = DataError if "compare" in request_ else UsageError
+    with raises_message(error, "compare|drawn|no clip named|window"), serving(ViewRequest(odd, **request_)):
         pass
 
 
