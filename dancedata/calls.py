@@ -19,6 +19,7 @@ from dancedata.store.schema import DATASET_FILE
 if TYPE_CHECKING:
     from dancedata.pages import Report
     from dancedata.pages.samples_document import SamplesReport
+    from dancedata.pages.write import Clips
 
 __all__ = ["report", "view"]
 
@@ -93,7 +94,9 @@ def report(
     *,
     like: str | Path | None = None,
     compare: str | Path | None = None,
-    clips: int = 12,
+    music: str | Path | None = None,
+    rights: str | None = None,
+    clips: Clips = 12,
     overwrite: bool = False,
     progress: bool = False,
     **as_evaluate: Any,
@@ -110,8 +113,12 @@ def report(
         Of samples: the dataset that they are like. Default: what `WindowDataset.save_samples` states.
     compare
         Of a dataset: another one to compare with.
+    music
+        Of a dataset: the folder with its songs, which the page then plays. Of samples: as in `dancedata.evaluate`.
+    rights
+        Of a dataset: why you may pass the music on against its terms; it is published.
     clips
-        Number of clips that the page plays.
+        Number of clips that the page plays; of a dataset also "all" or "none".
     overwrite, progress
         Replace the file; show progress.
     as_evaluate
@@ -141,15 +148,21 @@ def report(
         from dancedata.comparison import diff
         from dancedata.pages import write_report
 
-        if as_evaluate:
-            raise UsageError(f"{', '.join(as_evaluate)} goes with samples of a model, and this is a dataset",
-                             where=place, fix="leave it out, or name the dataset of the samples: like=")  # fmt: skip
+        stated = [*as_evaluate, *(["like"] if like is not None else [])]
+        if stated:
+            raise UsageError("this is a dataset, and options of samples go with samples of a model", where=place,
+                             fix=f"leave out {', '.join(f'{name}=' for name in stated)}",
+                             options=f"leave out {', '.join(f'--{name}' for name in stated)}")  # fmt: skip
         return write_report(
-            place, out, against=compare, differences=diff, clips=clips, overwrite=overwrite, progress=progress
-        )
+            place, out, against=compare, differences=diff, clips=clips, source=music,
+            audio="none" if music is None else "embed", rights=rights, overwrite=overwrite, progress=progress,
+        )  # fmt: skip
     from dancedata.evaluation.run import evaluate
     from dancedata.pages.samples import require_free_page, write_samples_report
 
+    if compare is not None or rights is not None or not isinstance(clips, int):
+        raise UsageError("compare and rights go with a dataset, and clips of samples is a number", where=place,
+                         fix="leave them out")  # fmt: skip
     require_free_page(out, like, overwrite=overwrite)
-    scores = evaluate(place, like=like, progress=progress, **as_evaluate)
+    scores = evaluate(place, like=like, music=music, progress=progress, **as_evaluate)
     return write_samples_report(scores, like, out, clips=clips, overwrite=overwrite, progress=progress)

@@ -29,31 +29,26 @@ OTHER_NAMES = {
 }  # fmt: skip
 
 
-class Command(TyperCommand):
-    """A command with help of two lengths; flags that are not given are False, except --normalized.
+class _Helpful:
+    """Help of two lengths; flags that are not given are False, except --normalized.
 
     Typer leaves some of them None, and then loads pydantic, which takes as long as the rest of Typer.
     """
 
     def get_help(self, ctx: Any) -> str:
-        """Return the summary."""
         return help_text(ctx, self, full=False)
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return arguments and options."""
-        return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
+        parameters: list[Any] = super().get_params(ctx)  # type: ignore[misc]
+        return [_false_by_default(parameter) for parameter in parameters]
 
 
-class Commands(TyperGroup):
+class Command(_Helpful, TyperCommand):
+    """A command."""
+
+
+class Commands(_Helpful, TyperGroup):
     """All commands. Wrong usage is an error like every other, as JSON where that is asked for."""
-
-    def get_help(self, ctx: Any) -> str:
-        """Return the summary."""
-        return help_text(ctx, self, full=False)
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Return the options of the group."""
-        return [_false_by_default(parameter) for parameter in super().get_params(ctx)]
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options of the group."""

@@ -92,54 +92,30 @@ def report(
 
     The document of --json has every number; with it a page is written for --out alone.
     """
-    from dancedata.samples.saved import saved_samples
+    from dancedata import calls
+    from dancedata.pages.findings import findings
+    from dancedata.pages.samples_page import describe
+    from dancedata.pages.write import Report, default_path
     from dancedata.store.schema import DATASET_FILE
 
-    how: dict[str, Any] = {"overwrite": overwrite, "progress": progress}
-    if of_samples["like"] is None and (saved := saved_samples(path)) is not None:
-        of_samples["like"] = saved.dataset
-    if of_samples["like"] is not None and not (path / DATASET_FILE).exists():
-        if compare is not None or rights is not None or not clips.isdecimal():
-            raise UsageError("--compare and --rights go with a dataset, and --clips of samples is a number",
-                             where=path, fix="leave them out")  # fmt: skip
-        page = out or (None if as_json else Path(f"{path.stem}-report.html"))
-        return _samples_report(path, page, int(clips), music, of_samples, **how)
-    del of_samples["protocol"]
-    stated = ["normalized or --not-normalized" if n == "normalized" else n for n, v in of_samples.items()
-              if v not in (None, False) or (n == "normalized" and v is False)]  # fmt: skip
-    if stray := [f"--{name}" for name in stated]:
-        raise UsageError("this is a dataset, and options of samples go with samples of a model", where=path,
-                         found=" and ".join(stray), fix="leave them out")  # fmt: skip
-    from dancedata.pages.findings import findings
-    from dancedata.pages.write import default_path, write_report
-
-    chosen: Any = int(clips) if clips.isdecimal() else clips  # write_report checks it
-    written = write_report(
-        path, out or (None if as_json else default_path(path)), clips=chosen, source=music,
-        audio="none" if music is None else "embed", rights=rights, against=compare, **how,
+    page = out
+    if page is None and not as_json:
+        page = default_path(path) if (path / DATASET_FILE).exists() else Path(f"{path.stem}-report.html")
+    stated = {
+        name: v for name, v in of_samples.items() if v not in (None, False) or (name, v) == ("normalized", False)
+    }
+    chosen: Any = int(clips) if clips.isdecimal() else clips
+    written = calls.report(
+        path, page, compare=compare, music=music, rights=rights, clips=chosen, overwrite=overwrite, progress=progress,
+        **stated,
     )  # fmt: skip
-
-    def text() -> str:
-        page = "" if written.path is None else f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB"
-        kinds = {"good": "good", "note": "note"}
-        return "\n".join([page, *(f"  {kinds.get(f.kind, 'warning')}: {f.text}" for f in findings(written.numbers))])
-
-    return Output(written.to_json, text)
-
-
-def _samples_report(
-    path: Path, out: Path | None, clips: int, music: Path | None, of_samples: dict[str, Any], *, overwrite: bool,
-    progress: bool,
-) -> Output:  # fmt: skip
-    from dancedata.evaluation.run import evaluate
-    from dancedata.pages.samples import require_free_page, write_samples_report
-    from dancedata.pages.samples_page import describe
-
-    like, protocol = of_samples["like"], of_samples.pop("protocol") or "dancedata"
-    require_free_page(out, like, overwrite=overwrite)
-    scores = evaluate(path, role="generated", protocol=protocol, music=music, progress=progress, **of_samples)
-    samples = write_samples_report(scores, like, out, clips=clips, overwrite=overwrite, progress=progress)
-    return Output(samples.to_json, lambda: "\n".join(describe(samples)), warnings=samples.scores.warnings)
+    if not isinstance(written, Report):
+        samples = written
+        return Output(samples.to_json, lambda: "\n".join(describe(samples)), warnings=samples.scores.warnings)
+    size = "" if written.path is None else f"{written.path}: {written.path.stat().st_size / 1e6:.1f} MB"
+    kinds = {"good": "good", "note": "note"}
+    lines = [size, *(f"  {kinds.get(f.kind, 'warning')}: {f.text}" for f in findings(written.numbers))]
+    return Output(written.to_json, lambda: "\n".join(lines))
 
 
 @command(

@@ -18,22 +18,7 @@ from shlex import quote
 from typing import Any, NamedTuple
 
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.registry import (
-    ANNOTATORS,
-    AUGMENTATIONS,
-    CONTACTS,
-    DATASETS,
-    FEATURES,
-    FIELDS,
-    FILTERS,
-    KEYMOTIONS,
-    METRICS,
-    REGISTRIES,
-    REPRESENTATIONS,
-    RULES,
-    TRANSFORMS,
-    Registry,
-)
+from dancedata.core.registry import REGISTRIES, Registry
 from dancedata.core.resources import resource, resources
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.atomic import write_text
@@ -133,24 +118,24 @@ class Kind(NamedTuple):
     use: str
 
 
-def _key(registry: Registry[Any], text: str) -> Kind:
-    return Kind(registry, f"a recipe may have: {text}")
+def _key(kind: str, text: str) -> Kind:
+    return Kind(REGISTRIES[kind], f"a recipe may have: {text}")
 
 
 #: Kinds by what the command line calls them; their templates have these names.
 KINDS = {
-    "dataset": _key(DATASETS, "dataset: {NAME: {}}"),
-    "representation": _key(REPRESENTATIONS, "motion: {NAME: {}}"),
-    "contact-rule": _key(CONTACTS, "motion: {edge151: {contacts: {NAME: {}}}}"),
-    "feature": _key(FEATURES, "audio: {NAME: {}}"),
-    "key-motion": _key(KEYMOTIONS, "keymotion: {NAME: {}}"),
-    "augmentation": _key(AUGMENTATIONS, "augment: {NAME: {}}"),
-    "filter": _key(FILTERS, "rules: {NAME: {}}"),
-    "field": _key(FIELDS, "fields: {NAME: {}}"),
-    "transform": _key(TRANSFORMS, "transforms: [{NAME: {}}]"),
-    "annotator": _key(ANNOTATORS, "annotators: {NAME: {}}"),
-    "rule": _key(RULES, "rules: {NAME: {}}"),
-    "metric": Kind(METRICS, 'it is used by: METRICS.get("NAME")().measure(dance), and protocols'),
+    "dataset": _key("datasets", "dataset: {NAME: {}}"),
+    "representation": _key("representations", "motion: {NAME: {}}"),
+    "contact-rule": _key("contacts", "motion: {edge151: {contacts: {NAME: {}}}}"),
+    "feature": _key("audio features", "audio: {NAME: {}}"),
+    "key-motion": _key("key motions", "keymotion: {NAME: {}}"),
+    "augmentation": _key("augmentations", "augment: {NAME: {}}"),
+    "filter": _key("window filters", "rules: {NAME: {}}"),
+    "field": _key("fields", "fields: {NAME: {}}"),
+    "transform": _key("transforms", "transforms: [{NAME: {}}]"),
+    "annotator": _key("annotators", "annotators: {NAME: {}}"),
+    "rule": _key("window rules", "rules: {NAME: {}}"),
+    "metric": Kind(REGISTRIES["metrics"], 'it is used by: METRICS.get("NAME")().measure(dance), and protocols'),
     "export": Kind(EXPORTS, "it is used by: dancedata export DATASET --to NAME --out DIR"),
 }
 
@@ -193,8 +178,6 @@ def write_plugin(kind: str, name: str, out: Path, *, in_tree: bool = False) -> N
     `name`: Name of the plug-in, and of its module.
     `out`: Folder to write to; it is created if it does not exist.
     `in_tree`: Write it where it belongs in the checkout of dancedata at `out`.
-    Raises UsageError: For an unknown kind, a name that is invalid or taken, or a file that exists; nothing is written
-        then.
     """
     if kind not in KINDS:
         raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))

@@ -37,9 +37,6 @@ class Dask(Engine):
 
         Where a worker dies, Dask runs its units on another one. It gives up units whose workers died several times
         (``distributed.scheduler.allowed-failures``).
-
-        Raises UsageError: if Dask is not installed.
-        Raises DanceDataError: if no scheduler answers at the address, or it has no worker.
         """
         require("dask", what="the backend dask")
         from distributed import Client, KilledWorker, NannyPlugin

@@ -37,9 +37,6 @@ class Ray(Engine):
         ``ray://auto`` is the cluster that this process is connected to, else that of $RAY_ADDRESS, else this
         machine's. Each unit takes one CPU. Ray does not run a unit again whose worker died: with retries it would
         repeat a unit that exceeds the memory for ever.
-
-        Raises UsageError: if Ray is not installed, or this process is connected to a cluster and an address is given.
-        Raises DanceDataError: if no cluster answers.
         """
         require("ray", what="the backend ray")
         # Its report of each worker that died, to the stderr of this process; workers' own output is not sent.

@@ -22,15 +22,7 @@ _HASH = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class Origin:
-    """Origin of a dataset of the cache.
-
-    Attributes
-    ----------
-    address
-        Its address; that of a hub with the commit.
-    requested
-        The address as it was given, such as that of a branch.
-    """
+    """Origin of a dataset of the cache: its address, of a hub with the commit, and the address as it was given."""
 
     address: str
     requested: str
@@ -71,15 +63,7 @@ def path_text(path: str | Path) -> str:
 
 
 def local_folder(path: str | Path) -> Path:
-    """Return the folder of a dataset: a local path as it is, with ~ expanded; for an address one in the cache.
-
-    Raises
-    ------
-    UsageError
-        For an address that is not valid, or if a package is missing.
-    StoreError
-        If the server has no finished dataset there, or does not answer.
-    """
+    """Return the folder of a dataset: a local path as it is, with ~ expanded; for an address one in the cache."""
     return OPENERS.only().folder(path) if is_address(path) else Path(path).expanduser()
 
 

@@ -25,11 +25,7 @@ def is_temporary(name: str) -> bool:
 
 
 def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bool) -> Path:
-    """Return the path of a file to write, without "~".
-
-    Raises UsageError: if it is inside one of the datasets, is a folder, its folder does not exist, it has another
-        ending, or it exists and not `overwrite`.
-    """
+    """Return the path of a file to write, without "~"."""
     path = path.expanduser()
     if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
         raise UsageError(f"a {what} is not written into a dataset, whose files are listed", where=path,

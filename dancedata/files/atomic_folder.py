@@ -204,12 +204,6 @@ def atomic_folder(out: Path, *, overwrite: bool, link: bool = False) -> Iterator
     ----------
     link
         Whether a file with the bytes of an earlier one becomes a hard link of it.
-
-    Raises
-    ------
-    StoreError
-        If `out` holds anything but an export that may be replaced, another export is writing there, or nothing can be
-        written.
     """
     problem = "the folder of the export cannot be written"
     fix = "choose an --out that you can write to, on a disk with free space; nothing was left there"

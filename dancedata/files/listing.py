@@ -24,10 +24,7 @@ class FileEntry:
 
 
 def list_folder(folder: Path) -> list[Path]:
-    """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``.
-
-    Raises SourceError: if the folder cannot be read.
-    """
+    """Return the entries of a folder by name, without hidden ones (``.DS_Store``) and ``__MACOSX``."""
     try:
         entries = sorted(folder.iterdir())
     except OSError as error:
@@ -58,10 +55,7 @@ def describe(folder: Path) -> str:
 
 
 def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:
-    """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern.
-
-    Raises DataError: for a path where nothing is, and a folder or a pattern without such a file.
-    """
+    """Return the files that paths name: themselves, all of a folder with one of these suffixes, or of a pattern."""
     files: list[Path] = []
     for path in paths:
         pattern = glob.has_magic(str(path)) and not path.exists()

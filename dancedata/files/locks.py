@@ -129,8 +129,6 @@ def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[Non
 
     `what`: Activity of the process that has the lock, for the error: "build".
     `wait`: Wait for it instead.
-    Raises StoreError: if another process has the lock.
-    Raises OSError: if neither the folder nor a file next to it can be locked.
     """
     fd, path = _open_lock(folder, what, wait=wait)
     try:

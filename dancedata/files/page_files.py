@@ -31,11 +31,7 @@ class PageFiles:
 
     @classmethod
     def of(cls, to: Path, stores: Sequence[Path], what: str = "report", *, max_mb: float, overwrite: bool) -> Self:
-        """Check the destination of a report or card.
-
-        Raises UsageError: if the file exists and is not to be replaced, or is inside one of the datasets; if the
-            folder holds files that no report of this name wrote, or that were changed since.
-        """
+        """Check the destination of a report or card."""
         target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
             fix = "choose another --out, or add --overwrite"
@@ -52,8 +48,6 @@ class PageFiles:
         """Write the page last, so that it never names missing files.
 
         `side`: Files of the folder, made one at a time.
-        Raises UsageError: if the page is too large; then nothing is written.
-        Raises StoreError: if a file cannot be written.
         """
         self._require_size(len(html))
         try:

@@ -111,9 +111,6 @@ def staged(out: Path, layout: Layout) -> Iterator[Path]:
     """Yield a folder to write to; on success its files become those of `out`, `layout.last` as the last one.
 
     On any exception what was written is removed again. The caller has called `tidy`, and has a lock on `out`.
-
-    Raises StoreError: if `out` holds a file by now that would be replaced.
-    Raises OSError: where nothing can be written.
     """
     staging = out / STAGING
     claim(staging)
@@ -171,11 +168,7 @@ def recover(out: Path, layout: Layout) -> None:
 
 
 def tidy(out: Path, layout: Layout) -> None:
-    """Finish moving the files of a complete folder, and remove unfinished ones in `out` and next to it.
-
-    Raises StoreError: if an entry under dancedata's names is foreign, which is left unchanged; or a file would be
-        replaced.
-    """
+    """Finish moving the files of a complete folder, and remove unfinished ones in `out` and next to it."""
     journal, staging = out / layout.journal, out / STAGING
     if os.path.lexists(journal):
         if not layout.is_complete(journal):

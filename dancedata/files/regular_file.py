@@ -22,11 +22,7 @@ class NotRegularError(OSError):
 
 
 def open_regular(path: str | Path) -> BufferedReader:
-    """Open a regular file for reading bytes; links are followed. Never blocks.
-
-    Raises OSError: if it cannot be opened; NotRegularError if it is not a regular file, IsADirectoryError if it is a
-        folder.
-    """
+    """Open a regular file for reading bytes; links are followed. Never blocks."""
     # Checked before opening, because opening a device may have side effects, and after, because it may have changed.
     _require_regular(os.stat(path).st_mode, path)
     file = open(path, "rb", opener=open_file)  # noqa: SIM115 -- the caller closes it

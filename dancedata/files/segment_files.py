@@ -54,7 +54,6 @@ def read_segment_file(path: Path, language: str = "") -> list[SegmentRow]:
     """Read segments of clips; times are seconds from frame 0, or frames where a row has `fps`.
 
     `language`: BCP 47 tag of rows without one.
-    Raises SourceError: for any mistake, with its line.
     """
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")

@@ -13,10 +13,7 @@ MAX_DEPTH = 64
 
 
 def parse_json(text: str, pairs: Callable[[list[tuple[str, Any]]], Any] | None = None) -> Any:
-    """Parse a JSON document; `pairs` creates an object from its keys and values.
-
-    Raises ValueError: if it is not JSON, contains a number that is not finite, or is nested deeper than MAX_DEPTH.
-    """
+    """Parse a JSON document; `pairs` creates an object from its keys and values."""
     try:
         document = json.loads(text, object_pairs_hook=pairs, parse_constant=_no_constant, parse_float=_finite)
     except RecursionError as error:
@@ -47,9 +44,5 @@ def _finite(text: str) -> float:
 
 
 def read_json(path: Path, limit: int) -> Any:
-    """Read a JSON file of at most `limit` bytes.
-
-    Raises OSError: if it cannot be read, is not a regular file, or is larger.
-    Raises ValueError: if it is not JSON in UTF-8, with or without a byte order mark, or nested deeper than MAX_DEPTH.
-    """
+    """Read a JSON file of at most `limit` bytes."""
     return parse_json(read_regular(path, limit).decode("utf-8-sig"))

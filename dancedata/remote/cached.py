@@ -52,13 +52,6 @@ def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
     Its dataset.json is fetched and its self_sha256 compared; other files follow when they are opened. A
     branch or tag is resolved to a commit here, once: the folder stays that of the commit. With HF_HUB_OFFLINE=1 it is
     the folder of the last time.
-
-    Raises
-    ------
-    UsageError
-        For an address that is not valid, or if a package is missing.
-    StoreError
-        If the server has no finished dataset there, or does not answer.
     """
     address = parse_address(path)
     root = Cache.at(cache).root

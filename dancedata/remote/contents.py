@@ -57,7 +57,6 @@ def contents(
 
     `pictures`: Draws those of the card; None: it has none.
     `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
-    Raises StoreError: if dataset.json lists names that no dataset has, or is another one than that of `store` by now.
     """
     listing = DatasetFiles.of(store.info, f"{store.path}/{DatasetFiles.DATASET}")
     if place.recipe_only:

@@ -79,8 +79,6 @@ def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, 
 
     What arrives goes to ``FOLDER.parts/NAME.part`` and is kept if the process is killed, so that the next one asks
     for the rest. Wrong bytes are deleted and asked for once more.
-
-    Raises StoreError: if the server fails, has another file, or the disk is full.
     """
     target, parts = folder / file.file, folder.with_name(f"{folder.name}.parts")
     with written(target, file.size):

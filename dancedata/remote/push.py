@@ -30,21 +30,7 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class Pushed:
-    """Result of `push`.
-
-    Attributes
-    ----------
-    address
-        Where it is read, with the tag.
-    commit
-        The commit that has all files; "" of a dry run.
-    files, bytes
-        What the publication has.
-    uploaded_bytes
-        What was not there before.
-    recipe_only
-        Whether it has the recipe without the data.
-    """
+    """Result of `push`: the address with the tag; the commit, "" of a dry run; `uploaded_bytes` were not there."""
 
     address: str
     commit: str

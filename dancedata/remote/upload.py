@@ -160,13 +160,8 @@ class HubUpload:
             for begin in range(0, len(additions), _BATCH):
                 with self._client():
                     batch = additions[begin : begin + _BATCH]
-                    api.preupload_lfs_files(
-                        self.address.place,
-                        batch,
-                        repo_type="dataset",
-                        revision=self.address.revision,
-                        free_memory=False,
-                    )
+                    api.preupload_lfs_files(self.address.place, batch, repo_type="dataset",
+                                            revision=self.address.revision, free_memory=False)  # fmt: skip
                 count(sum(file.size for file in files[begin : begin + _BATCH]))
         deletions = [CommitOperationDelete(path, is_folder=False) for path in stale]
         with self._client():

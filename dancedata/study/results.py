@@ -125,11 +125,7 @@ class Results:
 
 
 def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
-    """Read files of results, as the page saves them; returns the study's id and the answers.
-
-    Raises DataError: for other columns or choices, files of different studies, trials that differ between files, and
-        two answers of a participant to one trial.
-    """
+    """Read files of results, as the page saves them; returns the study's id and the answers."""
     answers: dict[tuple[str, str], Answer] = {}
     studies: dict[str, Path] = {}
     trials: dict[str, tuple[str, ...]] = {}
@@ -199,18 +195,14 @@ def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = Fal
 
     `answers`: Of all participants. One who failed a check, that is chose the dancer who stands still, does not count.
     `keep_failed`: Count everyone.
-    Raises UsageError: if nobody is left.
     """
     raters = list(dict.fromkeys(answer.participant for answer in answers))
     wrong = {a.participant for a in answers if a.expected and a.choice != a.expected}
     failed = () if keep_failed else tuple(rater for rater in raters if rater in wrong)
     counting = tuple(rater for rater in raters if rater not in failed)
     if not counting:
-        raise UsageError(
-            "every participant failed a check",
-            found=listed(failed),
-            fix="count them all the same: keep_failed=True in Python",
-        )
+        raise UsageError("every participant failed a check", found=listed(failed),
+                         fix="count them all the same: keep_failed=True in Python")  # fmt: skip
     pairs = [a for a in answers if a.participant in counting and not a.expected]
     notes = [] if pairs else ["there are answers to checks alone, and none to a pair"]
     if failed:

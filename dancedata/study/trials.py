@@ -54,8 +54,6 @@ def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]
     """Return the item of each system by what all have: an id, else a clip, else a song.
 
     Of a clip or song those that begin at the same second of it are preferred.
-
-    Raises DataError: if there is none.
     """
     for name_of in (lambda item: item.id, clip_of, lambda item: item.clip.music):
         named: list[dict[str, list[Item]]] = []
@@ -123,7 +121,6 @@ def make_trials(
     `checks`: Number of checks; in each the first system dances beside the same dancer who stands still.
     `seed`: Decides on clips and sides. Over a study every system is on the left as often as on the right, or once
         more.
-    Raises UsageError: for fewer than two systems, or more clips than there are.
     """
     if len(systems) < 2:
         raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
@@ -159,9 +156,6 @@ def shown_figures(
     """Return the two dancers of a trial, at one rate and as long as the shorter, at most `seconds`.
 
     Both begin at the second of the song at which the last of all systems does, see `begin_of`.
-
-    Raises DataError: if one of them cannot be drawn.
-    Raises UsageError: if one has too little of the song in common with the others.
     """
     first = next(iter(systems))
     figures: dict[str, Figure] = {}

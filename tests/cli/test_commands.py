@@ -96,6 +96,15 @@ def test_exit_codes_and_documents(places: dict[str, str], line: str, code: int, 
         assert set(error) == {"kind", "code", "problem", "where", "found", "allowed", "fix"}
 
 
+def test_a_report_of_the_command_has_the_differences_of_python(places: dict[str, str]) -> None:
+    dancedata.build(
+        "demo", out="other", overrides={"dataset.synthetic": {"songs": 2, "clip_s": 5}}, jobs=1, progress=False
+    )
+    printed = as_json("report", places["DEMO"], "--compare", "other", "--clips", "none")["differences"]
+    assert printed
+    assert printed == dancedata.report(places["DEMO"], compare="other", clips="none").to_json()["differences"]
+
+
 def test_errors_of_the_system_are_documents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(*_: object) -> None:
         raise OSError(22, "Invalid argument")

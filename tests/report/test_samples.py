@@ -129,6 +129,6 @@ def test_the_command_prints_the_scores_and_refuses_options_of_samples_for_a_data
     printed = as_json("report", samples, "--like", demo, "--not-normalized")
     assert printed["against"] == "demo"
     failed = run("report", demo, "--fps", "30", code=2)
-    assert "found --fps" in failed.stderr
+    assert "Leave out --fps" in failed.stderr
     failed = run("report", samples, "--like", demo, code=2)
     assert "normalised" in failed.stderr
