@@ -219,11 +219,8 @@ class FileRows(FileFeature):
     def length(self, path: Path) -> int:
         """Return the number of rows of a file of stated rate and width, from its header.
 
-        Raises
-        ------
-        DataError
-            As `open_arrays`; ``bad_shape`` for another width, ``bad_dtype`` for whole numbers that are not codes, or
-            codes that are not, ``empty``.
+        Raises DataError: As `open_arrays`; "bad_shape" for another width, "bad_dtype" for whole numbers that are
+            not codes, or codes that are not, "empty".
         """
         header = npy_header(path)
         shape, dtype = header.shape, header.dtype
@@ -257,10 +254,7 @@ class FileRows(FileFeature):
     def placed(self, n_rows: int, begin_s: Fraction, grid: FrameGrid) -> FileSpan:
         """Place a file of `n_rows` rows, of which row 0 is at second `begin_s` of the clip, on the clip's grid.
 
-        Raises
-        ------
-        DataError
-            ``between_rows``: with resample: none, frame 0 must be at a row.
+        Raises DataError: "between_rows": with resample: none, frame 0 must be at a row.
         """
         self.require_grid(grid)
         start = begin_s * grid.rate
@@ -277,10 +271,7 @@ class FileRows(FileFeature):
     def rows(self, path: Path, placed: FileSpan) -> NDArray[Any]:
         """Return the (placed.n_rows, D) rows of a file on a clip's grid, in `dtype`.
 
-        Raises
-        ------
-        DataError
-            As `length`; ``nan`` for values that are not finite, or do not fit into `dtype`; ``bad_code``.
+        Raises DataError: As `length`; "nan" for values that are not finite, or do not fit into `dtype`; "bad_code".
         """
         self.length(path)
         values = read_npy(path)

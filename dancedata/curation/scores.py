@@ -25,14 +25,11 @@ _MOST = 1e6
 
 @dataclass(frozen=True)
 class Measure:
-    """What a score measures.
+    """What a score measures; larger is worse.
 
-    `what`: In a few words.
-    `unit`: Of its values; larger is worse.
     `limit`: Value above which it is a fault, by default; chosen on real clips, see docs/archive/measured.md.
     `least`: Smallest value of a span that is listed.
     `of`: "spans": a clip's value is that of its worst span. "clip": it belongs to the whole clip.
-    `source`: Paper or file.
     """
 
     what: str
@@ -77,11 +74,10 @@ MEASURES: Mapping[str, Measure] = {
 
 @dataclass(frozen=True)
 class Score:
-    """A score of a motion.
+    """A score of a motion, and its spans in frames, in order.
 
     `value`: Of the whole clip, the worst span's; None where the motion has none, such as joint limits of a rig that
         is not SMPL's, or jitter at 24 frames per second.
-    `spans`: In frames of the motion, in order.
     """
 
     value: float | None
@@ -93,16 +89,7 @@ class Score:
 
 
 def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, Score]:
-    """Return the scores of a motion, by default all of `MEASURES`; values are rounded to a millionth.
-
-    Examples
-    --------
-    >>> from dancedata.curation.scores import score_motion
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
-    >>> score_motion(motion)["spikes"]
-    Score(value=0.0, spans=())
-    """
+    """Return the scores of a motion, by default all of `MEASURES`; values are rounded to a millionth."""
     cached = motion if motion.is_cached else motion.with_cache(matrices=False)
     return {name: _rounded(_SCORES[name](cached, MEASURES[name].least)) for name in names}
 

@@ -111,12 +111,7 @@ class Humanml263(Representation):
     def positions(self, array: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
         """Return the joint positions (T, 22, 3) of columns (T, D), metres, as HumanML3D's `recover_from_ric`.
 
-        Raises
-        ------
-        UsageError
-            For another shape.
-        DataError
-            "nan".
+        Raises UsageError: For another shape. Raises DataError: "nan".
         """
         return humanml.joints_of(self._humanml3d(parts.checked(array, self.columns.width, self.name)))
 

@@ -62,30 +62,18 @@ def retargeted(
     scale: float | None = None,
     feet: bool = True,
 ) -> Retargeted:
-    """Put a motion on another skeleton.
+    """Put a motion on another skeleton, of the SMPL family.
 
     Each joint keeps its rotation in the world, up to the constant one that aligns the rest poses: limbs point as in
-    the source, on any skeleton (`limb_alignment`). The path of the
-    pelvis is scaled about the origin, and moved up or down by one constant, so that the toes stand at the height that
-    the scaled source has. In contacts, each foot then moves as in the scaled source.
+    the source, on any skeleton (`limb_alignment`). The path of the pelvis is scaled about the origin, and moved up or
+    down by one constant, so that the toes stand at the height that the scaled source has. In contacts, each foot then
+    moves as in the scaled source.
 
     `motion`: On any skeleton that a joint map fits.
-    `skeleton`: Of the SMPL family.
     `joint_map`: SMPL joint -> names; default: the map of the package that matches most joints.
-    `scale`: Of the world; default: the ratio of the lengths of the legs. Dancers of one group need one scale, see
-        `group_scale`, or 1.
+    `scale`: Of the world; default: the ratio of the lengths of the legs. Dancers of one group need one scale.
     `feet`: Whether legs are bent so that feet do not slide.
     Raises UsageError: if either skeleton cannot be used.
-
-    Examples
-    --------
-    >>> from dancedata.core.bodies import SMPLX22
-    >>> from dancedata.retarget.transfer import retargeted
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0]
-    >>> result = retargeted(motion, SMPLX22)
-    >>> result.motion.skeleton.name, result.scale < 1
-    ('smplx22', True)
     """
     if not has_body(skeleton):
         raise UsageError(f"motion cannot be retargeted to skeleton {skeleton.name}",

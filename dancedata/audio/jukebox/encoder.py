@@ -107,24 +107,11 @@ class JukeboxEncoder:
         return f"JukeboxEncoder(layers={self.layers}, {self.precision} on {self.device})"
 
     def encode(self, samples: ArrayLike, sample_rate: int) -> NDArray[np.int64]:
-        """Encode a clip of any length as VQ-VAE codes.
+        """Encode a clip of any length as VQ-VAE codes (n,), one per 128 samples at 44.1 kHz.
 
-        Parameters
-        ----------
-        samples
-            (m,) or (channels, m) floating point; averaged, resampled to 44.1 kHz and divided by the largest value.
-        sample_rate
-            In Hz.
-
-        Returns
-        -------
-        NDArray[np.int64]
-            (n,), one code per 128 samples at 44.1 kHz.
-
-        Raises
-        ------
-        DataError
-            "empty_audio", "nan", or "short_audio" (under 128 samples).
+        `samples`: (m,) or (channels, m) floating point; averaged, resampled and divided by the largest value.
+        `sample_rate`: In Hz.
+        Raises DataError: "empty_audio", "nan", or "short_audio" (under 128 samples).
         """
         return self._encode_prepared([prepare(samples, sample_rate, self.config)])[0]
 
@@ -179,9 +166,7 @@ class JukeboxEncoder:
         """Embed prepared clips, such as parts of a song that was prepared as a whole and has one gain.
 
         `clips`: Each (n,) float32 at the config's sample rate, as `clips.prepare` returns it.
-        `fps`, `batch_size`: As for `embed_batch`.
-        Raises DataError: "short_audio" for a clip of less than one code, "long_audio" for one of more than
-            `max_codes`.
+        Raises DataError: "short_audio" for less than one code, "long_audio" for more than `max_codes`.
         """
         for clip in clips:
             require_audio(len(clip), self.config)

@@ -35,15 +35,6 @@ class NetworkFeature(AudioFeature):
     A subclass has the fields `device`, `batch_size` if it computes in batches, and for the weights the field that
     `weights_key` names, with `<weights_key>_sha256`, the hash that identifies them: a build fills it in; if it is
     given, they must match.
-
-    Attributes
-    ----------
-    weights_key
-        Field that says where the weights are.
-    device
-        Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
-    batch_size
-        Windows at once; 0: the feature decides.
     """
 
     exact: ClassVar[bool] = False

@@ -87,13 +87,8 @@ def hidden_states(
     """Run a network, and return the hidden states of some layers.
 
     Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` the network's last
-    hidden state, after a final norm where it has one.
-
-    `blocks`: Those of the network up to the highest layer.
-
-    Notes
-    -----
-    Captured here, as what ``output_hidden_states`` returns last differs between versions of transformers.
+    hidden state, after a final norm where it has one. Captured here, as what ``output_hidden_states`` returns last
+    differs between versions of transformers.
     """
     states: Frames = {}
 
