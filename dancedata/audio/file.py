@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path, PurePosixPath
 from string import Formatter
-from typing import Any, ClassVar, Literal, Self, get_args
+from typing import Any, ClassVar, Literal, Self, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,12 +98,9 @@ class FileRows(FileFeature):
         if not 0 <= self.columns_per_row <= _MAX_COLUMNS:
             allowed = f"1 to {_MAX_COLUMNS:,}"
             raise UsageError("file: columns_per_row is out of range", found=self.columns_per_row, allowed=allowed)
-        for name, values in (
-            ("dtype", get_args(DType)),
-            ("begins", ("music", "clip")),
-            ("resample", ("none", "nearest", "linear")),
-            ("of", ("music", "motion")),
-        ):
+        types = get_type_hints(FileRows)
+        for name in ("dtype", "begins", "resample", "of"):
+            values = get_args(types[name])
             if getattr(self, name) not in values:
                 raise UsageError(
                     f"file: invalid {name}", found=quoted(getattr(self, name)), allowed=" or ".join(values)

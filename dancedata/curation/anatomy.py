@@ -21,10 +21,7 @@ _SLIDES_M_S, _PAUSE_S = 0.3, 0.05
 #: Angles beyond which joints are not bent, degrees. Knees and elbows, forwards and backwards: active range of motion
 #: (American Academy of Orthopaedic Surgeons 1965; Soucie et al. 2011, tables of ages 9 to 44) with the 30 degrees
 #: that fitted bodies of real dancers go beyond it.
-_HINGES = {
-    "knee": (-35.0, 175.0),
-    "elbow": (-40.0, 180.0),
-}
+_HINGES = {"knee": (-35.0, 175.0), "elbow": (-40.0, 180.0)}
 #: Other joints, from their pose at rest, in any direction.
 _SWINGS = {"ankle": 90.0, "wrist": 120.0, "neck": 90.0, "head": 90.0, "spine1": 75.0, "spine2": 75.0, "spine3": 75.0}
 #: Limbs that may not lie in each other: those of the arms against the torso, the head and the legs, and left against
@@ -121,9 +118,8 @@ def _bend(matrices: Float64Array, bone: npt.NDArray[np.float64], hinge: str, sid
         bend = np.degrees(np.arctan2(-turned[:, 2], -turned[:, 1]))
     else:
         bend = np.degrees(np.arctan2(turned[:, 2], turned[:, 0] if side == "left" else -turned[:, 0]))
-    return np.asarray(
-        np.where(bend < -90, bend + 360, bend)
-    )  # a heel beyond the thigh, not a knee the wrong way round
+    # A heel beyond the thigh is not a knee the wrong way round.
+    return np.asarray(np.where(bend < -90, bend + 360, bend))
 
 
 def self_contact(joints: Float64Array, least: float) -> tuple[Span, ...]:

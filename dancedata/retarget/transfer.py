@@ -1,6 +1,5 @@
 """A motion on another skeleton of the SMPL family: limbs scaled, feet kept on the floor, residuals measured."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,11 +104,6 @@ def leg_ratio(source: Skeleton, skeleton: Skeleton) -> float:
     """Return the ratio of the lengths of two bodies' legs, from the hips to the ankles."""
     target, legs = (float(np.linalg.norm(s.offsets[[4, 5, 7, 8]], axis=1).sum()) for s in (skeleton, source))
     return target / legs
-
-
-def group_scale(bodies: Iterable[Skeleton], skeleton: Skeleton) -> float:
-    """Return one scale for the dancers of a group: the mean of their leg ratios, whatever their order."""
-    return float(np.mean(sorted(leg_ratio(body, skeleton) for body in bodies)))
 
 
 def _lift(heights: Float64Array, wanted: Float64Array, spans: list[list[tuple[int, int]]]) -> float:

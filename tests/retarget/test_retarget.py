@@ -20,7 +20,7 @@ from dancedata.formats.bvh.write import motion_bvh
 from dancedata.recipes.parse import load_recipe
 from dancedata.retarget.feet import contact_spans, sliding, with_planted_feet
 from dancedata.retarget.maps import load_map, map_names, map_skeleton
-from dancedata.retarget.transfer import group_scale, leg_ratio, retargeted
+from dancedata.retarget.transfer import leg_ratio, retargeted
 from dancedata.retarget.transforms import Retarget
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
@@ -193,8 +193,7 @@ def test_corrections_pass_from_a_contact_to_the_next_without_a_step() -> None:
 def test_a_group_keeps_its_distances(dance: Motion) -> None:
     other = Motion(dance.translation + np.array([1.5, 0.0, 0.4]), dance.rotations, dance.grid, dance.skeleton)
     dancers = [scaled(dance, 1.1), long_legged(other)]
-    scale = group_scale([m.skeleton for m in dancers], SMPL24)
-    assert scale == group_scale([m.skeleton for m in reversed(dancers)], SMPL24)
+    scale = 0.9
     results = [retargeted(m, SMPL24, scale=scale).motion for m in dancers]
     before = (dancers[1].joints()[:, 0] - dancers[0].joints()[:, 0])[:, ::2] * scale
     after = (results[1].joints()[:, 0] - results[0].joints()[:, 0])[:, ::2]

@@ -21,31 +21,18 @@ from dancedata.files.strict_json import read_json
 ENVIRONMENT = "DANCEDATA_HF_MODEL"
 #: Files of a model that are read, and that `snapshot_download` gets: never code.
 FILES = (
-    "config.json",
-    "preprocessor_config.json",
-    "processor_config.json",
-    "model.safetensors",
-    "model-*.safetensors",
-    "model.safetensors.index.json",
-    "pytorch_model.bin",
-    "pytorch_model-*.bin",
-    "pytorch_model.bin.index.json",
-    "README.md",
-)
+    "config.json", "preprocessor_config.json", "processor_config.json", "README.md",
+    "model.safetensors", "model-*.safetensors", "model.safetensors.index.json",
+    "pytorch_model.bin", "pytorch_model-*.bin", "pytorch_model.bin.index.json",
+)  # fmt: skip
 #: File of `dancedata pull hf://...` with the origin of a folder: id, revision, licence.
 PROVENANCE = "dancedata-hf.json"
 #: Configs with lists of labels and mel filters have a few MB.
 _MAX_JSON = 1 << 25
 #: Keys of config.json that shape no number.
 _IDLE_KEYS = (
-    "_name_or_path",
-    "_commit_hash",
-    "architectures",
-    "auto_map",
-    "dtype",
-    "torch_dtype",
-    "transformers_version",
-)
+    "_name_or_path", "_commit_hash", "architectures", "auto_map", "dtype", "torch_dtype", "transformers_version",
+)  # fmt: skip
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _HUB_ID = re.compile(r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*")
 UNKNOWN = "unknown, see the model's page"
