@@ -116,22 +116,32 @@ def list_audio(
     mixed: Sequence[Path] = (),
     music_dir: Path | None = None,
 ) -> Files:
-    """List the audio files with valid names, one for each stem, of `music_dir` first; others are ``extra_file``.
+    """List one audio file for each valid name, of `music_dir` first; others are ``extra_file`` or ``unused_music``.
 
     `folders`: In order of preference; of those that are `mixed` only audio files are considered.
     """
-    candidates: list[Path] = []
-    rejects = []
-    for folder in folders:
-        for path in list_folder(folder) if folder.is_dir() else []:
-            if folder in mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
-                continue
-            problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(stem_of(path))
-            if problem:
-                rejects.append(extra_file(path, source, problem))
-            else:
-                candidates.append(path)
-    return with_music_dir(audio_files(candidates, source, rejects), music_dir, source, name_problem)
+    by_stem: dict[str, list[Path]] = {}
+    rejects, where = list[Reject](), dict[Path, None]()
+    for path in (path for folder in folders if folder.is_dir() for path in list_folder(folder)):
+        if path.parent in mixed and path.suffix.lower() not in AUDIO_SUFFIXES:
+            continue
+        problem = file_problem(path, AUDIO_SUFFIXES) or name_problem(stem_of(path))
+        if problem:
+            rejects.append(extra_file(path, source, problem))
+        else:
+            by_stem.setdefault(stem_of(path), []).append(path)
+            where[path.parent] = None
+    files, preferred = dict[str, Path](), list[str]()
+    for stem, paths in sorted(by_stem.items()):
+        files[stem], *others = best_audio(paths)
+        chosen = relative(files[stem], source)
+        detail = f"{chosen} is used instead"
+        rejects += [Reject("unused_music", file=relative(path, source), detail=detail) for path in others]
+        preferred += [chosen] if others else []
+    n, order = f"{len(preferred):,} of the names", "wav is preferred to flac, flac to mp3 and ogg"
+    note = f"Music: several audio files for {n}; {order}. Used: {listed(preferred, 3)}."
+    music = Files(files, tuple(rejects), (note,) if preferred else (), tuple(where))
+    return with_music_dir(music, music_dir, source, name_problem)
 
 
 def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_problem: Callable[[str], str]) -> Files:
@@ -157,28 +167,6 @@ def with_music_dir(music: Files, music_dir: Path | None, source: Path, name_prob
         (*music.notes, *first.notes, note),
         (*music.folders, *first.folders),
     )
-
-
-def audio_files(candidates: Sequence[Path], source: Path, rejects: Sequence[Reject]) -> Files:
-    """Choose one audio file for each stem, of the first folder; others are ``unused_music``, after the `rejects`."""
-    by_stem: dict[str, list[Path]] = {}
-    for path in candidates:
-        by_stem.setdefault(stem_of(path), []).append(path)
-    files, rejected, preferred = {}, list(rejects), []
-    for stem, paths in sorted(by_stem.items()):
-        files[stem], *others = best_audio(paths)
-        chosen = relative(files[stem], source)
-        rejected += [
-            Reject("unused_music", file=relative(path, source), detail=f"{chosen} is used instead") for path in others
-        ]
-        preferred += [chosen] if others else []
-    order = "wav is preferred to flac, flac to mp3 and ogg"
-    notes = (
-        (f"Music: several audio files for {len(preferred):,} of the names; {order}. Used: {listed(preferred, 3)}.",)
-        if preferred
-        else ()
-    )
-    return Files(files, tuple(rejected), notes, tuple(dict.fromkeys(path.parent for path in candidates)))
 
 
 def require_choices(dataset: Dataset) -> None:

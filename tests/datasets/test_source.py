@@ -20,7 +20,7 @@ from dancedata.core.registry import DATASETS
 from dancedata.core.resources import resource
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp import AistPP
-from dancedata.datasets.files import audio_files, files_by_stem, read_names, require_choices
+from dancedata.datasets.files import files_by_stem, list_audio, read_names, require_choices
 from dancedata.datasets.finedance import FineDance, length_note, load_motion, motion_length, read_genre
 from dancedata.datasets.finedance import load_motion as load_finedance
 from dancedata.datasets.folder import Folder
@@ -101,8 +101,10 @@ def test_the_root_is_the_source_or_one_folder_in_it(tmp_path: Path) -> None:
 
 
 def test_audio_by_format_then_by_folder(tmp_path: Path) -> None:
-    paths = [tmp_path / name for name in ("one/a.mp3", "one/b.WAV", "two/a.flac", "two/b.wav", "two/c.ogg")]
-    found = audio_files(paths, tmp_path, [])
+    for name in ("one/a.mp3", "one/b.WAV", "two/a.flac", "two/b.wav", "two/c.ogg"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    found = list_audio([tmp_path / "one", tmp_path / "two"], tmp_path, lambda stem: "")
     assert {stem: path.parent.name for stem, path in found.files.items()} == {"a": "two", "b": "one", "c": "two"}
     assert [(r.reason, r.file, r.detail) for r in found.rejects] == [
         ("unused_music", "one/a.mp3", "two/a.flac is used instead"),

@@ -21,14 +21,8 @@ def needs_field(
 ) -> list[Missing]:
     """Check that a field is stored, with a width and a rate.
 
-    Parameters
-    ----------
-    kind
-        "motion", "audio" or "keymotion": the slot of the recipe.
-    width
-        Columns; None: any.
-    rate
-        Rows per second; None: any.
+    `kind`: "motion", "audio" or "keymotion": the slot of the recipe.
+    `width`, `rate`: Columns, and rows per second; None: any.
     """
     from dancedata.files.yaml import recipes_with
 
