@@ -58,7 +58,8 @@ class Outputs:
         for path in texts:
             if not path.parent.is_dir() or path.is_dir() or (path.exists() and not overwrite):
                 problem = "the file exists" if path.exists() else "its folder does not exist"
-                raise UsageError(problem, where=path, fix="choose another name, or overwrite it")
+                raise UsageError(problem, where=path, fix="choose another name, or overwrite it",
+                                 options="choose another --out, or --overwrite")  # fmt: skip
         return cls(texts, pools[0] if pools else None)
 
     def write(self, reports: Sequence[Report]) -> None:

@@ -95,7 +95,7 @@ class Report:
         return f"Report({self.protocol.name}, {counted(len(self.clips), 'clip')}: {values})"
 
     def __str__(self) -> str:
-        return describe(self)
+        return _text(self)
 
     def cells(self) -> tuple[tuple[str, ...], list[tuple[Any, ...]]]:
         """Return the heads of the columns of the table that have something, and a row for each score."""
@@ -194,8 +194,7 @@ def clips_text(report: Report) -> str:
     return counted(n, "clip") if n == samples else f"{counted(samples, 'sample')} of {counted(n, 'clip')}"
 
 
-def describe(report: Report) -> str:
-    """Return the text that ``dancedata evaluate`` prints."""
+def _text(report: Report) -> str:
     low, middle, high = report.seconds
     lengths = f"{low:.2f} s" if low == high else f"{low:.2f} to {high:.2f} s, median {middle:.2f} s"
     lines = [

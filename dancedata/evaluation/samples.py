@@ -22,9 +22,7 @@ _SAME = 1e-4
 class Trace:
     """Numbers by which two samples of one name are compared.
 
-    `motion`: (3, D) of the columns: mean, mean square, and mean weighted by time.
-    `frames`: Number of frames.
-    `beats`: Rows of music that are beats; None without music.
+    `motion`: (3, D) of the columns: mean, mean weighted by time, and mean square.
     """
 
     motion: npt.NDArray[np.float64]

@@ -33,11 +33,8 @@ class MeaninglessScore(DanceDataError):  # noqa: N818
 
 @dataclass(frozen=True)
 class Why:
-    """A reason of a verdict.
+    """A reason of a verdict, by the name of a rule; the verdict "ok" is a remark.
 
-    `code`: Name of the rule.
-    `verdict`: What it makes of the score; "ok" is a remark.
-    `text`: In words.
     `found`, `needed`: Numbers that were compared; None without any.
     """
 

@@ -80,8 +80,7 @@ class MeasuredGroups:
             first.group, first.split, tuple(c.id for c in dancers), tuple(c.member for c in dancers),
             tuple(c.role for c in dancers), sizes.get(first.group, len(dancers)), first.n_frames, windows,
         )  # fmt: skip
-        trim = store.grid, first.trim_start
-        figures = [_trimmed(piece, *trim) for piece in pieces]
+        figures = [trimmed(piece, store.grid, first.trim_start) for piece in pieces]
         together = GroupScene.of(figures) if figures and figures[0].n_frames else None
         if together is not None and together.pairs:
             for pair in together.pairs:
@@ -91,7 +90,8 @@ class MeasuredGroups:
         self.rows.append(row)
 
 
-def _trimmed(piece: Piece, grid: FrameGrid, trim_start: int) -> Figure:
+def trimmed(piece: Piece, grid: FrameGrid, trim_start: int) -> Figure:
+    """Return joints and contacts from a frame on, counted on the grid of the dataset."""
     figure = piece.figure
     first = max(0, grid.rows_up(trim_start, of=figure.grid))
     return replace(figure, joints=figure.joints[first:], contacts=figure.contacts[first:])

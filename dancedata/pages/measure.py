@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from dancedata.kernel import Clip, Progress, Store
 from dancedata.metrics.beats import BeatAlignment, nearest_offsets
 from dancedata.metrics.body import bone_spread, floor_drift
 from dancedata.pages.bin_counts import BinCounts
-from dancedata.pages.groups import MeasuredGroups
+from dancedata.pages.groups import MeasuredGroups, trimmed
 from dancedata.pages.stage import Stage
 from dancedata.scene.figure import Figure
 from dancedata.scene.pieces import ClipReader, Piece, measured_units
@@ -198,6 +198,7 @@ def _clip(measured: Measured, clip: Clip, piece: Piece) -> ClipNumbers:
 class _Part:
     """A piece, measured.
 
+    `figure`: Its joints and contacts without the trim.
     `speed`: (T - 1, J) metres per second.
     `sliding`: Horizontal speeds of feet in contact in this frame and the next, (n,).
     `contact`: (F, 2) frames in contact and all frames.
@@ -206,8 +207,7 @@ class _Part:
     """
 
     piece: Piece
-    root: Float64Array
-    heights: tuple[float, float, float, float]
+    figure: Figure
     names: tuple[str, ...]
     speed: Float64Array
     sliding: Float64Array
@@ -216,34 +216,27 @@ class _Part:
     key_motions: int
     offsets: Float64Array
     shifted: Float64Array
-    alignment: tuple[float, float] | None
-    physics: tuple[float, float, float]
 
     @classmethod
     def of(cls, piece: Piece, grid: FrameGrid, trim_start: int) -> _Part:
         """Measure a clip from frame `trim_start` on, counted on the grid of the store."""
-        figure = piece.figure
-        first = max(0, grid.rows_up(trim_start, of=figure.grid))
-        joints, names = figure.joints[first:], figure.skeleton.joints
-        body = [j for j, name in enumerate(names) if name in BODY_JOINTS] or list(range(joints.shape[1]))
-        sliding, contact = _sliding(figure, first)
-        times = _key_times(piece, first)
+        figure, names = trimmed(piece, grid, trim_start), piece.figure.skeleton.joints
+        body = [j for j, name in enumerate(names) if name in BODY_JOINTS] or list(range(len(names)))
+        sliding, contact = _sliding(figure)
+        times = _key_times(piece, piece.figure.n_frames - figure.n_frames)
         beats = piece.beat_times
         middles = None if beats is None else np.asarray((beats[:-1] + beats[1:]) / 2)  # the chance control
         return cls(
             piece=piece,
-            root=joints[:, 0],
-            heights=_heights(figure, first),
+            figure=figure,
             names=tuple(names[j] for j in body),
-            speed=np.linalg.norm(np.diff(joints[:, body], axis=0), axis=2) * piece.rate,
+            speed=np.linalg.norm(np.diff(figure.joints[:, body], axis=0), axis=2) * piece.rate,
             sliding=sliding,
             contact=contact,
-            facing=_facing(joints, names),
+            facing=_facing(figure.joints, names),
             key_motions=len(times),
             offsets=_offsets(times, beats),
             shifted=_offsets(times, middles),
-            alignment=_alignment(piece, first),
-            physics=physics(joints, piece.rate, figure.skeleton),
         )
 
 
@@ -256,21 +249,12 @@ def physics(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[floa
     return floor_drift(joints, rate, skeleton), jerk, bone_spread(joints, skeleton)
 
 
-def _heights(figure: Figure, first: int) -> tuple[float, float, float, float]:
-    """Return the heights of the lowest and the highest joint, of the floor, and of the lowest feet."""
-    if first >= figure.n_frames:
-        return 0.0, 0.0, 0.0, 0.0
-    kept = replace(figure, joints=figure.joints[first:], contacts=figure.contacts[first:])
-    heights = kept.joints[..., 1]
-    return float(heights.min()), float(heights.max()), kept.floor, kept.lowest
-
-
-def _sliding(figure: Figure, first: int) -> tuple[Float64Array, npt.NDArray[np.int64]]:
+def _sliding(figure: Figure) -> tuple[Float64Array, npt.NDArray[np.int64]]:
     """Return horizontal speeds of feet that touch the ground in two frames, and counts of frames (F, 2)."""
     if not figure.contacts_stored:
         return np.zeros(0), np.zeros((0, 2), dtype=np.int64)
-    labels, feet = figure.contacts[first:], list(figure.contact_joints)
-    steps = np.diff(figure.joints[first:, feet][..., (0, 2)], axis=0)
+    labels, feet = figure.contacts, list(figure.contact_joints)
+    steps = np.diff(figure.joints[:, feet][..., (0, 2)], axis=0)
     speed = np.linalg.norm(steps, axis=2) * float(figure.grid.rate)
     counts = np.stack([labels.sum(axis=0), np.full(len(feet), len(labels))], axis=1).astype(np.int64)
     return speed[labels[:-1] & labels[1:]], counts
@@ -298,16 +282,17 @@ def _facing(joints: Float64Array, names: Sequence[str]) -> Float64Array:
     return np.unwrap(np.arctan2(across[:, 2], across[:, 0]))
 
 
-def _alignment(piece: Piece, first: int) -> tuple[float, float] | None:
-    """Return the beat alignment score from frame `first` on and its chance level; None where it is undefined."""
-    joints, grid = piece.figure.joints[first:], piece.figure.grid
-    if piece.beats is None or joints.shape[1] < len(BODY_JOINTS):
-        return None
+def _alignment(part: _Part) -> tuple[float, float] | tuple[None, None]:
+    """Return the beat alignment score and its chance level; None where it is undefined."""
+    joints, grid, beats = part.figure.joints, part.figure.grid, part.piece.beats
+    if beats is None or joints.shape[1] < len(BODY_JOINTS):
+        return None, None
     metric = BeatAlignment(joints=len(BODY_JOINTS))
     try:
-        score, chance = metric.measure(Dance(joints, grid, piece.beats.after(first, grid))).tolist()
+        after = beats.after(part.piece.figure.n_frames - len(joints), grid)
+        score, chance = metric.measure(Dance(joints, grid, after)).tolist()
     except Undefined:
-        return None
+        return None, None
     return score, chance
 
 
@@ -328,28 +313,28 @@ def _count(measured: Measured, part: _Part, clip: Clip) -> None:
         measured.song_offsets.setdefault(clip.music, SongOffsets()).add(part.offsets, part.piece)
     measured.shifted_ms.add(part.shifted * 1000)
     measured.contact += part.contact
-    piece = part.piece
-    begin = (piece.figure.n_frames - len(part.root)) / piece.rate
-    seconds = begin - clip.trim_start / float(measured.store.grid.rate) + np.arange(len(part.root)) / piece.rate
-    measured.stage.add(part.names, part.speed, part.root, part.facing, np.maximum(seconds, 0.0))
+    piece, root = part.piece, part.figure.joints[:, 0]
+    begin = (piece.figure.n_frames - len(root)) / piece.rate
+    seconds = begin - clip.trim_start / float(measured.store.grid.rate) + np.arange(len(root)) / piece.rate
+    measured.stage.add(part.names, part.speed, root, part.facing, np.maximum(seconds, 0.0))
 
 
 def _numbers(part: _Part) -> ClipNumbers:
-    piece = part.piece
-    speed, roots = part.speed.mean(axis=1), part.root[:, (0, 2)]
+    piece, figure = part.piece, part.figure
+    speed, roots = part.speed.mean(axis=1), figure.joints[:, 0, (0, 2)]
     periods = np.zeros(0) if piece.beats is None else np.diff(piece.beats.frames) / float(piece.beats.grid.rate)
-    low, high, floor, feet = part.heights
-    drift, jerk, spread = part.physics
-    score, chance = part.alignment or (None, None)
+    low, high = float(figure.joints[..., 1].min()), float(figure.joints[..., 1].max())
+    drift, jerk, spread = physics(figure.joints, piece.rate, figure.skeleton)
+    score, chance = _alignment(part)
     return ClipNumbers(
-        seconds=len(part.root) / piece.rate,
+        seconds=len(roots) / piece.rate,
         speed=float(speed.mean()),
         speed_p95=float(np.quantile(speed, 0.95)),
         still=float((speed < STILL_M_S).mean()),
         root_extent_m=float(np.ptp(roots, axis=0).max()),
         root_path_m=float(np.linalg.norm(np.diff(roots, axis=0), axis=1).sum()),
-        floor_m=floor,
-        feet_m=feet,
+        floor_m=figure.floor,
+        feet_m=figure.lowest,
         low_m=low,
         high_m=high,
         turns=float(np.ptp(part.facing)) / (2 * np.pi) if len(part.facing) else None,
@@ -362,7 +347,7 @@ def _numbers(part: _Part) -> ClipNumbers:
         tempo_found=float(60 / np.median(periods)) if len(periods) else None,
         music_s=piece.music_s,
         floor_drift_m=round(drift, 6),
-        below_floor_m=round(floor - low, 6),
+        below_floor_m=round(figure.floor - low, 6),
         jerk=round(jerk, 6),
         bone_spread_m=round(spread, 6),
         path=_thinned(roots - roots[0]),

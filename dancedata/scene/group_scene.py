@@ -27,7 +27,6 @@ class Pair:
     `distance_m`: (T,) distance of their roots.
     `facing_deg`: (2, T) angle between where the hips of the first face and the direction to the second, and that of
         the second to the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
-    `contacts`: Stretches in which a wrist of one is near a joint of the other.
     `collides`: (T,) whether their bodies intersect.
     """
 

@@ -81,14 +81,6 @@ def view_motions(motions: PlayedMotion, *, music: str | Path | None = None, wall
     `music`: Music file, or folder of files named as the motions; it is put into the page.
     `wall`: Whether all stand on one stage.
     Raises UsageError: for something other than motions, and music that is not there.
-
-    Examples
-    --------
-    >>> import dancedata
-    >>> from dancedata.scene.motion_page import view_motions
-    >>> ds = dancedata.open("data/aistpp")
-    >>> view_motions({"truth": ds.clips()[0].motion(), "mine": ds.clips()[1].motion()}, wall=True).title
-    'truth, mine'
     """
     scenes = motion_scenes_of(motions, music)
     shown = Wall(scenes) if wall else scenes

@@ -122,7 +122,6 @@ class Poses:
     `to_train`, `chance`: Distances of each other split to train, and of one random half of the clips of train to the
         other.
     `frechet`: By features ("kinetic", "geometric") and split.
-    `windows`: Compared windows by split.
     `n_duplicates`, `duplicates`: Pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them.
     """
 

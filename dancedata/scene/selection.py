@@ -47,11 +47,8 @@ class ViewRequest:
         see `MusicFiles.beside`.
     `compare`: Datasets, folders of motion files, or files.
     `normalized`, `scaler`, `clamp`, `fps`, `up`, `unit`: How motion files are read; see `file_format`.
-    `at`: Seconds to begin at.
-    `overlay`: Whether motions to compare with are drawn over the dancer.
     `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
-    `body_model`, `betas`: File of SMPL, SMPL-H or SMPL-X that is drawn in the place of limbs, and its shape; default:
-        its mean.
+    `body_model`, `betas`: Body model that is drawn in the place of limbs, and its shape; default: its mean.
     """
 
     path: Path

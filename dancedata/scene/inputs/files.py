@@ -55,9 +55,8 @@ _DANCER = re.compile(r"(.+)(?:_(\d\d)|[_~]p(\d+))")
 
 @dataclass(frozen=True, eq=False)
 class FileFormat:
-    """Declarations about the files of a folder.
+    """Declarations about the files of a folder: rate, axis and unit are of those that do not state them.
 
-    `fps`, `up`, `unit`: Frame rate, up axis and unit of files that do not state them, as for the dataset `folder`.
     `body`: Body of positions (T, J, 3), a key of `BODIES`.
     `columns`: Reader of two-dimensional arrays; None: they are refused.
     `groups`: Whether a file is a group of dancers: the arrays have an axis P more, the first.
