@@ -243,10 +243,7 @@ class PublishedDataset(Dataset):
         return self.body
 
     def clips_of(self, ref: ClipRef, listing: Listing) -> Iterable[ClipRef]:
-        """Return the clips of a motion file, by default the one given: it has its name, split and music.
-
-        LeftOut or DataError for none.
-        """
+        """Return the clips of a motion file, by default the given one, with its song and split; or LeftOut."""
         return (ref,)
 
     def song_of(self, name: str) -> str:
@@ -346,13 +343,8 @@ class PublishedDataset(Dataset):
             if (why := self.why_unused(name, listing))
         ]
         counted_splits = (ALL,) if set(splits.of.values()) == {ALL} else SPLITS
-        notes = (
-            *self.layout_notes(listing),
-            *listing.music.notes,
-            *splits.notes,
-            *self.notes(listing, clips),
-            clips_note(clips, left_out, counted_splits),
-        )
+        notes = (*self.layout_notes(listing), *listing.music.notes, *splits.notes, *self.notes(listing, clips),
+                 clips_note(clips, left_out, counted_splits))  # fmt: skip
         parts = (listing.labels, listing.music, listing.motions, listing.beside)
         further = [reject for part in parts for reject in part.rejects]
         return Scan(listing.layout or self.name, tuple(clips), (*left_out, *missing, *unused, *further), notes)
