@@ -39,9 +39,8 @@ def groups_of(clips: Sequence[ClipRef], keep: bool) -> Groups:
 
 def whole(results: Sequence[Result], groups: Groups) -> list[Result]:
     """Return results in which groups that lack a dancer of the source are left out, with their copies."""
-    members, keep = groups.members, groups.keep
-    origins = {result.take.id: result for result in results}
-    return [result if keep else _whole(result, origins[result.take.origin.id], members) for result in results]
+    origins = {} if groups.keep else {result.take.id: result for result in results}
+    return [_whole(r, origins[r.take.origin.id], groups.members) if origins else r for r in results]
 
 
 def _whole(result: Result, origin: Result, members: Mapping[str, Sequence[str]]) -> Result:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,8 @@ class Song:
 
     signal: SignalId
 
-    @property
-    def key(self) -> str:
-        """Hash of its samples, or of what makes them."""
-        return self.signal.sha256
-
-    @property
-    def path(self) -> Path:
-        """The audio file."""
-        return self.signal.path
+    key = property(attrgetter("signal.sha256"))
+    path = property(attrgetter("signal.path"))
 
     def load(self) -> AudioSignal:
         """Decode it; DataError if the file has changed."""
@@ -46,10 +40,7 @@ class RowsFile:
     sha256: str
     n_rows: int
 
-    @property
-    def key(self) -> str:
-        """Hash of its content."""
-        return self.sha256
+    key = property(attrgetter("sha256"))
 
     def load(self) -> Path:
         """Return the path: fields read the rows, each in its way."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import ClassVar, Literal
 
 from dancedata.building.plugins import Seen, WindowRule
@@ -30,15 +31,8 @@ class Filtered(WindowRule):
 
     chosen: WindowFilter
 
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name of the filter."""
-        return self.chosen.name
-
-    @property
-    @override
-    def parameters(self) -> WindowFilter:
-        return self.chosen
+    name = property(attrgetter("chosen.name"))
+    parameters = property(attrgetter("chosen"))
 
     @override
     def check(self, fields: Sequence[RecipeField]) -> None:

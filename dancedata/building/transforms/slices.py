@@ -60,12 +60,7 @@ class SlicesOnGrid(Transform):
     name: ClassVar[str] = "slices"
     version: ClassVar[int] = Slices.version
 
-    windows: WindowSpec
-
-    @property
-    def excerpts(self) -> WindowSpec:  # type: ignore[override]
-        """The slices."""
-        return self.windows
+    excerpts: WindowSpec  # type: ignore[misc]
 
     def expand(self, take: Take) -> Sequence[Take]:
         """Return the slices of a take; UsageError for a group, and music that does not begin with its clip."""
@@ -77,7 +72,7 @@ class SlicesOnGrid(Transform):
             raise UsageError("music that does not begin with its clip has no slices", where=f"clip {dancer.id}",
                              found=f"frame 0 at {float(dancer.music.start):g} s of the music",
                              fix="build without slices")  # fmt: skip
-        windows, time = self.windows, take.time
+        windows, time = self.excerpts, take.time
         step = time.grid.step_to(windows.grid)
         count, at = windows.count(time.frames_on(windows.grid)), windows.grid
         if step is not None:
@@ -89,8 +84,8 @@ class SlicesOnGrid(Transform):
 
     def _slice(self, take: Take, k: int, at: FrameGrid) -> Take:
         """Return a slice, cut at a rate."""
-        (dancer,), first = take.dancers, self.windows.start(k)
-        start, stop = (self.windows.grid.rows_down(frame, of=at) for frame in (first, first + self.windows.length))
+        (dancer,), first = take.dancers, self.excerpts.start(k)
+        start, stop = (self.excerpts.grid.rows_down(frame, of=at) for frame in (first, first + self.excerpts.length))
         whole = replace(take.time, n_frames=take.time.frames_on(at), rate=at.rate, recorded=take.time.rate)
         music = replace(dancer.music, excerpt=k, start=at.seconds(start))
         dancer = replace(dancer, id=slice_name(dancer.id, k), slice_of=dancer.id, music=music)
