@@ -91,7 +91,8 @@ def find_offsets(
         if pieces:
             tempo_bpm = tempos.pop() if len(tempos) == 1 else None
             calls[number] = (cache, pieces, null, search, tempo_bpm, unit.name)
-    cached = [_known(cache, _offset_key(*call[1:])) for call in calls.values()]
+    entries = [cache.json("offsets", _offset_key(*call[1:])) for call in calls.values()]
+    cached = [None if entry is None else Offset(**entry) for entry in entries]
     found = run_units(
         _find, list(calls.values()), cached=cached, jobs=jobs, label="finding offsets", progress=progress
     )
@@ -123,7 +124,7 @@ def _all_music(
     signals = sorted((s for s in identified if isinstance(s, SignalId)), key=lambda s: (s.sha256, s.path))
     first = set(sorted({s.sha256 for s in signals})[: _MOST_SONGS + 1])
     signals = [s for s in signals if s.path in set(paths) or s.sha256 in first]
-    keys = [_onset_key(signal) for signal in signals]
+    keys = [Cache.numeric_key("onsets", version=VERSION, signal=signal.sha256) for signal in signals]
     computed = run_units(
         _onsets, [(cache, signal, key) for signal, key in zip(signals, keys, strict=True)],
         cached=[cache.array("onsets", key) for key in keys], jobs=jobs, label="rhythm of music", progress=progress,
@@ -165,12 +166,7 @@ def _all_curves(
     return curves, rejects
 
 
-def _onset_key(signal: SignalId) -> str:
-    return Cache.numeric_key("onsets", version=VERSION, signal=signal.sha256)
-
-
 def _onsets(cache: Cache, signal: SignalId, key: str) -> CachedArray | Reject:
-
     try:
         return cache.once("onsets", key, lambda: music_rhythm(onset_strength(signal.load(), RATE)))
     except DataError as error:
@@ -203,11 +199,6 @@ def _offset_key(
         "offset", version=VERSION, pieces=of_pieces, others=[song.path.name for song in others],
         search=asdict(search), bpm=tempo_bpm, name=name,
     )  # fmt: skip
-
-
-def _known(cache: Cache, key: str) -> Offset | None:
-    entry = cache.json("offsets", key)
-    return None if entry is None else Offset(**entry)
 
 
 def _find(

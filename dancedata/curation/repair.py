@@ -73,7 +73,7 @@ def _interpolated(
     translation, rotations = np.array(motion.translation), np.array(motion.rotations)
     frames, before = np.arange(start, stop), start - 1
     between = slerp(motion.rotations[[before, stop]], (frames - before) / (stop - before))
-    turned = np.degrees(_angles(motion.rotations[frames], between)).max(axis=0)
+    turned = np.degrees((rotation(motion.rotations[frames]).inv() * rotation(between)).magnitude()).max(axis=0)
     changed = {joint for joint in joints if turned[joint] > _TURNED_DEG}
     for joint in changed:
         rotations[frames, joint] = between[:, joint]
@@ -123,6 +123,8 @@ def level_floor(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
 
 def smooth(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     """Take everything above 10 Hz off all frames of a motion with jitter above `least_m` in half of them."""
+    from scipy.spatial.transform import Rotation
+
     sizes = jitter(motion)
     size = 0.0 if sizes is None else float(np.median(sizes))
     if size <= least_m:
@@ -133,7 +135,8 @@ def smooth(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
     if translation is None or rotations is None:
         return motion, []
     flag = Flag("repaired_jitter", "", None, round(size, 4), "m", str(motion.grid))
-    return replace(motion, translation=translation, rotations=_rotvecs(rotations)), [flag]
+    turns = Rotation.from_quat(rotations).as_rotvec()
+    return replace(motion, translation=translation, rotations=turns), [flag]
 
 
 #: By name, in their order: later ones would smear the faults that earlier ones remove.
@@ -163,11 +166,6 @@ def _above(skeleton: Skeleton, joint: int) -> list[int]:
     return chain[::-1]
 
 
-def _angles(first: Float64Array, second: Float64Array) -> Float64Array:
-    """Return the angles between rotation vectors of equal shape (..., 3), radians."""
-    return np.asarray((rotation(first).inv() * rotation(second)).magnitude())
-
-
 def _cubic(places: Float64Array, before: int, after: int) -> Float64Array:
     """Return places between two frames on the cubic through them and their outer neighbours, at the ends a line."""
     if before == 0 or after == len(places) - 1:
@@ -187,9 +185,3 @@ def _quaternions(rotations: Float64Array) -> Float64Array:
     signs = np.cumprod(np.where(products < 0, -1.0, 1.0), axis=0)
     quaternions[1:] *= signs[..., None]
     return quaternions
-
-
-def _rotvecs(quaternions: Float64Array) -> Float64Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(quaternions).as_rotvec(), dtype=np.float64)

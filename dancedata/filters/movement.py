@@ -1,10 +1,9 @@
 """The movement filter: windows in which hardly anything moves are left out."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns
@@ -53,16 +52,9 @@ class Movement(WindowFilter):
 
     @override
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
-        std = _movement_std(rows)
+        # In the rows' own dtype, float32, as the references compute it: windows near the limit fall on their side.
+        std = float(rows.std(axis=0).mean())
         if std > self.min_std:
             return None
         detail = f"{self.field} hardly moves: mean standard deviation {std:.5g}, the limit is {self.min_std:g}"
         return Reject(self.reason, detail=detail, numbers={"std": std})
-
-
-def _movement_std(rows: npt.NDArray[Any]) -> float:
-    """Return the mean over columns of the standard deviation (ddof 0) over time of rows (L, D).
-
-    In the rows' own dtype, float32, as the references compute it: windows near the limit fall on their side.
-    """
-    return float(rows.std(axis=0).mean())

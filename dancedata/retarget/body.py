@@ -9,7 +9,7 @@ from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion, world_matrices
 from dancedata.core.rest import LEGS, POINT, Aligner, anchor, body_size, missing_bone, norm, rest_positions
 from dancedata.core.rotations import Float64Array, rotvec_from_matrix, shortest_rotation
-from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.skeleton import SMPL24
 from dancedata.retarget.maps import Names, map_skeleton
 
 #: Frames that are inspected for the mean rotations of joints.
@@ -70,7 +70,7 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
             continue
         full[:, j] = world[:, of[j]] @ align[j]
         child = aligner.child_of.get(j)
-        if child is not None and _bends(source, of[j], of[child]):
+        if child is not None and source.parents[of[child]] != of[j]:
             full[:, j] = shortest_rotation(full[:, j] @ bones[child], at[:, of[child]] - at[:, of[j]]) @ full[:, j]
     local = full.copy()
     for j in range(1, 24):
@@ -89,7 +89,3 @@ def body_of(motion: Motion, names: Names | None = None) -> Body:
     unmapped = tuple(name for k, name in enumerate(source.joints) if k not in of.values())
     missing = tuple(name for j, name in enumerate(SMPL24.joints) if j not in of)
     return Body(moved, at[:, list(of.values())], tuple(of), unmapped, missing)
-
-
-def _bends(skeleton: Skeleton, above: int, below: int) -> bool:
-    return skeleton.parents[below] != above

@@ -158,8 +158,8 @@ def test_silence_is_finite_and_a_blink_is_too_short(kind: str, feature: Callable
 
 def test_values_beyond_float16_are_never_stored(feature: Callable[..., HuggingFace]) -> None:
     with raises_message(DataError, "float16", reason="overflow"):
-        feature("hubert")._stored(np.array([[1.0, 7e4]], np.float32))
-    assert feature("hubert", store="float32")._stored(np.array([[7e4]], np.float32)).dtype == np.float32
+        feature("hubert").in_dtype(np.array([[1.0, 7e4]], np.float32), "fix")
+    assert feature("hubert", store="float32").in_dtype(np.array([[7e4]], np.float32), "fix").dtype == np.float32
 
 
 def test_keys_know_the_weights_and_not_where_they_are(model, feature, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -199,13 +200,11 @@ class HuggingFace(NetworkFeature):
     def _rows(
         self, signals: Sequence[npt.NDArray[np.float32]], sample_rate: int, grid: FrameGrid, n_rows: int
     ) -> list[npt.NDArray[Any]]:
+        finish = partial(self.in_dtype, fix="set store: float32, or choose another layer")
         with self.all_cores():
             return self._encoder().rows(
-                signals, sample_rate, grid, n_rows, finish=self._stored, batch_size=self.batch_size or None
+                signals, sample_rate, grid, n_rows, finish=finish, batch_size=self.batch_size or None
             )
-
-    def _stored(self, rows: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
-        return self.in_dtype(rows, "set store: float32, or choose another layer")
 
     def _precision(self, device: str) -> Precision:
         if self.precision == "auto":

@@ -63,17 +63,13 @@ def claimed(devices: tuple[str, ...]) -> str | None:
     """
     for device in devices:
         with suppress(OSError):
-            name = f"dancedata-{getpass.getuser()}-{_card(device)}.lock"
+            # By the card itself: each job of a batch system counts its cards from 0.
+            name = f"dancedata-{getpass.getuser()}-{torch.cuda.get_device_properties(device).uuid}.lock"
             lock = open_locked(Path(tempfile.gettempdir()) / name, wait=False)
             if lock is not None:
                 _held.append(lock)
                 return device
     return devices[0] if devices else None
-
-
-def _card(device: str) -> str:
-    """Return a name of the card itself: each job of a batch system counts its cards from 0."""
-    return str(torch.cuda.get_device_properties(device).uuid)
 
 
 class Batches:
