@@ -89,12 +89,7 @@ class Dask(Engine):
                 ) from error
             except Exception as error:  # such as a worker without dancedata
                 raise Executor.lost("the Dask cluster", error) from error
-            yield Executor(
-                engine="the Dask cluster",
-                deaths=(KilledWorker,),
-                check=required.check,
-                starting=starting,
-            )
+            yield Executor(engine="the Dask cluster", deaths=(KilledWorker,), check=required.check, starting=starting)
         finally:
             _close(client)
 

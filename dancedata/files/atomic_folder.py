@@ -50,14 +50,9 @@ class WrittenFile:
 class AtomicFolder:
     """Writes files by their paths, each counted and hashed, in a folder that is renamed once it is complete.
 
-    Parameters
-    ----------
-    path
-        Folder that is written to.
-    final
-        Absolute path that the folder will have.
-    link
-        Whether a file with the bytes of an earlier one becomes a hard link of it.
+    `path`: Folder that is written to.
+    `final`: Absolute path that the folder will have.
+    `link`: Whether a file with the bytes of an earlier one becomes a hard link of it.
     """
 
     def __init__(self, path: Path, final: Path, link: bool = False) -> None:
@@ -200,10 +195,7 @@ def read_about(folder: Path) -> dict[str, Any] | None:
 def atomic_folder(out: Path, *, overwrite: bool, link: bool = False) -> Iterator[AtomicFolder]:
     """Yield a folder to fill; on success it becomes `out`. On any exception it is removed, and `out` stays as it was.
 
-    Parameters
-    ----------
-    link
-        Whether a file with the bytes of an earlier one becomes a hard link of it.
+    `link`: Whether a file with the bytes of an earlier one becomes a hard link of it.
     """
     problem = "the folder of the export cannot be written"
     fix = "choose an --out that you can write to, on a disk with free space; nothing was left there"

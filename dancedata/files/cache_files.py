@@ -26,14 +26,7 @@ import numpy.typing as npt
 
 from dancedata.core.hashing import canonical_bytes
 from dancedata.core.system import open_file
-from dancedata.files.locks import (
-    file_lock,
-    lock_abandoned,
-    lock_file,
-    open_locked,
-    remove_locked,
-    unlock,
-)
+from dancedata.files.locks import file_lock, lock_abandoned, lock_file, open_locked, remove_locked, unlock
 
 #: Folders of the cache: entries by stage, files that are being written, and locks of units that are being computed.
 STAGES = (

@@ -26,14 +26,7 @@ from dancedata.files.strict_json import read_json
 from dancedata.kernel import Cache, DatasetFiles, Progress
 from dancedata.remote.address import Address, parse_address
 from dancedata.remote.client import crossed_a_fork
-from dancedata.remote.fetch import (
-    fetch_description,
-    fetch_file,
-    has_file,
-    resolved,
-    source_of,
-    written,
-)
+from dancedata.remote.fetch import fetch_description, fetch_file, has_file, resolved, source_of, written
 from dancedata.remote.source import NotThereError, not_cached, refused
 
 #: Folder of what addresses held last.

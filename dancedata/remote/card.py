@@ -29,32 +29,11 @@ def write_card(
     overwrite: bool = False,
     progress: bool = False,
 ) -> Path:
-    """Write the card of a dataset, as ``dancedata export DATASET --to card`` does.
+    """Write the card of a dataset, as ``dancedata export DATASET --to card`` does, and its pictures to README_files.
 
-    Parameters
-    ----------
-    store
-        Folder that `build` wrote.
-    to
-        File to write, not in the dataset; pictures are written to the folder README_files beside it.
-    pictures
-        Draws the pictures: `dancedata.plot.card_pictures`. Default: there are none.
-    overwrite
-        Replace a card that this function wrote, and its pictures; other files are never replaced.
-    progress
-        Show progress on stderr.
-
-    Returns
-    -------
-    pathlib.Path
-        The file. Equal datasets give equal text; it holds no path of the machine.
-
-    Raises
-    ------
-    UsageError
-        If the file exists, or is another's; if the dataset has no motion to draw; where matplotlib is not installed.
-    DataError, StoreError
-        If the dataset is damaged, or the card cannot be written.
+    `pictures`: Draws the pictures: `dancedata.plot.card_pictures`. Default: there are none.
+    `overwrite`: Replace a card that this function wrote, and its pictures; other files are never replaced.
+    Equal datasets give equal text; it holds no path of the machine.
     """
     path = Path(to).expanduser()
     target = PageFiles.of(path, [Path(store)], "card", max_mb=_MAX_MB, overwrite=overwrite)

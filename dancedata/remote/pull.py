@@ -46,23 +46,8 @@ def pull(
 ) -> Pulled:
     """Fetch the files of a dataset into the cache, six at once, each compared with its hash.
 
-    Parameters
-    ----------
-    address
-        hf://datasets/ORG/NAME@REVISION, s3://BUCKET/PREFIX, gs://, az:// or https://HOST/FOLDER.
-    split
-        Only these splits; default: all.
-    cache
-        Folder of the cache; default: that of `dancedata.open`.
-    progress
-        Show progress on stderr.
-
-    Raises
-    ------
-    UsageError
-        For anything except an address, and for an unknown split.
-    StoreError
-        As `folder_of_address`; and if a file is missing there or has other bytes.
+    `split`: Only these splits; default: all.
+    `cache`: Folder of the cache; default: that of `dancedata.open`.
     """
     if not is_address(address):
         raise UsageError("not an address of a dataset", found=str(address), allowed=ALLOWED)

@@ -158,11 +158,7 @@ def _manifests(store: Store) -> list[Path]:
 
 
 def _check_options(
-    address: Address,
-    recipe_only: bool,
-    rights: str | None,
-    tag: str | None,
-    beside: Sequence[str | Path],
+    address: Address, recipe_only: bool, rights: str | None, tag: str | None, beside: Sequence[str | Path]
 ) -> None:
     require("remote", what="push")
     where = str(address)

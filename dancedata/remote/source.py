@@ -90,11 +90,7 @@ class NotThereError(StoreError):
 
 
 def refused(
-    problem: str,
-    where: object,
-    found: object = None,
-    fix: str | None = None,
-    kind: type[StoreError] = StoreError,
+    problem: str, where: object, found: object = None, fix: str | None = None, kind: type[StoreError] = StoreError
 ) -> StoreError:
     """Return the error for a file that a server does not give."""
     return kind(problem, where=where, found=found, fix=fix)

@@ -54,7 +54,6 @@ class Answer:
 class Preference:
     """How often the first of two systems was preferred.
 
-    `first`, `second`: The systems.
     `wins`, `answers`: Answers for the first, and all.
     `interval`: By the jackknife over songs, see `metrics.jackknife`; None for fewer than three songs, and without
         variation.
@@ -78,7 +77,6 @@ class Preference:
 class Results:
     """The results of one study.
 
-    `study`: Its id.
     `participants`: Raters who count, and those whose answers do not, as they failed a check.
     `preferences`: Of each two systems.
     `strengths`: Bradley-Terry's log strengths by system, of mean 0; empty for two systems, and where they are not

@@ -254,10 +254,7 @@ def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
 
     Shapes and dtypes are kept, inputs are not written to, equal input gives equal results, refusals say why.
 
-    Parameters
-    ----------
-    folder
-        An empty folder to work in.
+    `folder`: An empty folder to work in.
     """
     check_plugin(cls)
     if issubclass(cls, CopyAugmentation):

@@ -21,10 +21,7 @@ SLICES = [{"slices": {"length_s": 1}}]
 def check_dataset(cls: type[Any], folder: Path) -> None:
     """Check a dataset reader: its example scans, loads, and builds, in edge151 and in slices; bad folders are named.
 
-    Parameters
-    ----------
-    folder
-        An empty folder to work in.
+    `folder`: An empty folder to work in.
     """
     check_plugin(cls)
     require(bool(cls.licence and cls.citation), "licence and citation say something")

@@ -18,14 +18,8 @@ _SPEECH = {"sampling_rate": 16_000, "do_normalize": True, "feature_size": 1, "pa
 def write_random_model(kind: str, folder: Path, *, seed: int = 0, **changes: Any) -> None:
     """Write a random model: config, weights, the extractor's parameters, a model card.
 
-    Parameters
-    ----------
-    kind
-        One of `KINDS`.
-    folder
-        Where to; it is made.
-    changes
-        Keys of the config that differ from those of the tiny model, such as the sizes of a real one.
+    `kind`: One of `KINDS`.
+    `changes`: Keys of the config that differ from those of the tiny model, such as the sizes of a real one.
     """
     if kind not in _MAKERS:
         raise UsageError(f"no random model {kind!r}", fix=did_you_mean(kind, KINDS))

@@ -14,10 +14,7 @@ from dancedata.testing.stores import random_fields, write_random_store
 def check_export(cls: type[Export], folder: Path) -> None:
     """Check an export: its own recipe suffices, equal bytes every time, nothing in folders that a loader lists.
 
-    Parameters
-    ----------
-    folder
-        An empty folder to work in.
+    `folder`: An empty folder to work in.
     """
     check_plugin(cls)
     plugin, folder = cls(), folder.absolute()

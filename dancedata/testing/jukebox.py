@@ -20,28 +20,14 @@ if TYPE_CHECKING:
 
 # As small as the layout allows: two blocks of each of the three kinds; context and label tables of the real size.
 TINY = JukeboxConfig(
-    conv_width=8,
-    code_width=16,
-    codebook_size=64,
-    width=40,
-    depth=6,
-    heads=2,
-    attn_width=10,
-    mlp_width=40,
+    conv_width=8, code_width=16, codebook_size=64, width=40, depth=6, heads=2, attn_width=10, mlp_width=40
 )
 
 
 class RandomSource:
     """Random tensors by name, generated when they are read: a `TensorSource` without disk or memory.
 
-    Parameters
-    ----------
-    config
-        Sizes.
-    layer
-        The source has the tensors that this layer needs.
-    seed
-        Each tensor depends on the seed and its own name.
+    It has the tensors that a layer needs; each depends on the seed and its own name.
     """
 
     path = Path("random weights")
@@ -93,19 +79,7 @@ def random_checkpoint(
     As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
     in fp16 and all others in fp32, and tensors that inference does not need.
 
-    Parameters
-    ----------
-    folder
-        Created if it does not exist.
-    config
-        Sizes.
-    seed
-        Of the weights.
-
-    Returns
-    -------
-    dict
-        The tensors by name, for each file name.
+    Returns the tensors by name, for each file name.
     """
     import torch
 

@@ -13,9 +13,5 @@ if TYPE_CHECKING:
     from dancedata.training.sample_log import SampleLog, Validation
 else:
     __getattr__, __dir__ = lazy_names(
-        __name__,
-        {
-            "training.lightning_callback": "LightningSamples",
-            "training.sample_log": "SampleLog Validation",
-        },
+        __name__, {"training.lightning_callback": "LightningSamples", "training.sample_log": "SampleLog Validation"}
     )
