@@ -130,19 +130,15 @@ def test_of_equal_peaks_the_nearest_to_zero_is_taken() -> None:
     assert (found.unknown, round(found.offset_s or 0, 3)) == ("", -0.12)
 
 
-def test_half_a_beat_is_unknown() -> None:
+def test_half_a_beat_and_two_peaks_within_one_are_unknown() -> None:
     assert artificial(0.245, beat=0.5).unknown == "half_beat"
     assert artificial(0.20, beat=0.5).unknown == ""
-
-
-def test_two_peaks_within_a_beat_are_unknown() -> None:
     assert artificial(0.05, beat=0.8, every=0.3).unknown == "peaks"
-
-
-def test_the_best_fit_beyond_the_window_is_unknown() -> None:
-    # The flank of a peak at 0.13 s rises up to the border.
+    # The flank of a peak at 0.13 s rises up to the border of the window.
     assert artificial(0.13, beat=1.0, window_s=0.1).unknown == "edge"
-    # There is a lower peak within the window too.
+
+
+def test_the_best_fit_beyond_the_window_is_unknown_though_a_lower_one_is_within() -> None:
     beats = np.arange(1.0, 20.0)
     curves = np.repeat(pulses(beats, 20)[:, np.newaxis], 4, axis=1)
     heard = pulses(beats + 0.33, 24) + 0.5 * pulses(beats - 0.1, 24)

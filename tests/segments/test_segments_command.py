@@ -1,6 +1,7 @@
 """Segments: a summary, a file of all segments, and layers replaced by those of a file."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -24,15 +25,21 @@ RECIPE = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def built(tmp_path: Path, cache: Path) -> Store:
-    source = tmp_path / "source"
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Path:
+    folder = tmp_path_factory.mktemp("segments")
+    source = folder / "source"
     DATASETS.get("folder")().make_example(source)
     (source / "segments.csv").write_text(
         "clip,start,end,layer,label,text\nown,0.5,1.5,moves,left spin,\nown,0,end,description,,to the left\n"
         "own,0.501,0.502,moves,left spin,\n"
     )
-    return dancedata.build(RECIPE, source, tmp_path / "out", jobs=1, cache=cache, progress=False).open()
+    return dancedata.build(RECIPE, source, folder / "out", jobs=1, cache=cache, progress=False).path
+
+
+@pytest.fixture
+def built(whole: Path, tmp_path: Path) -> Store:
+    return dancedata.open(shutil.copytree(whole, tmp_path / "out"))
 
 
 def hashes(folder: Path) -> dict[str, str]:
