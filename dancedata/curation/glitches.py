@@ -53,8 +53,6 @@ def _departures(tracks: Float64Array, width: int) -> Float64Array:
     """
     n = len(tracks) - width - 3
     least = np.zeros(tracks.shape[:2])
-    if n < 1:
-        return least
     nodes = [tracks[k : k + n] for k in (0, 1, width + 2, width + 3)]
     off = []
     for at in range(width):
@@ -71,8 +69,6 @@ def _excuses(tracks: Float64Array, width: int) -> Float64Array:
     """
     n = len(tracks) - width - 3
     least = np.zeros(tracks.shape[:2])
-    if n < 1:
-        return least
     before, start, end, after = (tracks[k : k + n] for k in (0, 1, width + 2, width + 3))
     moves = np.maximum(lengths(start - before), lengths(after - end))
     apart = lengths(end - start) - (width + 1) * moves
@@ -88,11 +84,11 @@ def spikes(motion: Motion, least_m: float) -> list[Spike]:
     that in a stretch of half a second: fast movement has large departures everywhere.
     """
     tracks = motion.joints()
-    if len(tracks) < 5:
-        return []
     rate = float(motion.grid.rate)
+    # Four frames of the cubic, and those of the spike.
+    widest = min(max(2, round(_SPIKE_S * rate)), len(tracks) - 4)
     candidates: list[tuple[float, int, int, int]] = []
-    for width in range(1, max(2, round(_SPIKE_S * rate)) + 1):
+    for width in range(1, widest + 1):
         off = _departures(tracks, width)
         where = (off >= least_m) & (off > _TIMES * _usual(off, rate)) & (off > _excuses(tracks, width))
         for start, track in np.argwhere(where).tolist():
