@@ -20,8 +20,10 @@ import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.files.addresses import local_folder, require_whole
+from dancedata.kernel import DatasetFiles
 from dancedata.remote import client, fetch, source
 from dancedata.remote.pull import pull
+from tests.messages import raises_message
 from tests.remote.servers import Hub, Server, cut, other, status
 
 SECRET = "hf_thisIsTheSecretToken"
@@ -108,6 +110,38 @@ def test_a_connection_that_is_cut_goes_on_from_there(server: Server, address: st
     assert server.sent[name] == size
     ranges = [h.get("Range") for path, h in server.headers if path.endswith(name)]
     assert ranges[:3] == [None, "bytes=1000-", "bytes=2000-"]
+
+
+def test_wrong_bytes_twice(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), *[other(lambda data: bytes(len(data)))] * 2)
+    with pytest.raises(StoreError, match=r"other bytes than those of the dataset, twice; found sha256 [0-9a-f]{12}"):
+        pull(address, progress=False)
+    folder = local_folder(address)
+    assert not (folder / _shard(published)).exists()
+    assert f"{_shard(published)}.part" not in _leftovers(folder)
+    assert _whole(pull(address, progress=False).path, published)
+
+
+def test_more_bytes_than_the_file_has(server: Server, address: str, published: Path) -> None:
+    server.fault(_shard(published), other(lambda data: data * 50))
+    with pytest.raises(StoreError, match="the server sends more bytes than the file has"):
+        pull(address, progress=False)
+    assert f"{_shard(published)}.part" not in _leftovers(local_folder(address))
+
+
+def test_an_answer_that_never_ends(server: Server, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DatasetFiles, "MAX_BYTES", 1 << 20)
+
+    def endless(handler: Any, data: bytes) -> bool:
+        handler.send_response(200)
+        handler.send_header("Content-Length", str(1 << 40))
+        handler.end_headers()
+        while True:
+            handler.wfile.write(b" " * 65536)
+
+    server.fault("dataset.json", endless)
+    with raises_message(StoreError, "larger", where="dataset.json"):
+        local_folder(address)
 
 
 def test_a_slow_server(server: Server, address: str, published: Path, monkeypatch: pytest.MonkeyPatch) -> None:
