@@ -52,7 +52,7 @@ class SampleTable:
     def schema(self) -> Any:
         """The Arrow schema; its metadata hold the dataset's name and terms, and the columns of the fields."""
         pa, store = import_module("pyarrow"), self.job.store
-        rows = [pa.field(name, _type(pa, kind)) for name, kind in self._facts.items()]
+        rows = [pa.field(name, _type(pa, kind)) for name, kind in self.facts.items()]
         rows += [pa.field(name, self._rows_type(pa, store.field(name))) for name in self.fields]
         about = {
             "name": str(store.info.get("name", "")),
@@ -66,12 +66,8 @@ class SampleTable:
         return pa.schema(rows, metadata={"dancedata": json.dumps(about, ensure_ascii=False)})
 
     @cached_property
-    def facts(self) -> tuple[str, ...]:
-        """Names of the columns that are not fields."""
-        return tuple(self._facts)
-
-    @cached_property
-    def _facts(self) -> dict[str, str]:
+    def facts(self) -> dict[str, str]:
+        """Types of the columns that are not fields, by name."""
         from dancedata.kernel import CLIP_COLUMNS
 
         kinds = {"id": "text", "split": "text", "seconds": "float"}
@@ -85,14 +81,15 @@ class SampleTable:
 
     def shards(self, split: str, shard_mb: float) -> list[list[Sample]]:
         """Return the samples of a split in stored order, in parts whose fields have up to about `shard_mb` MiB."""
-        return list(self._parts(self._samples(split), shard_mb * _MIB))
+        return list(self._parts(self.samples(split), shard_mb * _MIB))
 
     def batches(self, samples: Sequence[Sample], batch_mb: float) -> Iterator[Any]:
         """Yield record batches whose fields have up to about `batch_mb` MiB, or one sample."""
         for part in self._parts(samples, batch_mb * _MIB):
             yield self._batch(part)
 
-    def _samples(self, split: str) -> list[Sample]:
+    def samples(self, split: str) -> list[Sample]:
+        """Return the samples of a split in stored order."""
         left_out = self.job.without
         clips = {c.id: c for c in self.job.store.clips() if c.split == split and c.id not in left_out}
         if self.whole:
@@ -120,7 +117,7 @@ class SampleTable:
         pa, store = import_module("pyarrow"), self.job.store
         of_clips = {clip.id: store.table_row(clip) for clip, _ in samples}
         facts = [of_clips[clip.id] | ({} if window is None else store.table_row(window)) for clip, window in samples]
-        arrays = [pa.array([row[n] for row in facts], self.schema.field(n).type) for n in self._facts]
+        arrays = [pa.array([row[n] for row in facts], self.schema.field(n).type) for n in self.facts]
         arrays += [self._column(pa, store.field(name), samples) for name in self.fields]
         return pa.record_batch(arrays, schema=self.schema)
 

@@ -59,7 +59,7 @@ class Parquet(SampleExport):
 
     @override
     def guide(self, job: ExportJob) -> str:
-        split, field, first = job.store.splits[0], self.table(job).fields[0], self.table(job).facts[0]
+        split, field, first = job.store.splits[0], self.table(job).fields[0], next(iter(self.table(job).facts))
         width = job.store.field(field).columns.width
         return self.guide_rows(job) + (
             "```python\nfrom datasets import load_dataset\n\n"

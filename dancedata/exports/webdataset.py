@@ -54,7 +54,7 @@ class WebDataset(SampleExport):
         index: dict[str, int] = {}
         for split in job.store.splits:
             clips: list[tuple[Clip, Window | None]] = [(clip, None) for clip in job.clips(split)]
-            samples = clips if self.samples == "clips" else self._windows(job, split)
+            samples = clips if self.samples == "clips" else self._table(job).samples(split)
             index |= self._shards(job, folder, split, samples)
         fields = {name: field_json(job, name) for name in self.reads(job)}
         folder.write_json("index.json", {"shards": index, "fields": fields})
@@ -73,10 +73,6 @@ class WebDataset(SampleExport):
             "With several shards: `train-{000000..000007}.tar` and `shardshuffle=100`. A worker takes whole shards: "
             "have at least as many shards as workers and ranks.\n"
         )
-
-    def _windows(self, job: ExportJob, split: str) -> list[tuple[Clip, Window | None]]:
-        clips = {clip.id: clip for clip in job.clips(split)}
-        return [(clips[window.clip], window) for window in job.store.windows(split, fields=self.reads(job))]
 
     def _shards(
         self, job: ExportJob, folder: AtomicFolder, split: str, samples: list[tuple[Clip, Window | None]]
