@@ -150,7 +150,7 @@ def report(
 
         stated = [*as_evaluate, *(["like"] if like is not None else [])]
         if stated:
-            raise UsageError("this is a dataset, and options of samples go with samples of a model", where=place,
+            raise UsageError("this is a dataset, and these options are only for samples of a model", where=place,
                              fix=f"leave out {', '.join(f'{name}=' for name in stated)}",
                              options=f"leave out {', '.join(f'--{name}' for name in stated)}")  # fmt: skip
         return write_report(
@@ -161,7 +161,7 @@ def report(
     from dancedata.pages.samples import require_free_page, write_samples_report
 
     if compare is not None or rights is not None or not isinstance(clips, int):
-        raise UsageError("compare and rights go with a dataset, and clips of samples is a number", where=place,
+        raise UsageError("compare and rights are for datasets only, and clips of samples is a number", where=place,
                          fix="leave them out")  # fmt: skip
     require_free_page(out, like, overwrite=overwrite)
     scores = evaluate(place, like=like, music=music, progress=progress, **as_evaluate)

@@ -64,7 +64,7 @@ class FileRows(FileFeature):
         Name, sizes, sha256 and pad of the codebook of codes, one size per column; None for real values. A flat file
         of codes has the columns of a row one after another.
     first_codes
-        What the files have for code 0 of each column; none: 0. InfiniteDance's third level counts from 5120.
+        What the files have for code 0 of each column. Default: 0. InfiniteDance's third level counts from 5120.
     of
         What rows describe: "music", or "motion", the dancer. Those of motion are among the fields of motion,
         from frame 0 to the last frame, and have no mirror image.
@@ -120,7 +120,7 @@ class FileRows(FileFeature):
             raise UsageError("file: codes need a type of whole numbers and a codebook", found=found, fix=fix)
         if self.codebook is None:
             if self.first_codes:
-                raise UsageError("file: first_codes are of codes", fix="name their codebook, or leave them out")
+                raise UsageError("file: first_codes needs a codebook", fix="name it, or omit first_codes")
             return
         self.codebook.check(self.columns_per_row, self.dtype)
         if self.resample == "linear":
@@ -182,7 +182,7 @@ class FileRows(FileFeature):
             )
         if self.resample == "none" and grid != self.grid:
             raise UsageError(
-                "the files have another rate than the field",
+                "the rate of the files differs from that of the field",
                 found=f"rows at {self.rate} per second, the field at {grid}",
                 fix=f'set fps: "{self.rate}" for this field, or resample: nearest or linear',
             )

@@ -24,7 +24,7 @@ class Drop(SampleAugmentation):
     Attributes
     ----------
     fields
-        Fields that may be masked; none: all fields of music.
+        Fields that may be masked. Default: all fields of music.
     p
         Probability.
     together

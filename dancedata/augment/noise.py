@@ -34,11 +34,11 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
     Attributes
     ----------
     std_degrees
-        Standard deviation of each of the three components of n at the knots.
+        Standard deviation of each of the three components of the noise at the knots.
     every_s
         Seconds between knots.
     seed
-        Of copies: what is drawn for each is a pure function of (seed, clip id).
+        Seed of the copies: what is drawn for each is a pure function of (seed, clip id).
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "body"
@@ -121,7 +121,7 @@ def _draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, ever
 def _decodable(field: SampleField) -> Representation:
     representation = field.representation
     if representation is None:
-        raise UsageError("its representation is not known, and so not which columns are angles",
+        raise UsageError("its representation is unknown, and so are the columns that are angles",
                          fix="read a dataset that a recipe of this installation built")  # fmt: skip
     if not representation.decodes:
         raise UsageError(f"the columns of {representation.name} do not determine the angles of the joints",

@@ -27,7 +27,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
     max_m
         The shift is uniform over the disc with this radius, in metres.
     seed
-        Of copies: what is drawn for each is a pure function of (seed, clip id).
+        Seed of the copies: what is drawn for each is a pure function of (seed, clip id).
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"

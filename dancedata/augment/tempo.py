@@ -29,7 +29,7 @@ class Tempo(CopyAugmentation):
     speeds
         Each copy has one of these, 1.1 being 10 % faster. A short list lets clips share stretched songs.
     seed
-        Of copies: what is drawn for each is a pure function of (seed, clip id).
+        Seed of the copies: what is drawn for each is a pure function of (seed, clip id).
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"

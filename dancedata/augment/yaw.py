@@ -29,7 +29,7 @@ class Yaw(CopyAugmentation, SampleAugmentation):
     max_degrees
         The angle is uniform between minus and plus this.
     seed
-        Of copies: what is drawn for each is a pure function of (seed, clip id).
+        Seed of the copies: what is drawn for each is a pure function of (seed, clip id).
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"

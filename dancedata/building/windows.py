@@ -1,4 +1,4 @@
-"""The windows of takes: within all fields, by lengths alone."""
+"""The windows of takes: within all fields, from lengths alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dancedata.core.grid import WindowSpec
 
 
 def cut_windows(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> list[Result]:
-    """Return the windows that all fields of takes cover, by lengths alone; copies that keep the time have them too.
+    """Return the windows that all fields of takes cover, from lengths alone; copies that keep the time have them too.
 
     Parents come before their copies.
     """

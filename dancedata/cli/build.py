@@ -17,7 +17,7 @@ from dancedata.core.text import counted
     out="DIR: Write there; default FOLDER.",
     offsets="Estimate where each dance begins in its song.",
     plugin_kind="KIND: Write a plug-in of this kind, such as metric, and its test: FOLDER is its name.",
-    in_tree="Write it where it belongs in a checkout of dancedata; a dataset with recipe, page and test.",
+    in_tree="Write it where it belongs in a checkout of dancedata; a dataset gets a recipe, page and test.",
 )
 def init(
     folder: Path, *, out: Path | None = None, offsets: bool = False, plugin_kind: str | None = None,
@@ -37,9 +37,7 @@ def init(
 
         return write_plugin(plugin_kind, str(folder), out or Path(), in_tree=in_tree)
     if in_tree:
-        raise UsageError(
-            "--in-tree goes with --plugin-kind", fix="dancedata init NAME --plugin-kind dataset --in-tree"
-        )
+        raise UsageError("--in-tree needs --plugin-kind", fix="dancedata init NAME --plugin-kind dataset --in-tree")
     from dancedata.datasets.folder.prepare import fill_starts, prepare
 
     prepared = prepare(folder, out)
@@ -47,7 +45,7 @@ def init(
         from dancedata.alignment.align import align
 
         if out is not None:
-            raise UsageError("offsets are of the manifest that is beside the files", fix="leave --out away")
+            raise UsageError("offsets are written to the manifest beside the files", fix="omit --out")
         alignment = align(folder, **how)
         starts = {
             clip.id: start
@@ -69,7 +67,7 @@ def init(
     strict="Stop at a broken clip; exit code 1 if train shares songs.",
     segments=(
         RARE,
-        "FILE: Of a built dataset: words, moves and marks (.csv, .jsonl) that replace its own of the same layer.",
+        "FILE: For a built dataset: words, moves and marks (.csv, .jsonl) that replace those of the same layer.",
     ),
     part=(RARE, "K/N: Compute one of N shares into the cache, for job arrays."),
 )
@@ -98,7 +96,7 @@ def build(
         return Output(plan.to_json, lambda: text, error=plan.problem)
     if part is not None:
         if cluster is not None or overwrite:
-            raise UsageError("--part goes with neither --cluster nor --overwrite")
+            raise UsageError("--part cannot be combined with --cluster or --overwrite")
         from dancedata.building.part import Part, build_part
 
         return build_part(recipe, source, Part.parse(part), out=out, strict=strict, **how)
@@ -122,7 +120,7 @@ def build(
     offsets="Estimate offsets between music and motion.",
     published="Compare a copy of AIST++ or FineDance with published scores.",
     same_as="DATASET: Show how a dataset differs from it.",
-    atol="X: With --same-as: numbers that differ by no more are the same.",
+    atol="X: With --same-as: numbers that differ by no more than X count as equal.",
     out="FILE.csv: A line for each fault or offset.",
 )
 def check(
@@ -144,7 +142,7 @@ def check(
     if any(asked) and len(paths) > 1:
         raise UsageError("this check takes one folder", found=counted(len(paths), "folder"), fix="call it for each")
     if (atol is not None and same_as is None) or (out is not None and not (faults or offsets)):
-        raise UsageError("--atol goes with --same-as, and --out with --faults or --offsets", fix="leave it out")
+        raise UsageError("--atol needs --same-as, and --out needs --faults or --offsets", fix="omit it")
     reader = _reader(recipe)
     if faults:
         from dancedata.curation.quality import quality

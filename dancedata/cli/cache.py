@@ -19,8 +19,8 @@ _TAKES: dict[str, tuple[str, ...]] = {
 @command(
     "cache",
     action="ACTION: prune removes entries, verify compares them with their checksums; default: what it holds.",
-    older_than="AGE: Prune entries that were not used for so long: 30d, 12h.",
-    max_size="SIZE: Prune those used longest ago, down to this size: 50GB.",
+    older_than="AGE: Prune entries not used for this long: 30d, 12h.",
+    max_size="SIZE: Prune the least recently used, down to this size: 50GB.",
     dry_run="Only print what prune would remove.",
     remove="Let verify remove damaged entries.",
 )

@@ -27,7 +27,7 @@ def export(
     If anything is missing, all of it is named at once, and nothing is written.
     """
     if to in ("card", "segments") and (overrides or music is not None or link):
-        raise UsageError(f"--to {to} goes with --out and --overwrite alone", fix="leave the others out")
+        raise UsageError(f"--to {to} takes no options but --out and --overwrite", fix="leave the others out")
     if to == "card":
         from dancedata.plot.card import card_pictures
         from dancedata.remote.card import write_card
@@ -52,7 +52,7 @@ def export(
 @command(
     "cache quiet",
     address="WHAT: hf://datasets/ORG/NAME@REVISION, s3://..., hf://MODEL@SHA, jukebox, or a folder of its files.",
-    out="DIR: Folder of weights; a dataset goes to the cache.",
+    out="DIR: Folder for weights; a dataset goes to the cache.",
     split="NAMES: Only these splits: train, or train,val.",
     accept_licence="You agree to the terms.",
 )
@@ -72,9 +72,7 @@ def pull(
             raise UsageError("weights go to a folder", where=address, fix="name it: --out DIR")
         return pull_weights(address, out, accept_licence=accept_licence, progress=how["progress"])
     if out is not None:
-        raise UsageError(
-            "a dataset is fetched into the cache", fix="leave --out away, or name the cache: --cache DIR"
-        )
+        raise UsageError("a dataset is fetched into the cache", fix="omit --out, or name the cache: --cache DIR")
     from dancedata.remote.pull import pull as run_pull
 
     return run_pull(address, None if split is None else [name.strip() for name in split.split(",")], **how)
@@ -84,9 +82,9 @@ def pull(
     "rights overwrite quiet",
     path="DATASET: A built dataset.",
     to="ADDRESS: hf://datasets/ORG/NAME",
-    private="Only its owners read the repository.",
-    gated="Users accept the source's terms first.",
-    recipe_only="Publish what rebuilds it from a user's own source, manifest.csv too, and no data.",
+    private="Only its owners can read the repository.",
+    gated="Users must accept the source's terms first.",
+    recipe_only="Publish what rebuilds it from a user's own source, including manifest.csv, but no data.",
     dry_run="Check terms and sizes; publish nothing.",
 )
 def push(

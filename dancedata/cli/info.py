@@ -11,7 +11,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 @command(
     "plugins",
     what="WHAT: A dataset, a recipe, a plug-in, a protocol, or a folder of weights; recipes, protocols, targets, "
-    "features, representations or plugins for a list; nothing: this installation.",
+    "features, representations or plugins for a list; without WHAT: this installation.",
     clips="List every clip of a dataset, with its windows.",
     segments="List the layers of a dataset's segments.",
 )

@@ -33,7 +33,7 @@ SHARED: dict[str, tuple[Any, About]] = {
     "music": (Path | None, _MUSIC),
     "rights": (str | None, _RIGHTS),
     "overwrite": (bool, "Replace what is there."),
-    "overrides": (list[str] | None, "KEY=VALUE: Change a key; repeatable."),
+    "overrides": (list[str] | None, "KEY=VALUE: Set a key to another value; repeatable."),
     "jobs": (int | None, _JOBS),
     "body_model": (Path | None, (RARE, "FILE: Your SMPL, SMPL-H or SMPL-X file: its mesh is used.")),
     "betas": (str | None, (RARE, "B,...: Shape of the body model: numbers with commas, such as 0.5,-1.2.")),

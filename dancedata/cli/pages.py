@@ -17,7 +17,7 @@ _SHOWN, _WRITTEN = "What to show", "Instead of the browser"
     "music rights overwrite like field normalized scaler clamp fps up unit body_model betas plugins quiet",
     path="WHAT: A dataset, or a folder, file or pattern of motion: .npy .npz .pkl .bvh.",
     clip="CLIP: Where to begin: the id of a clip, window or group.",
-    compare=(_SHOWN, "PATH: A dataset, folder or file to show beside; repeatable."),
+    compare=(_SHOWN, "PATH: A dataset, folder or file to show alongside; repeatable."),
     wall=(_SHOWN, "Show all side by side on one stage, at most 12."),
     overlay=(_SHOWN, "Draw the other motion over the dancer."),
     at=(_SHOWN, "SECONDS: Where to begin in the clip."),
@@ -39,7 +39,7 @@ def view(
     """Watch a dataset, or a model's samples, with their music.
 
     dancedata view data/aistpp
-    dancedata view gen                      (samples; the truth stands beside)
+    dancedata view gen                      (samples, beside the truth)
     dancedata view data/aistpp gBR_sBM_cAll_d04_mBR0_ch02
     dancedata view data/aistpp --compare gen --wall -o wall.html
     """
@@ -56,9 +56,13 @@ def view(
     )
     if out is None:
         if silent or rights is not None or overwrite:
-            raise UsageError("--silent, --rights and --overwrite go with a file", fix="name it: --out FILE.html")
+            raise UsageError(
+                "--silent, --rights and --overwrite need a file to write", fix="name it: --out FILE.html"
+            )
         if as_json:
-            raise UsageError("a page that is served has no document", fix="write it: --out FILE.html")
+            raise UsageError(
+                "a page that is served in the browser prints no JSON document", fix="write it: --out FILE.html"
+            )
         serve(request, port=port, browser=not no_browser, say=say)
         return None
     notes: list[str] = []
@@ -78,7 +82,7 @@ def view(
     path="WHAT: A dataset, or samples: a folder, a file or a pattern.",
     compare="DATASET: Another dataset to compare with.",
     out="FILE.html: The page; default NAME-report.html.",
-    clips="N: Clips that play: the most suspicious and others; or all, none.",
+    clips="N: How many clips play, the most suspicious among them; or all, none.",
 )
 def report(
     path: Path, *, compare: Path | None = None, out: Path | None = None, clips: str = "12", music: Path | None,
@@ -90,7 +94,7 @@ def report(
       dancedata report gen                    (folder of train.save_samples)
       dancedata report gen --like data/aistpp --field edge151 --normalized
 
-    The document of --json has every number; with it a page is written for --out alone.
+    --json prints every number, and then a page is written only if --out is given.
     """
     from dancedata import calls
     from dancedata.pages.findings import findings
@@ -122,10 +126,10 @@ def report(
     "music rights overwrite like field normalized scaler clamp fps up unit",
     paths="A B...: Datasets or samples; or files of answers.",
     out="FILE.html: The page to write.",
-    names="NAMES: Of the systems: truth,mine; default those of the folders.",
+    names="NAMES: Names of the systems: truth,mine; default: their folders.",
     songs="N: Clips that each pair is shown on.",
-    seconds="S: Longest clip.",
-    seed="N: Of clips, sides and orders.",
+    seconds="S: Longest length of a clip.",
+    seed="N: Seed that draws clips, sides and orders.",
 )
 def study(
     paths: list[Path], *, out: Path | None = None, names: str | None = None, songs: int = 12, seconds: float = 15.0,
@@ -137,14 +141,14 @@ def study(
       dancedata study data/aistpp gen -o study.html
       dancedata study answers/*.csv
 
-    Raters open the page offline, and send back a CSV file of answers. The first system has the music.
+    Raters open the page offline, and send back a CSV file of answers. The music is that of the first system.
     """
     if all(path.suffix.lower() == ".csv" for path in paths):
         from dancedata.files.listing import named_files
         from dancedata.study.results import read_results, results_of
 
         if out is not None or names is not None:
-            raise UsageError("answers are counted, and --out and --names go with systems", fix="leave them out")
+            raise UsageError("--out and --names need systems, and these are answers to count", fix="leave them out")
         results = results_of(*read_results(named_files(paths, (".csv",))))
         return Output(results.to_json, lambda: str(results), warnings=results.notes)
     from dancedata.scene.selection import ViewRequest

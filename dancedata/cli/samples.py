@@ -13,7 +13,7 @@ from dancedata.core.text import counted, listed
     paths="WHAT...: Samples (a folder, a file or a pattern) or datasets; scores for each.",
     pool="PATH|SPLITS: What FID and Div compare with: a dataset, a folder, an .npz of --out, or splits; default "
     "train.",
-    metric="NAME: Only this one; repeatable.",
+    metric="NAME: Compute only this metric; repeatable.",
     out="FILE: .csv a line per sample, .json everything, .md or .tex a table, .npz the pool; repeatable.",
     strict="Exit code 1 if a score means nothing.",
 )
@@ -50,7 +50,7 @@ def evaluate(
     files="SAMPLES...: Files (.npy .npz .pkl), folders of them, or patterns such as 'gen/*.npy'.",
     to="FORMAT: bvh, smpl (AMASS's arrays), smplx, npz, glb, or obj (a mesh per frame).",
     out="DIR: Folder for the files.",
-    frames="A:B:C: Frames of obj, from 0: N, or A:B:STEP.",
+    frames="A:B:C: Frames to write as obj, counted from 0: N, or A:B:STEP.",
 )
 def decode(
     files: list[Path], *, to: str, out: Path, frames: str | None = None, field: str | None, progress: bool, **how: Any
@@ -75,7 +75,7 @@ def decode(
     field="NAME: The feature; default those of --like, else librosa35.",
     like="DATASET: A dataset or a recipe: its features, rate and slices.",
     bpm="N: Tempo; default what --like states, else estimated.",
-    weights="[FIELD=]FOLDER: A network's weights; once per field where several need some.",
+    weights="[FIELD=]FOLDER: A network's weights; repeat for each field that needs some.",
 )
 def features(
     songs: list[Path], *, out: Path = Path("features"), field: str | None = None, like: str | None = None,

@@ -49,7 +49,7 @@ def decode_files(path: Any, field: str | None, *, to: str, out: Path, **options:
     paths = named_files([Path(p).expanduser() for p in named], _SUFFIXES)
     stems = Counter(p.stem for p in paths)
     if twice := sorted(stem for stem, n in stems.items() if n > 1):
-        raise UsageError("two files have one name", where=out, found=listed(twice), fix="rename one of them")
+        raise UsageError("two files have the same name", where=out, found=listed(twice), fix="rename one of them")
     written: list[Path] = []
     lost: Counter[str] = Counter()
     for file in paths:
@@ -119,7 +119,7 @@ def _decode_file(
 def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, frames: str | None) -> BodyMesh | None:
     """Return the body model; UsageError for options that do not go with the format."""
     if frames is not None and to != "obj":
-        raise UsageError("frames are chosen for obj alone", found=f"frames {frames} of {to}")
+        raise UsageError("frames can be chosen for obj only", found=f"frames {frames} of {to}")
     if body_model is None:
         if to == "obj":
             fix = "name its file, or write the skeleton alone as glb"
@@ -128,7 +128,7 @@ def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, f
             raise UsageError("betas are the shape of a body model", fix="name its file")
         return None
     if to not in ("glb", "obj"):
-        raise UsageError("a body model goes with the formats glb and obj", found=to)
+        raise UsageError("only the formats glb and obj use a body model", found=to)
     return BodyMesh.read(body_model, betas)
 
 
@@ -176,7 +176,9 @@ def _motions(decoder: Decoder, array: Array, mask: Array | None, place: Array | 
         return _members("", decoder.group(array, mask, place))
     for name, beside in ((PERSON_MASK, mask), (_ROOT_PLACE, place)):
         if beside is not None and len(beside) != len(array):
-            raise UsageError(f"{name} is of another number of groups", found=len(beside), allowed=len(array))
+            raise UsageError(
+                f"{name} has a different number of groups than the columns", found=len(beside), allowed=len(array)
+            )
     dancers: dict[str, Motion] = {}
     for number, name in enumerate(_numbers(len(array))):
         one = [None if entry is None else entry[number] for entry in (array, mask, place)]

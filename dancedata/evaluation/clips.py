@@ -131,7 +131,7 @@ def _stride_of_slices(store: Store, protocol: Protocol, role: Role) -> int:
     pieces = protocol.pieces(role)
     length, stride = pieces.frames(store.grid)
     if length != store.slice_length or stride is None or pieces.skip:
-        raise UsageError("slices are not the pieces of the protocol", where=str(store.path),
+        raise UsageError("a dataset of slices cannot be cut into the protocol's pieces", where=str(store.path),
                          found=f"slices of {store.slice_length} frames; {protocol.name} measures {pieces}",
                          fix="build without slices")  # fmt: skip
     return stride

@@ -194,10 +194,10 @@ class Evaluator:
             raise UsageError("a batch of motion has three axes", found=f"shape {batch.shape}", allowed="(B, L, D)")
         width = self.reader.representation.columns.width
         if batch.shape[2] != width:
-            raise UsageError(f"a batch of motion is not columns of {self.reader.representation.name}",
+            raise UsageError(f"a batch of motion does not have the columns of {self.reader.representation.name}",
                              found=f"shape {batch.shape}", allowed=f"(B, L, {width})")  # fmt: skip
         if isinstance(ids, str) or len(ids) != len(batch):
-            raise UsageError("ids are not those of the samples", found=shown(ids),
+            raise UsageError("ids do not match the samples", found=shown(ids),
                              allowed=f'{len(batch)}, as batch["id"] has them')  # fmt: skip
         of_dataset = [self.sample(name) for name in ids]
         sizes = sample_lengths(batch, ids, None if lengths is None else as_numpy(lengths))
@@ -215,7 +215,7 @@ class Evaluator:
         """Whether a sample is a repeated one; UsageError if it has the id of another one."""
         first = self._traces.setdefault(name, trace)
         if not first.same(trace):
-            raise UsageError("samples that differ have one id", found=name,
+            raise UsageError("different samples have the same id", found=name,
                              fix=f"number them: {name}, {name}~s1 and so on")  # fmt: skip
         return first is not trace
 
@@ -249,7 +249,7 @@ class Evaluator:
                 "music has two or three axes", found=f"shape {music.shape}", allowed="(B, M, D) or (B, M)"
             )
         if music.ndim == 3 and music.shape[2] != field.columns.width:
-            raise UsageError("music is not of the audio field of the dataset", found=f"shape {music.shape}",
+            raise UsageError("music does not fit the audio field of the dataset", found=f"shape {music.shape}",
                              allowed=f"(B, M, {field.columns.width}), "
                              f"beats in column {field.columns.slice('beat').start}, or (B, M)")  # fmt: skip
         if len(music) != len(sizes):
@@ -294,7 +294,7 @@ class Evaluator:
         }
         if differ and repeated == "same":
             raise UsageError(
-                "samples of two processes differ, and have one id", found=listed(sorted(differ)),
+                "different samples of two processes have the same id", found=listed(sorted(differ)),
                 fix='give each its own, as readers do: ids=batch["id"]; where samplers repeat samples to fill up, '
                 'and a model with noise makes other motion of them: gather(..., repeated="first")',
             )  # fmt: skip

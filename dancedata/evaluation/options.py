@@ -91,7 +91,7 @@ class EvaluationOptions:
                 fix="name it: like= or scaler=", options="name it: --like DATASET or --scaler FILE",
             )  # fmt: skip
         if self.scaler is not None and self.like is None and self.field is None:
-            raise UsageError("a scaler is of columns", fix="name them: like= or field=",
+            raise UsageError("a scaler applies only to columns, and none are named", fix="name them: like= or field=",
                              options="name them: --like DATASET or --field NAME")  # fmt: skip
         if self.field is None and self.like is not None:
             path = Path(self.what).expanduser() if isinstance(self.what, str | Path) else None
@@ -284,7 +284,7 @@ def _in_memory(motions: Motions, grid: FrameGrid | None, body: str | None) -> tu
     clips: list[ClipInput] = []
     for name, motion in motions.items():
         if not isinstance(name, str):
-            raise UsageError("a clip's id is a text", found=f"{shown(name)}, {type(name).__name__}")
+            raise UsageError("a clip's id must be a string", found=f"{shown(name)}, {type(name).__name__}")
         if isinstance(motion, Motion):
             clips.append(MemoryClip(id=name, motion=motion))
         elif grid is None:

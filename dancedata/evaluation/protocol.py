@@ -99,7 +99,7 @@ class Pieces:
             if value is not None and value < least:
                 raise UsageError(f"invalid value for {name} of pieces", found=value, allowed=f"{least} and above")
         if (self.length is None) != (self.stride is None):
-            raise UsageError("pieces have one of length and stride", allowed="both, or none: whole clips")
+            raise UsageError("pieces have only one of length and stride", allowed="both, or neither for whole clips")
         if self.seconds is not None and (self.length is not None or not all(0 < s <= _MAX_S for s in self.seconds)):
             found = f"seconds {self.seconds}, length {self.length}"
             allowed = f"above 0, to {_MAX_S:,}, without length"

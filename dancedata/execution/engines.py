@@ -61,6 +61,6 @@ def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
                          allowed="; ".join(named or [e.example for e in engines.values()]))  # fmt: skip
     if backend not in (None, engine.name):
         raise UsageError(
-            f"the scheduler's address is one of {engine.name}", found=f"backend={backend!r}", fix="leave backend out"
+            f"the address is that of a {engine.name} scheduler", found=f"backend={backend!r}", fix="leave backend out"
         )
     return engine

@@ -60,7 +60,7 @@ def check_worker(required: Requirements) -> None:
     where = worker_name()
     try:
         if required.token.read_text(encoding="utf-8") != required.token_text:
-            raise DanceDataError("a worker sees another cache", where=where, found=required.token, fix=_FIX)
+            raise DanceDataError("a worker sees a different cache", where=where, found=required.token, fix=_FIX)
     except OSError as error:
         raise DanceDataError("a worker does not see the cache", where=where, found=str(error), fix=_FIX) from error
     if is_abandoned(required.token):
@@ -71,7 +71,7 @@ def check_worker(required: Requirements) -> None:
                              "local_lock), or put the cache on another")  # fmt: skip
     try:
         if names_sha256(required.source) != required.names_sha256:
-            raise DanceDataError("a worker sees another source", where=where, found=required.source, fix=_FIX)
+            raise DanceDataError("a worker sees a different source", where=where, found=required.source, fix=_FIX)
     except OSError as error:
         raise DanceDataError("a worker does not see the source", where=where, found=str(error), fix=_FIX) from error
     needed = dict(required.versions)

@@ -161,7 +161,7 @@ class SampleExport(Export):
     samples
         ``windows``: those of the dataset. ``clips``: whole clips.
     fields
-        Names of the fields to write; none: all.
+        Names of the fields to write. Default: all.
     shard_mb
         Size of the fields of a file in MiB, before compression; a sample is never split.
     """

@@ -27,7 +27,7 @@ class Npz(Export):
     Attributes
     ----------
     fields
-        Names of the fields to write; none: all.
+        Names of the fields to write. Default: all.
     """
 
     version: ClassVar[int] = 1

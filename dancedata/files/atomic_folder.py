@@ -141,9 +141,9 @@ class AtomicFolder:
         place = self.path.joinpath(*parts)
         if is_file and os.path.lexists(place):
             raise UsageError(
-                "two files of an export have names that are one on this file system",
+                "two files of an export have names that this file system takes for the same",
                 found=shown(name),
-                fix="export to a file system that tells upper from lower case, or name the clips otherwise",
+                fix="export to a file system that tells upper from lower case, or rename a clip",
             )
         if is_file:
             place.parent.mkdir(parents=True, exist_ok=True)

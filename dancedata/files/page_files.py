@@ -70,7 +70,7 @@ class PageFiles:
                 where=self.path,
                 found=f"{n_bytes / _MB:.1f} MB",
                 allowed=f"{self.max_mb:g} MB",
-                fix="show fewer clips (--clips 4, or none), or leave the music away, which takes most",
+                fix="show fewer clips (--clips 4, or none), or omit the music, which takes most of the space",
             )
 
     def _listing(self) -> dict[str, Any] | None:

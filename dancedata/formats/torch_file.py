@@ -111,7 +111,7 @@ def load_torch(path: Path) -> Any:
         ) from None
     except MissingPackageError as error:  # the other clips of a folder are read
         raise DataError(
-            "a torch file is read by torch", reason="broken_file", where=path, found=str(error), fix=error.fix
+            "reading a torch file needs torch", reason="broken_file", where=path, found=str(error), fix=error.fix
         ) from None
     except Exception as error:  # zip, pickle: crafted files can raise anything
         raise DataError(

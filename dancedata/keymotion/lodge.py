@@ -32,7 +32,7 @@ class Lodge(KeyMotionFinder):
     Attributes
     ----------
     sigma_frames
-        Of the Gaussian, in frames of the recipe; Lodge's 5 are for 30 frames per second.
+        Width of the Gaussian, in frames of the recipe; Lodge's 5 are for 30 frames per second.
     """
 
     version: ClassVar[int] = 1

@@ -24,7 +24,7 @@ def group_figures(d: FigureSpec) -> list[Figure]:
                              "metres", of="pairs and frames")
         )  # fmt: skip
     if groups.facing_deg.n:
-        note = "angle between where the hips face and the other dancer: 0 looks at him, 180 away from him"
+        note = "angle between the direction that the hips face and the other dancer: 0 towards him, 180 away from him"
         figures.append(
             histogram_figure(
                 d, "facing_deg", lambda n: n.groups.facing_deg, "Facing", note, "degrees", of="pairs and frames"

@@ -64,7 +64,7 @@ def beats(
     whole = scene_of(store, clip, field)
     if whole.members and (member is None or not 0 <= member < len(whole.members)):
         found = "no member" if member is None else f"member={member}"
-        raise UsageError("the key motions of a group are those of each dancer", where=shown(clip), found=found,
+        raise UsageError("key motions differ for each dancer of a group", where=shown(clip), found=found,
                          allowed=f"member from 0 to {len(whole.members) - 1}")  # fmt: skip
     scene = whole.members[member] if whole.members and member is not None else whole
     movement, offsets = scene.movement, scene.offsets

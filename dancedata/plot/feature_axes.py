@@ -72,7 +72,9 @@ def features(
     item = scenes.find(clip)
     if item.members and ds.field(name).per_clip:
         ids = ", ".join(shown(member.clip.id) for member in item.members)
-        raise UsageError(f"each dancer of a group has rows of {name}", found=shown(clip), fix=f"name one: {ids}")
+        raise UsageError(
+            f"{name} differs for each dancer of a group", found=shown(clip), fix=f"name one dancer: {ids}"
+        )
     lead, rows = ds[item.clip.id].rows_within(name) if item.window is None else (0, ds.read(item.window, name))
     if not len(rows):
         raise UsageError(f"there are no rows of {name}", where=f"clip {shown(clip)}")

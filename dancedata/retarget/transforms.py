@@ -31,7 +31,7 @@ class Retarget(Transform):
         "auto", the map of the package that matches most joints; its name; the path of a .json file; or SMPL joint ->
         names.
     scale
-        Of the world; "auto" for the ratio of the legs.
+        Scale of the world; "auto" for the ratio of the legs.
     feet
         Whether feet are kept where they stand.
     """

@@ -57,7 +57,7 @@ class SavedSamples:
             all(built_from) and built_from == store_from
         ):  # built again, by another version of numpy
             return store
-        raise DataError("these samples are of another dataset", reason="other_dataset", where=str(self.folder),
+        raise DataError("these samples belong to another dataset", reason="other_dataset", where=str(self.folder),
                         found=f"{self.dataset.name} {of_samples[:12]}", allowed=f"{store.path.name} {of_store[:12]}",
                         fix="name the dataset of the training: like=; or delete samples.json",
                         options="name the dataset of the training: --like DATASET; or delete samples.json",
@@ -131,7 +131,7 @@ def save_samples(
             raise DataError("the sample is not finite", reason="nan", where=name, found="nan or inf",
                             fix="look at the model, or leave it out")  # fmt: skip
         if path / f"{sample.id}.npz" in files:
-            raise DataError("two samples have one id", reason="two_samples", where=name,
+            raise DataError("two samples have the same id", reason="two_samples", where=name,
                             fix=f"number them: {sample.id}~s1")  # fmt: skip
         files[path / f"{sample.id}.npz"] = {
             "samples": rows[:n], "id": str(sample.id), "field": field, "fps": str(of.grid),
@@ -183,7 +183,7 @@ def _require_free(folder: Path, files: Sequence[Path] | dict[Path, Any], *, over
     lower: dict[str, str] = {name.lower(): name for name in there}
     for name in names:
         if lower.setdefault(name.lower(), name) != name:
-            raise UsageError("two ids differ in case alone, and are one file on some systems", where=folder,
+            raise UsageError("two ids differ only in case, and would be the same file on some systems", where=folder,
                              found=listed([lower[name.lower()], name]), fix="use another folder")  # fmt: skip
     if existing := [name for name in names if name in there and not overwrite]:
         raise UsageError("samples are already there", where=folder, found=listed(existing),

@@ -65,7 +65,7 @@ def motion_scenes_of(motions: PlayedMotion, music: str | Path | None = None) -> 
         motions = {f"motion_{number}": motion for number, motion in enumerate(motions)}
     wrong = [name for name, motion in motions.items() if not isinstance(motion, Motion | Clip)]
     if wrong:
-        raise UsageError(f"{wrong[0]!r} is no Motion", found=type(motions[wrong[0]]).__name__)
+        raise UsageError(f"{wrong[0]!r} is not a Motion", found=type(motions[wrong[0]]).__name__)
     clips = [
         MemoryClip(id=name, motion=motion.motion() if isinstance(motion, Clip) else motion)
         for name, motion in motions.items()

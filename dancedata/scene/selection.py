@@ -90,14 +90,14 @@ class ViewRequest:
     def scenes(self) -> SceneList:
         """Open the dataset, or read the motion files; UsageError if there is nothing to show."""
         if (self.path / DATASET_FILE).exists():
-            self._refuse("goes with motion files, and this is a dataset", ("like",))
+            self._refuse("is only for motion files, and this is a dataset", ("like",))
             if not self.compare:
                 self._refuse("would have no effect without --compare", _OF_FILES, "name the files: --compare FOLDER")
             store = open_store(self.path)
             samples = samples_in(store, [path for path in self.compare if not (path / DATASET_FILE).exists()])
             scenes = SampleScenes(store, self.field, samples) if samples else Scenes(store, self.field)
             if samples and not scenes.items:
-                raise DataError("samples of groups stand beside no truth, on no wall and in no study",
+                raise DataError("samples of groups cannot be shown beside the truth, on a wall or in a study",
                                 reason="groups_left_out", where=listed([path.name for path in self.compare]),
                                 found=listed([str(sample.id) for sample in samples]),
                                 allowed="samples of single dancers, such as GROUP@0+150~p0",
@@ -124,9 +124,9 @@ class ViewRequest:
             if not matched(comparisons[-1], scenes):
                 clips = listed([item.id for item in scenes.items], 2)
                 raise DataError(
-                    "nothing here is named as a clip that is shown", reason="nothing_matched", where=str(path),
+                    "no name here is that of a clip that is shown", reason="nothing_matched", where=str(path),
                     found=comparisons[-1].held, allowed=f"CLIP or CLIP@START+LENGTH; clips are {clips}",
-                    fix="write samples with save_samples, or name the files so",
+                    fix="write samples with save_samples, or give the files such names",
                 )  # fmt: skip
         names = [comparison.name for comparison in comparisons]
         return tuple(
@@ -150,7 +150,10 @@ class ViewRequest:
         if (self.normalized is not None or self.scaler is not None) and field is None:
             named = "--scaler" if self.normalized is None else "--normalized"
             raise UsageError(
-                f"{named} goes with columns", where=path, fix="name them: field=", options="name them: --field FIELD"
+                f"{named} needs columns, and none are named",
+                where=path,
+                fix="name them: field=",
+                options="name them: --field FIELD",
             )
         return file_format(
             store, grid=grid, field=field, normalized=self.normalized, scaler=scaler, clamp=self.clamp, fps=self.fps,

@@ -184,7 +184,7 @@ class Wall(SceneList):
         for wall, (_, takes) in zip(self.items, self._takes, strict=True):
             if any(shown.id == item.id for shown, _ in takes[:MOST]):
                 return wall
-        raise UsageError("this clip stands on no wall", where=self.place, found=item.id)
+        raise UsageError("this clip is on no wall", where=self.place, found=item.id)
 
     def _wall(self, number: int, name: str, takes: list[tuple[Item, str]]) -> Item:
         members, items = [], [item for item, _ in takes[:MOST]]

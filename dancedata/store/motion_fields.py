@@ -33,7 +33,7 @@ def stored_representation(recipe: object, field: str, columns: Columns) -> Repre
     try:
         representation = REPRESENTATIONS.make(REPRESENTATIONS.split(field)[0], parameters)
         if representation.columns.to_json() != columns.to_json():
-            raise UsageError(f"the installed {representation.name} makes other columns")
+            raise UsageError(f"the installed {representation.name} now makes different columns")
     except (DanceDataError, TypeError, ValueError, LookupError, ArithmeticError, AttributeError) as error:
         raise UsageError(
             f"the columns of {field} cannot be read", found=str(error),

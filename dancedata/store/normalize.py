@@ -266,7 +266,10 @@ class Scaler:
         ):
             if actual and expected and actual != expected:
                 raise UsageError(
-                    f"the scaler is of another {property_}", where=f"field {field}", found=shown(actual), fix=fix
+                    f"the scaler was fitted on another {property_}",
+                    where=f"field {field}",
+                    found=shown(actual),
+                    fix=fix,
                 )
         return self
 

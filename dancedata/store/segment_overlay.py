@@ -37,7 +37,7 @@ class SegmentOverlay:
                 length = length_of(row.clip)
                 unknown = row.clip if length is None else row.segment.other
                 if length is None or (unknown and length_of(unknown) is None):
-                    raise SourceError("segments: a clip that the dataset does not have",
+                    raise SourceError("segments: the dataset has no such clip",
                                       where=f"{path}, line {row.line}", found=unknown,
                                       fix="correct the line, or remove it")  # fmt: skip
                 by_clip[row.clip].append(row.segment.within(length))

@@ -27,7 +27,7 @@ def window_frames(grid: FrameGrid, what: str, seconds: Seconds | None, frames: i
     if seconds is not None and frames is not None:
         raise UsageError(f"both {what}_s and {what} are given", fix="give one of them")
     if isinstance(seconds, bool):
-        raise UsageError(f"{what}_s is no number of seconds", found=seconds)
+        raise UsageError(f"{what}_s is not a number of seconds", found=seconds)
     if seconds is not None:
         frames = grid.frames(seconds, what=f"{what}_s")
     return stored if frames is None else whole(f"the {what} of a window", frames, 1, MAX_ROWS)

@@ -183,7 +183,7 @@ def _rows(path: Path) -> list[dict[str, str]]:
     short = [k for k, row in enumerate(rows) if None in row.values() or None in row]
     if missing or short:
         found = f"no column {listed(missing)}" if missing else f"line {short[0] + 2} has another number of columns"
-        raise DataError("the file is not a study's", reason="bad_row", where=path, found=found,
+        raise DataError("this is not a file of a study's answers", reason="bad_row", where=path, found=found,
                         allowed=", ".join(COLUMNS))  # fmt: skip
     return [{name: row[name].removeprefix("'") for name in COLUMNS} for row in rows]
 
@@ -200,7 +200,7 @@ def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = Fal
     counting = tuple(rater for rater in raters if rater not in failed)
     if not counting:
         raise UsageError("every participant failed a check", found=listed(failed),
-                         fix="count them all the same: keep_failed=True in Python")  # fmt: skip
+                         fix="to count them anyway: keep_failed=True in Python")  # fmt: skip
     pairs = [a for a in answers if a.participant in counting and not a.expected]
     notes = [] if pairs else ["there are answers to checks alone, and none to a pair"]
     if failed:

@@ -125,7 +125,7 @@ def make_trials(
     if len(systems) < 2:
         raise UsageError("a study compares systems", found=listed(systems), allowed="two or more")
     if not 1 <= songs <= len(clips):
-        raise UsageError("there are not so many clips in common", found=f"{songs} asked for",
+        raise UsageError("the systems have too few clips in common", found=f"{songs} asked for",
                          allowed=f"1 to {len(clips)}", fix="ask for fewer songs")  # fmt: skip
     if seed < 0:
         raise UsageError("invalid seed", found=seed, allowed="0 or more")

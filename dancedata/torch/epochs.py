@@ -99,4 +99,6 @@ def require_scalers(state: Mapping[str, Any], current: Mapping[str, Any], fix: s
     if stated != hashes:
         scalers = listed(f"{n} {v}" for n, v in stated.items()) if isinstance(stated, Mapping) else shown(stated)
         allowed = listed(f"{name} {sha256}" for name, sha256 in hashes.items()) or "none"
-        raise UsageError("the state is of a reader with other scalers", found=scalers, allowed=allowed, fix=fix)
+        raise UsageError(
+            "the state was saved by a reader with different scalers", found=scalers, allowed=allowed, fix=fix
+        )

@@ -284,7 +284,7 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
 def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
     by_recipe = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
     if len(set(by_recipe)) < len(by_recipe):
-        raise UsageError("datasets of a mix have one name", found=listed(by_recipe),
+        raise UsageError("two datasets of a mix have the same name", found=listed(by_recipe),
                          fix='name them: Mix({"a": dataset, "b": other})')  # fmt: skip
     return dict(zip(by_recipe, datasets, strict=True))
 
@@ -296,7 +296,9 @@ def _shares(
         return [Fraction(size, max(sum(sizes), 1)) for size in sizes]
     if isinstance(weights, Mapping):
         if set(weights) != set(sources):
-            raise UsageError("weights name other sources", found=listed(weights), allowed=listed(sources))
+            raise UsageError(
+                "weights do not name the sources of the mix", found=listed(weights), allowed=listed(sources)
+            )
         weights = [weights[name] for name in sources]
     try:
         numbers = [float(weight) for weight in weights]
@@ -304,7 +306,9 @@ def _shares(
         numbers = []
     if len(numbers) != len(sources) or not all(0 < number < float("inf") for number in numbers):
         raise UsageError(
-            "weights are no shares", found=shown(weights), allowed=f"{len(sources)} numbers above 0, one a source"
+            "weights do not fit the sources",
+            found=shown(weights),
+            allowed=f"{len(sources)} numbers above 0, one for each source",
         )
     parts = [Fraction(number) for number in numbers]
     return [part / sum(parts) for part in parts]

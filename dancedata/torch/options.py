@@ -78,7 +78,7 @@ def _text(what: str, value: Any) -> str:
 
 def _truth(what: str, value: Any) -> bool:
     if not isinstance(value, bool):
-        raise UsageError(f"{what} is not a truth value", found=shown(value), allowed="True, False")
+        raise UsageError(f"{what} must be True or False", found=shown(value), allowed="True, False")
     return value
 
 
@@ -219,7 +219,7 @@ class Scale(Value):
         """Return what the argument `scale` of readers stands for: None scales nothing."""
         if isinstance(scale, bool):
             raise UsageError(
-                "scale is no truth value", found=scale, allowed="Scale(...), a scaler, its file, or None"
+                "scale cannot be True or False", found=scale, allowed="Scale(...), a scaler, its file, or None"
             )
         if scale is None:
             return cls(fields=())

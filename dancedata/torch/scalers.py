@@ -38,7 +38,9 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
             "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.scaler(FIELD), or its file"
         )
     elif not hasattr(scaler, "scaler"):
-        raise UsageError("this is no scaler", found=shown(scaler), fix="give Scale(...), a scaler, its file, or None")
+        raise UsageError(
+            "this is not a scaler", found=shown(scaler), fix="give Scale(...), a scaler, its file, or None"
+        )
     else:
         shared = [name for name in scaler.fields if name in fields]
         by_field = {n: scaler.scaler(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))}
@@ -48,7 +50,7 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
                              fix="name a reader of the same fields, or scale={FIELD: ...}")  # fmt: skip
     for name in by_field or [""]:
         if name not in fields:
-            raise UsageError("the scaler is not of a field that is read", found=shown(name),
+            raise UsageError("the scaler was not fitted on a field that is read", found=shown(name),
                              allowed=", ".join(fields), fix="name the field: scale={FIELD: ...}")  # fmt: skip
     scalers = {}
     for name, choice in by_field.items():

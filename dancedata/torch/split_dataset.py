@@ -274,7 +274,7 @@ class SplitDataset(EpochDataset):
         """Return an id; UsageError for one of another source of a mix, where a clip may have the same name."""
         of = SampleId.parse(name)
         if of.source not in ("", self._source):
-            raise UsageError("this is a sample of another source of a mix", where=str(name), found=of.source,
+            raise UsageError("this sample belongs to another source of the mix", where=str(name), found=of.source,
                              allowed=self._source or "an id without SOURCE=",
                              fix="take the mix, or mix.datasets[k] of its source")  # fmt: skip
         return of

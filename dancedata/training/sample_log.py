@@ -113,7 +113,7 @@ class SampleLog:
             As `Evaluator.update`; if the batch is not one of a reader.
         """
         if "id" not in batch:
-            raise UsageError("this batch is not of a reader of the dataset", found="no key 'id'",
+            raise UsageError("this batch does not come from a reader of the dataset", found="no key 'id'",
                              allowed="batches of WindowDataset, or of ClipDataset with pad_clips")  # fmt: skip
         lengths = batch.get("lengths", {}).get(self.evaluator.field)
         columns = as_numpy(motion)

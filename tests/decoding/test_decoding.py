@@ -231,6 +231,6 @@ def test_folders_patterns_and_lists_are_decoded_file_by_file(tmp_path: Path) -> 
         written = dancedata.decode(what, "edge151", out=tmp_path / f"out{n}", **options)
         assert {path.name for path in written} == {"a.npz", "b.npz"}
     np.savez(tmp_path / "a.npz", rows)
-    with raises_message(UsageError, "one name"):
+    with raises_message(UsageError, "same name"):
         dancedata.decode(tmp_path, "edge151", out=tmp_path / "twice", **options)
     assert not (tmp_path / "twice").exists()

@@ -250,12 +250,12 @@ def test_files_of_groups_may_be_numbered(tmp_path: Path, motions: Mapping[str, l
         np.savez(tmp_path / f"{name}.npz", joints=group, fps=FPS)
     assert_same_groups(tmp_path, groups)
     np.savez(tmp_path / "s_01.npz", joints=groups["s_01"][0], fps=FPS)
-    with pytest.raises(UsageError, match="groups themselves"):
+    with pytest.raises(UsageError, match="hold whole groups"):
         assert_same_groups(tmp_path, groups)
 
 
 def test_a_group_is_not_measured_as_a_dancer(tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     group = next(iter(joints_of(motions).values()))
     np.savez(tmp_path / "group.npz", joints=group, fps=FPS)
-    with pytest.raises(DataError, match="protocol of groups"):
+    with pytest.raises(DataError, match="protocol for groups"):
         dancedata.evaluate(tmp_path, protocol="dancedata", fps=FPS, up="y", intervals=False, metrics=["pfc"])

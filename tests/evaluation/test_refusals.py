@@ -179,7 +179,7 @@ def beats_of_music() -> Any:
 @pytest.mark.parametrize(("options", "message"), [
     ({"protocol": "bailando"}, "unknown protocol 'bailando'.*Did you mean 'bailando-aistpp'"),
     ({"role": "ground truth"}, "unknown role"), ({"normalized": True}, "normalised columns need the scaler"),
-    ({"scaler": "scaler.json"}, "a scaler is of columns"), ({"split": "test"}, "only a dataset has splits"),
+    ({"scaler": "scaler.json"}, "a scaler applies only to columns"), ({"split": "test"}, "only a dataset has splits"),
     ({"fps": None}, "the frame rate of the joints is unknown"),
     ({"music": {"nobody": "song"}}, "the list of songs names unknown clips; found nobody"),
     ({"music": {"nobody": [1]}}, "beats given for unknown clips; found nobody"),

@@ -87,10 +87,10 @@ def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Pa
     ("wrong", "output"),
     [
         ({}, None),
-        ({"token_text": "another"}, "a worker sees another cache"),
+        ({"token_text": "another"}, "a worker sees a different cache"),
         ({"token": Path("/proc/none")}, "a worker does not see the cache"),
         ({"source": Path("/proc/none")}, "a worker does not see the source"),
-        ({"names_sha256": "another"}, "a worker sees another source"),
+        ({"names_sha256": "another"}, "a worker sees a different source"),
         ({"versions": (("numpy", "0.1"),)}, r"versions differ.*numpy [0-9.]*, not 0\.1"),
         ({"locked": False}, "locks on files in the cache do not reach"),
     ],
@@ -152,7 +152,7 @@ def test_a_worker_with_threads_is_refused() -> None:
         (["--cluster", "tcp://HOST"], "not a complete one; found tcp://HOST; allowed: tcp://HOST:8786"),
         (["--cluster", "spark://HOST:7077"], "not a complete one; found spark://HOST:7077; allowed: tcp://"),
         (["--part", "5/4"], "a part is NUMBER/COUNT"),
-        (["--part", "1/4", "--cluster", "ray://auto"], "--part goes with neither"),
+        (["--part", "1/4", "--cluster", "ray://auto"], "--part cannot be combined"),
     ],
 )
 def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str):

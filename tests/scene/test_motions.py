@@ -150,7 +150,7 @@ def test_a_group_of_a_file_is_one_item_and_of_a_batch_one_each(tmp_path: Path) -
 
 @pytest.mark.parametrize("options", [{"overlay": True}, {"normalized": True}, {"clip": "nobody"}], ids=str)
 def test_what_does_not_go_with_files(folder: Path, options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "goes|nobody|overlay"):
+    with raises_message(UsageError, "needs columns|nobody|overlay"):
         shown(folder, **options)
 
 
@@ -204,7 +204,7 @@ def test_a_wall_of_the_clips_of_a_song() -> None:
         np.testing.assert_allclose(moved, np.broadcast_to(moved[0, 0], moved.shape), rtol=0, atol=1e-9)
         assert after.floor == pytest.approx(0, abs=1e-9)
     assert wall.wall_of(scenes.items[3]) == item
-    with raises_message(UsageError, "stands", where="motions"):
+    with raises_message(UsageError, "wall", where="motions"):
         wall.wall_of(scenes.items[13])
     with raises_message(UsageError, "wall", where="motions"):
         Wall(motion_scenes_of(dance()))

@@ -150,7 +150,7 @@ def test_pages_replace_pages_alone(path: Path, tmp_path: Path) -> None:
     assert foreign.read_text() == "mine"
     inside = SampleLog(evaluator(path), path / "walls")
     inside.update(batch["edge151"], batch)
-    with pytest.warns(UserWarning, match="not written into a dataset"):
+    with pytest.warns(UserWarning, match="cannot be written into a dataset"):
         assert inside.finish(1).page is None
 
 

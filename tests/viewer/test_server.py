@@ -277,5 +277,5 @@ def test_two_files_of_one_clip_are_not_compared(odd: Path, tmp_path: Path) -> No
     clip = dancedata.open(odd).clips()[0].id
     np.save(tmp_path / f"{clip}.npy", np.zeros((60, 24, 3)))
     np.savez(tmp_path / f"{clip}.npz", poses=np.zeros((60, 72)), trans=np.zeros((60, 3)))
-    with raises_message(UsageError, "one name"):
+    with raises_message(UsageError, "same name"):
         ViewRequest(odd, compare=(tmp_path,)).comparisons(dancedata.open(odd), None)

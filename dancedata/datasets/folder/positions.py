@@ -92,7 +92,7 @@ def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | No
         by_count = _COUNTS.get(count)
         if by_count is None or not _has_proportions(arrays, name, JOINT_SETS[by_count]):
             raise DataError(
-                "which joints these positions are of is unknown",
+                "it is unknown which joints these positions belong to",
                 reason="unknown_joints",
                 where=str(arrays.path),
                 found=f"{name or 'the array'} {arrays.shape(name)} without names of joints",
@@ -102,7 +102,7 @@ def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | No
             )
         names, where = JOINT_SETS[by_count], "SMPL's order, by their number and the lengths of bones"
     if len(names) != count:
-        raise DataError("the number of names is not that of the joints", reason="bad_declaration",
+        raise DataError("the number of names differs from the number of joints", reason="bad_declaration",
                         where=str(arrays.path),
                         found=f"{len(names)} names, {name or 'the array'} {arrays.shape(name)}",
                         fix="correct dataset.folder.joints, or the names in the file")  # fmt: skip

@@ -137,7 +137,9 @@ class _Table:
         separator = max(",;\t", key="".join(table[:1]).count)
         rows = [dict(row) for row in csv.DictReader(table, delimiter=separator)]
         if any(None in row for row in rows):
-            raise UsageError("a row has more cells than the heading", where=path, fix="mend it, and call this again")
+            raise UsageError(
+                "a row has more cells than the heading", where=path, fix="correct it, and call this again"
+            )
         return cls([line.rstrip("\r\n") for line in comments], separator, rows)
 
     def text(self, comments: Sequence[str]) -> str:

@@ -212,10 +212,12 @@ def _check_place(job: ExportJob) -> None:
         )
     for kind, folder in (("dataset", job.store.path), ("source", job.source)):
         if folder is not None and job.out.resolve().is_relative_to(folder.resolve()):
-            raise UsageError(f"an export does not go into its {kind}", where=job.out, fix="choose another --out")
+            raise UsageError(
+                f"an export cannot be written into its {kind}", where=job.out, fix="choose another --out"
+            )
     for folder in (job.out.resolve(), *job.out.resolve().parents):
         if is_source(job.store, folder):
-            raise UsageError("an export does not go into its source", where=job.out,
+            raise UsageError("an export cannot be written into its source", where=job.out,
                              found=f"motion files of the dataset in {folder}",
                              fix="choose another --out")  # fmt: skip
 

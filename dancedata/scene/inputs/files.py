@@ -164,9 +164,9 @@ class FileClip(ClipInput):
         positions = [name for name in _JOINTS if name in arrays.names and len(_shape(arrays, name)) == 4]
         if positions or PERSON_MASK in arrays.names:
             raise DataError(
-                "the file is of a group, or of several motions, and is taken as one clip", reason="bad_shape",
+                "the file holds a group or several motions, but is read as one clip", reason="bad_shape",
                 where=str(self.path), found=arrays.listed,
-                fix="take a protocol of groups, as groups is; or save each dancer in a file",
+                fix="use a protocol for groups, such as groups; or save each dancer in a file",
             )  # fmt: skip
 
     def _dancers(self) -> tuple[Pose, ...]:
@@ -180,7 +180,7 @@ class FileClip(ClipInput):
             n = _n_dancers(arrays)
             present = arrays.read(PERSON_MASK).ravel() if PERSON_MASK in arrays.names else np.ones(n)
             if len(present) != n:
-                raise DataError(f"{PERSON_MASK} is not of the dancers of the file", reason="bad_shape",
+                raise DataError(f"{PERSON_MASK} does not match the dancers in the file", reason="bad_shape",
                                 where=str(self.path), found=f"{len(present)} entries", allowed=f"{n}",
                                 fix="save a file for each group, with an entry for each of its dancers")  # fmt: skip
             for number in np.flatnonzero(present):
@@ -369,10 +369,10 @@ def _groups_of(paths: Sequence[Path], form: FileFormat) -> tuple[ClipInput, ...]
             groups += [clip for path in files for clip in _group_clips(path, form)]
             continue
         if whole:
-            raise UsageError(f"files named as the dancers of {name} are groups themselves", where=files[0].parent,
+            raise UsageError(f"files named like single dancers of {name} hold whole groups", where=files[0].parent,
                              found=listed([path.name for path in whole]),
-                             allowed="a group a file, or a dancer a file",
-                             fix="rename the files of groups")  # fmt: skip
+                             allowed="one group in a file, or one dancer in a file",
+                             fix="rename the files that hold groups")  # fmt: skip
         if all(decoded):
             files = sorted(files, key=lambda path: int(numbers[path][3]))
         elif any(decoded) or [numbers[path][2] for path in files] != [f"{k:02}" for k in range(len(files))]:

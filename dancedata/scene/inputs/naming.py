@@ -223,4 +223,6 @@ def require_unique(names: Sequence[str], where: Path) -> None:
     """Raise UsageError for two motions of one name."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise UsageError("two files have one name", where=where, found=listed(twice, 5), fix="rename one of them")
+        raise UsageError(
+            "two files have the same name", where=where, found=listed(twice, 5), fix="rename one of them"
+        )
