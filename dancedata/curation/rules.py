@@ -50,17 +50,17 @@ class Curate(WindowRule):
     penetration
         Joints below the floor, metres.
     floor_drift
-        A floor that rises or sinks, metres; of the clip.
+        A floor that rises or sinks, metres; one value per clip.
     bone_spread
-        Bones that change their length, metres; of the clip.
+        Bones that change their length, metres; one value per clip.
     joint_limits
         Joints beyond their range, degrees.
     self_contact
         Limbs inside each other, metres.
     mirrored
-        Left and right exchanged: minus a cosine; of the clip.
+        Left and right exchanged: minus a cosine; one value per clip.
     up
-        Another axis up: a cosine; of the clip.
+        Another axis up: a cosine; one value per clip.
     """
 
     version: ClassVar[int] = VERSION
