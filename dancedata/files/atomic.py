@@ -28,7 +28,7 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
     """Return the path of a file to write, without "~"."""
     path = path.expanduser()
     if any(path.resolve().is_relative_to(store.expanduser().resolve()) for store in stores):
-        raise UsageError(f"a {what} cannot be written into a dataset, which lists all its files", where=path,
+        raise UsageError(f"a {what} cannot be written into a dataset, whose files are listed", where=path,
                          fix="choose a file outside of the dataset")  # fmt: skip
     if path.is_dir() or not path.absolute().parent.is_dir():
         problem = "this is a folder" if path.is_dir() else "the folder of this file does not exist"
