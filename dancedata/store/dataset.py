@@ -182,7 +182,8 @@ class Store(SegmentQueries):
 
         By linear interpolation; UsageError for codes, StoreError where no train window has rows of the field.
         """
-        return train_quantiles(self, self.field(field), q)
+        self._require_statistics(f := self.field(field), "quantiles")
+        return train_quantiles(self, f, q)
 
     def free_columns(self) -> tuple[FreeColumn, ...]:
         """Return the free columns of the table of clips in numbers, by name."""
@@ -295,17 +296,20 @@ class Store(SegmentQueries):
                              where=str(self.path / STATS_FILE), found=shown(error),
                              fix=REBUILD) from error  # fmt: skip
 
-    def _stored_scaler(self, f: Field) -> Scaler:
+    def _require_statistics(self, f: Field, what: str) -> None:
         if f.codebook is not None:
-            raise UsageError("codes have no scaler: they are never normalised", where=str(self.path),
+            raise UsageError(f"codes have no {what}: they are names, not amounts", where=str(self.path),
                              found=f"field {f.name}, codes of {f.codebook.name}",
-                             fix="leave the field out of scale")  # fmt: skip
+                             fix="leave the field out")  # fmt: skip
         if f.name not in self.stats["fields"]:
             raise StoreError(
-                "there is no scaler without train windows" + (f" that have field {f.name}" if f.optional else ""),
+                f"there is no {what} without train windows" + (f" that have field {f.name}" if f.optional else ""),
                 where=str(self.path), found=f"splits {', '.join(self.splits)}",
                 fix="read with scale=None, or build with a train split",
             )  # fmt: skip
+
+    def _stored_scaler(self, f: Field) -> Scaler:
+        self._require_statistics(f, "scaler")
         try:
             low, high = (self.stats["fields"][f.name]["scaler"][name] for name in ("data_min", "data_max"))
             scaler = Scaler("minmax", low, high, dtype=f.dtype, field=f.name, columns=f.columns.labels)

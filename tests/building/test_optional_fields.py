@@ -177,6 +177,8 @@ def test_a_field_that_no_train_clip_has_has_no_statistics(captures: Path, cache:
     assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
     with pytest.raises(StoreError, match=f"no scaler without train windows that have field {FIELD}"):
         ds.scaler(FIELD)
+    with pytest.raises(StoreError, match=f"no quantiles without train windows that have field {FIELD}"):
+        ds.quantiles(FIELD, (0.5,))
     with pytest.raises(UsageError, match="left out: no_field"):
         WindowDataset(tmp_path / "out", "train", [FIELD])
     assert len(WindowDataset(tmp_path / "out", "test", [FIELD], scale=None)) == 14
