@@ -47,6 +47,7 @@ class Registry(Generic[P]):
         self.package = package
         self._base = base
         self._classes: dict[str, type[P]] = {}
+        self._loaded: Any = None
 
     @property
     def base(self) -> type[P]:
@@ -159,7 +160,9 @@ class Registry(Generic[P]):
         return self._classes.get(name)
 
     def _load_installed(self) -> None:
-        for entry in _installed().select(group=self.package):
+        if self._loaded is (installed := _installed()):
+            return
+        for entry in installed.select(group=self.package):
             try:
                 entry.load()
             except UsageError:
@@ -169,6 +172,7 @@ class Registry(Generic[P]):
                 raise UsageError(f"the {self.kind} {entry.name!r}{of} cannot be loaded",
                                  found=f"{type(error).__name__}: {error}",
                                  fix="repair or uninstall that distribution") from error  # fmt: skip
+        self._loaded = installed  # all of its entries
 
 
 @lru_cache

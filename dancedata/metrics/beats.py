@@ -26,10 +26,10 @@ Numbers = IntArray | Float64Array
 class BeatDetector:
     """A way to find the beats of a motion: minima of its speed.
 
-    `curve`: "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the step
-        t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
-    `sigma_frames`, `sigma_s`: Of the Gaussian that smooths the curve, in frames at any rate or in seconds.
-    `order`: Neighbours on each side that a minimum has to be below.
+    - `curve`: "mean": the mean over joints of the step t -> t + 1, T - 1 values. "sum": the sum over joints of the
+      step t - 1 -> t in float32, T values, the first 0, so that no beat is at `order` or before.
+    - `sigma_frames`, `sigma_s`: Of the Gaussian that smooths the curve, in frames at any rate or in seconds.
+    - `order`: Neighbours on each side that a minimum has to be below.
     """
 
     source: str

@@ -173,7 +173,7 @@ write_random_store(Path(sys.argv[1], "100"))
 def test_full_disk_is_an_error_and_no_crash(tmp_path: Path) -> None:
     # HDF5 itself dies of a segmentation fault when it meets a full disk while closing a file.
     done = subprocess.run(
-        [sys.executable, "-c", FILL_DISK, str(tmp_path)], check=False, capture_output=True, text=True
+        [sys.executable, "-B", "-c", FILL_DISK, str(tmp_path)], check=False, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines() == ["the dataset cannot be written []"] * 5
