@@ -133,7 +133,8 @@ def _decodable(field: SampleField) -> Representation:
         )
     if representation.grounded and type(representation).reencode is Representation.reencode:
         raise UsageError(
-            f"motion decoded from {representation.name} cannot be encoded again at its height above the floor",
+            f"motion decoded from {representation.name} cannot be encoded again without losing its height above the "
+            "floor",
             fix="define `reencode` in its class, or store copies: augment: {noise: {}} in a recipe",
         )
     return representation

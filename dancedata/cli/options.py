@@ -14,7 +14,7 @@ from dancedata.core.errors import UsageError
 #: In a section of its own: a pair of its title and the text; of a shared option the title alone.
 About = str | tuple[str, str]
 _MUSIC = "PATH: A song, a folder of songs, or a CSV sample,song,start_s; default: the dataset's."
-_RIGHTS = "TEXT: Why you may pass on what its terms forbid; this text is published."
+_RIGHTS = "TEXT: Why you may redistribute what the terms forbid; this text is published."
 _JOBS = "N: Worker processes; default one per core."
 _FIELD = "NAME: What the columns are: a field of the dataset, or a representation such as edge151."
 #: Options of several commands: their type and what is said of them.

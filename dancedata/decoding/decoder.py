@@ -181,11 +181,11 @@ def _grid(
     stored = None if store is None else FrameGrid(store.field(name).rate)
     grid = FrameGrid.of(fps) if fps is not None else stored or file or FrameGrid(plugin.rate or FrameGrid.of(30).rate)
     if not same_rate(file, grid):
-        raise DataError("the file states another rate", reason="bad_rate", found=f"{file} frames per second",
-                        allowed=f"{grid}, as fps or the dataset states",
-                        fix="leave the wrong one out, or save the file again")  # fmt: skip
+        raise DataError("the file states a different rate", reason="bad_rate", found=f"{file} frames per second",
+                        allowed=f"{grid}, the rate of fps or of the dataset",
+                        fix="omit fps or the dataset if it is wrong, or save the file at its true rate")  # fmt: skip
     if stored is not None and grid != stored:
-        raise UsageError(f"{name} has another rate in the dataset", where=store.path if store else None,
+        raise UsageError(f"{name} has a different rate in the dataset", where=store.path if store else None,
                          found=f"{grid} frames per second", allowed=f"{stored}",
                          fix="omit fps: the rate is the dataset's")  # fmt: skip
     return grid

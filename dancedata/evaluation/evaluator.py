@@ -262,7 +262,7 @@ class Evaluator:
                 "music and motion of a batch differ in length",
                 found=f"{n} rows of music, {whole} of motion",
                 allowed=f"{longest} rows of {field.name}, which has {field.grid.rate} per second, within {_ROWS}",
-                fix="give the rows of the same frames; a field of another rate: Evaluator(..., music=FIELD)",
+                fix="give the rows of the same frames; a field of a different rate: Evaluator(..., music=FIELD)",
             )  # fmt: skip
         return [field.beats(rows[:end]) for rows, end in zip(music, ends, strict=True)]
 

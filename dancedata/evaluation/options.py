@@ -262,11 +262,11 @@ def _require_rate(fps: Number | None, samples: Mapping[str, Sample]) -> None:
     """Raise UsageError for windows of a dataset, whose frames their ids count, at another rate."""
     for name, sample in samples.items():
         if fps is not None and sample.id.start is not None and FrameGrid.of(fps) != sample.store.grid:
-            raise UsageError("the id of a window counts frames of its dataset, which has another rate", where=name,
-                             reason="wrong_rate",
+            raise UsageError("the id of a window counts frames of its dataset, which has a different rate",
+                             where=name, reason="wrong_rate",
                              found=f"{FrameGrid.of(fps)} frames per second",
                              allowed=f"{sample.store.grid}, as {sample.store.path.name} has",
-                             fix="leave fps out; a model at another rate needs a dataset at that rate")  # fmt: skip
+                             fix="omit fps; a model at a different rate needs a dataset at that rate")  # fmt: skip
 
 
 def _about_samples(samples: Mapping[str, Sample], *, of_groups: bool) -> list[str]:

@@ -157,7 +157,7 @@ class Fact(Export):
             long = [clip.id for clip in _clips(job, "test") if self._length(clip) >= _LEAST]
             songs = _songs(job)
             if self.unpaired and len({songs.get(clip) for clip in long}) < 2:
-                problem = f"all sequences of test have one song: {listed(songs.get(clip) for clip in long[:1])}"
+                problem = f"all sequences of test have the same song: {listed(songs.get(clip) for clip in long[:1])}"
                 missing.append(Missing(problem, "several songs in test for unpaired motion, or unpaired=0"))
         return missing
 

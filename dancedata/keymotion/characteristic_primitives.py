@@ -112,13 +112,13 @@ def primitives(
     _check_lengths(window, N, n)
     if variant == "code":
         if minima is not None or prominence is not None:
-            raise UsageError("variant code finds the minima of each window by itself", found="minima of the clip",
-                             fix="omit minima and prominence, or use variant paper")  # fmt: skip
+            raise UsageError("variant 'code' finds the minima of each window itself", found="minima of the clip",
+                             fix="omit minima and prominence, or use variant 'paper'")  # fmt: skip
         return _as_released(window, n, bias)
     if variant != "paper":
         raise UsageError(f"unknown variant {variant!r}", fix=did_you_mean(variant, ("paper", "code")))
     if not isinstance(bias, int | np.integer) or bias != 0:
-        raise UsageError("variant paper has no bias", found=f"bias {bias!r}", allowed="0")
+        raise UsageError("variant 'paper' has no bias", found=f"bias {bias!r}", allowed="0")
     if n < _MIN_SEGMENT:
         raise UsageError(
             "a segment is too short for two soft cues", found=f"n {n}", allowed=f"at least {_MIN_SEGMENT}"

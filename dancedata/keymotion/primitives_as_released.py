@@ -82,9 +82,9 @@ def pieces(window: npt.NDArray[Any], keys: Sequence[Key], n: int, bias: int) -> 
 
     def take(first: int, name: str) -> None:
         if not 0 <= first <= len(written) - LENGTH:
-            raise UsageError("variant code would take a piece outside the window",
+            raise UsageError("variant 'code' would take a piece outside the window",
                              found=f"frames {first} .. {first + LENGTH - 1} of {len(written)} (n {n}, bias {bias})",
-                             fix="use longer segments, or variant paper")  # fmt: skip
+                             fix="use longer segments, or variant 'paper'")  # fmt: skip
         piece = written[first : first + LENGTH]
         piece[:, _HORIZONTAL] -= piece[:1, _HORIZONTAL]
         taken.append(piece.copy())

@@ -1,4 +1,4 @@
-"""Walls: several motions to one music, side by side on one stage."""
+"""Walls: several motions to the same music, side by side on one stage."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Wall(SceneList):
             begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in single]
             left_out = [f"{counted(len(groups), 'group')}, which stand on no wall"] if groups else []
             raise UsageError(
-                "a wall needs two motions to one music, at the same seconds of it",
+                "a wall needs two motions that overlap in the same song",
                 reason="mixed_starts", where=scenes.place,
                 found="; ".join([*left_out, *([listed(begins)] if begins else [])]),
-                fix="a group is on one stage without a wall" if groups and not single
-                else "name others to compare with, or show a dataset in which several clips have one song",
+                fix="a group is shown on one stage without a wall" if groups and not single
+                else "name others to compare with, or show a dataset with several clips of the same song",
             )  # fmt: skip
 
     @override

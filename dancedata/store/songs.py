@@ -25,7 +25,7 @@ def music_hashes(clips: Iterable[ClipRecord]) -> dict[str, str]:
 def songs_of(clips: Sequence[ClipRecord]) -> dict[str, str]:
     """Return the name of the song of each clip with music, by the clip's id.
 
-    Clips have one song if its names or its samples, by their hashes, are equal. Copies of a clip have the clip's
+    Clips have the same song if its names or its samples, by their hashes, are equal. Copies of a clip have the clip's
     song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
     """
     records = {clip.id: clip for clip in clips}

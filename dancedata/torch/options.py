@@ -122,7 +122,7 @@ class Windows(Value):
         Length and stride, in seconds or in frames: at most one of each pair. Windows end where the clip ends, or the
         first of the fields in it.
     fps
-        Rate that the frames are meant at: a dataset of another rate is refused.
+        Rate that the frames are meant at: a dataset at a different rate is refused.
     start_at
         "downbeat" or "beat": windows begin there, at least a stride apart, instead of a stride after each other.
         Clips without any are in `rejects` ("filtered"). The beats are those of the first of the fields that has such

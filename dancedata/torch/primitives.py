@@ -60,6 +60,6 @@ def primitive_spec(
         raise UsageError("the store does not hold key motions", where=str(store.path),
                          fix="build with keymotion: {lodge: {}}, or take Primitives(variant='code')")  # fmt: skip
     if motion[0] in scaled and asked.variant == "code" and not whole_window:
-        raise clash(asked, f"scaled {motion[0]}", "variant code makes the root relative to each piece's first frame, "
-                    "and the scaler was fitted on absolute positions; scale afterwards")  # fmt: skip
+        raise clash(asked, f"scaled {motion[0]}", "variant 'code' makes the root relative to each piece's first "
+                    "frame, and the scaler was fitted on absolute positions; scale afterwards")  # fmt: skip
     return PrimitiveSpec(motion[0], names[0] if reads else None, asked.n, asked.variant)

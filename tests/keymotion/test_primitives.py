@@ -169,7 +169,7 @@ def test_every_window_has_its_primitives(case: tuple[int, int, list[int], list[f
         ({"minima": [10, 256], "prominence": [0.1, 0.1]}, "ascending"),
         ({"minima": [10, 10], "prominence": [0.1, 0.1]}, "ascending"),
         ({"minima": [10], "prominence": [np.nan]}, "invalid prominence; found NaN"),
-        ({"bias": 1}, "variant paper has no bias"),
+        ({"bias": 1}, "variant 'paper' has no bias"),
         ({"variant": "papr"}, "Did you mean 'paper'"),
         ({}, "lodge139"),
     ],

@@ -64,7 +64,7 @@ class Librosa35(HopFeature):
     #: librosa's onset envelope is the rise from the row before, and a beat is the row that has risen.
     beat_rows_late: ClassVar[int] = 1
     min_sample_rate: ClassVar[int] = MIN_SAMPLE_RATE
-    usual_rates: ClassVar[str] = "build at 30 (or 60) frames per second; motion of another rate is resampled to it"
+    usual_rates: ClassVar[str] = "build at 30 (or 60) frames per second; motion at any other rate is resampled to it"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.tightness) and self.tightness > 0):

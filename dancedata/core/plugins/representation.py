@@ -103,7 +103,9 @@ class Representation(Plugin):
         this, as `encode` would move the dancer to the ground once more.
         """
         if self.grounded:
-            raise UsageError(f"motion decoded from {self.name} cannot be encoded again at its height above the floor")
+            raise UsageError(
+                f"motion decoded from {self.name} cannot be encoded again without losing its height above the floor"
+            )
         return self.encode(motion, contacts)
 
     def __init_subclass__(cls, **options: Any) -> None:

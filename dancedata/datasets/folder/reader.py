@@ -78,7 +78,7 @@ class Folder(Dataset):
         "neutral", "male" or "female", for a body model, of files without a gender.
     split
         Split of clips without one in the manifest: a name, or a rule such as
-        ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of one music (dancer, genre) together, see
+        ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of the same music (dancer, genre) together, see
         `_split_rule`.
     keys
         Names of the arrays in files of other layouts, ``{rotation: pred_thetas, translation: transl}``. Rotations

@@ -89,8 +89,8 @@ class ClipInput(ABC):
             raise DataError("the motion is not as long as its id states", reason="wrong_length", where=self.id,
                             found=f"{len(pose.joints)} rows at {grid} per second",
                             allowed=f"{float(rows):g} rows, {float(stated or 0):g} s",
-                            fix="a model at another rate needs a dataset at that rate; for a longer dance, count its "
-                            "frames in LENGTH of the id CLIP@START+LENGTH")  # fmt: skip
+                            fix="a model at a different rate needs a dataset at that rate; for a longer dance, count "
+                            "its frames in LENGTH of the id CLIP@START+LENGTH")  # fmt: skip
         return pose
 
 

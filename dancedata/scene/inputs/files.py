@@ -218,9 +218,9 @@ class FileClip(ClipInput):
                             found=arrays.listed, fix="save one of them, or the other under another name")  # fmt: skip
         name = names[0] if names else None
         if name is not None and len(arrays.shape(name)) == 3:
-            raise DataError("the array is a batch, and a file is one clip", reason="bad_shape", where=str(self.path),
-                            found=str(arrays.shape(name)), allowed=f"(T, {width})",
-                            fix="save one file for each, or give the batch to dancedata.Evaluator")  # fmt: skip
+            raise DataError("the array is a batch, but a file holds one clip", reason="bad_shape",
+                            where=str(self.path), found=str(arrays.shape(name)), allowed=f"(T, {width})",
+                            fix="save each clip to a file, or give the batch to dancedata.Evaluator")  # fmt: skip
         if name is None or len(arrays.shape(name)) != 2:
             return None
         stored = stated_grid(arrays)
