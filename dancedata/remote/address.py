@@ -80,7 +80,7 @@ def parse_address(text: str | Path) -> Address:
             raise _invalid(whole)
         return Address("hf", hub["name"], hub["folder"].strip("/"), unquote(hub["revision"] or "main"))
     if scheme == "http" and parts.hostname not in LOOPBACK:
-        raise UsageError("an address of another machine is encrypted", where=shown(whole), fix="use https://")
+        raise UsageError("an address on another machine must be encrypted", where=shown(whole), fix="use https://")
     if scheme not in (*BUCKETS, "https", "http") or ".." in rest.split("/"):
         raise _invalid(whole)
     return Address(scheme, rest.rstrip("/"))

@@ -81,7 +81,7 @@ class FileFeature(AudioFeature):
     def extract(self, signal: AudioSignal, grid: FrameGrid, *, start_bpm: float | None = None) -> npt.NDArray[Any]:
         """Raise UsageError: a signal has no file."""
         raise UsageError(
-            f"the feature {self.name} takes rows from files: it computes nothing of a song",
+            f"the feature {self.name} takes rows from files: it cannot be computed from a song",
             where=self.path,
-            fix="name a feature that computes, or compute the rows with the program that wrote the files",
+            fix="name a feature that computes its rows, or compute the rows with the program that wrote the files",
         )
