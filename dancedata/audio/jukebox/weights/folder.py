@@ -108,11 +108,11 @@ def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha
     others = [name for name in found if found[name] != SHA256[name]]
     if others and not (folder / SIZES_FILE).exists():
         raise SourceError(
-            "files of Jukebox's weights are not OpenAI's",
+            "these files of Jukebox weights are not those of OpenAI",
             where=folder,
             found=", ".join(f"{name} with SHA-256 {found[name]}" for name in others),
             allowed=", ".join(SHA256[name] for name in others),
-            fix=f"get them with `dancedata pull jukebox`; those of another network have its sizes in {SIZES_FILE}",
+            fix=f"get them with `dancedata pull jukebox`, or write the sizes of another network into {SIZES_FILE}",
         )
     return found
 
