@@ -133,8 +133,7 @@ def _decodable(field: SampleField) -> Representation:
         )
     if representation.grounded and type(representation).reencode is Representation.reencode:
         raise UsageError(
-            f"motion decoded from {representation.name} cannot be encoded again without losing its height above the "
-            "floor",
+            f"motion decoded from {representation.name} loses its height above the floor if encoded again",
             fix="define `reencode` in its class, or store copies: augment: {noise: {}} in a recipe",
         )
     return representation

@@ -103,9 +103,7 @@ class Representation(Plugin):
         this, as `encode` would move the dancer to the ground once more.
         """
         if self.grounded:
-            raise UsageError(
-                f"motion decoded from {self.name} cannot be encoded again without losing its height above the floor"
-            )
+            raise UsageError(f"motion decoded from {self.name} loses its height above the floor if encoded again")
         return self.encode(motion, contacts)
 
     def __init_subclass__(cls, **options: Any) -> None:
