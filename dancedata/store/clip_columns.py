@@ -23,20 +23,16 @@ _MOST = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class ClipRecord:
-    """A clip's row of the table /clips: everything except its arrays.
+    """A clip's row of the table /clips: everything except its arrays. Attributes that a `ClipRef` has mean the same.
 
     Attributes
     ----------
-    id
-        Name of the clip, unique in the store.
-    split
-        Split the clip is in. Shards hold one split each, so it is not a column.
+    id, split
+        Name of the clip, unique in the store, and its split; shards hold one split each, so it is not a column.
     n_frames
         Frames at the store's fps.
     genre, music, dancer
         As the dataset names them; empty if unknown.
-    tempo_bpm
-        Tempo that the dataset states, beats per minute; None if unknown.
     source
         Id of the clip that this one is a copy of, else empty.
     n_flags
@@ -48,21 +44,10 @@ class ClipRecord:
         Vertical extent of the dancer's joints, median over frames, metres; None if unknown.
     source_rate
         Frames per second of the source, as text; empty if unknown.
-    lists
-        Names of the dataset's lists (such as split files) that the clip is in.
-    group, member, role
-        Name of the sequence whose dancers move in one world, the dancer's number in its source, and part in it;
-        "", -1 and "" for a single dancer.
     song
         Id of the decoded signal in the table of songs; "" if none is recorded.
     slice_of, slice_start
         Of a slice, whose rows were computed from it alone: name of its clip, and the slice's first frame in it.
-    source_start, source_end
-        Part of the motion file that is the clip, seconds; None: from the beginning, to the end.
-    audio_start
-        Second of the audio file at frame 0; negative where the music begins later.
-    audio_start_by
-        How that was found, and how sure it is; "" where it was given.
     licence
         Number of its terms in `Store.licences`; -1 for those of the dataset.
     made_of
