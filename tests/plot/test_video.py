@@ -182,6 +182,7 @@ def test_an_ffmpeg_that_fails_leaves_nothing(demo, tmp_path, monkeypatch, script
     program.write_text(f"#!/bin/sh\n{script}\n")
     program.chmod(0o755)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(program))
+    monkeypatch.chdir(tmp_path)  # where imageio-ffmpeg tries an encoder, the last argument is "-"
     out = tmp_path / "out"
     out.mkdir()
     with raises_message(StoreError, "ffmpeg.* disk", where="out/a.mp4"):
