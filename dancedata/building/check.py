@@ -23,6 +23,7 @@ from dancedata.building.sources import scan_source
 from dancedata.building.stored import BuiltClips
 from dancedata.building.word_check import word_notes
 from dancedata.core.arguments import Overrides
+from dancedata.core.bodies import has_body
 from dancedata.core.clip import ClipRef, Reject, Scan
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.implausible import implausible_problems
@@ -30,7 +31,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.quality import implausible_flags, implausible_sides, music_flags
 from dancedata.core.registry import DATASETS
 from dancedata.core.rejects import reject_on_error, relative_to
-from dancedata.core.sides import has_sides, sampled
+from dancedata.core.sides import sampled
 from dancedata.core.text import counted, listed
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -300,7 +301,7 @@ def _field_with_body(store: Store) -> RepresentationField | None:
         motion_field
         for motion_field in recipe.motion
         if motion_field.name in store.fields
-        and has_sides(motion_field.representation.skeleton.joints)
+        and has_body(motion_field.representation.skeleton)
         and (motion_field.representation.decodes or "position" in motion_field.representation.columns.names)
     ]
     return min(fields, key=lambda f: (f.representation.positions_only, not f.representation.decodes), default=None)

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from dancedata.core.bodies import has_body
 from dancedata.core.motion import Motion
 from dancedata.core.rates import rate_factor, repeats
 from dancedata.core.rotations import Float64Array, angles_between
-from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, body_direction, has_sides, lies, sides_of, wrong_up
+from dancedata.core.sides import MIN_ELBOWS, MIN_STANCE, body_direction, lies, sides_of, wrong_up
 from dancedata.core.skeleton import Skeleton
 
 #: Bound of the speed of a dancer's joints: 45 degrees per frame at 60 FPS.
@@ -79,7 +80,7 @@ def implausible_flags(motion: Motion) -> list[Flag]:
     affects only the translation, which is judged by the movement that keeps the lowest joint at one height. Sides
     and the up axis are judged by the joints, see `core.sides`. What is only doubtful comes last.
     """
-    joints, size, sided = motion.joints(), body_size(motion.skeleton), has_sides(motion.skeleton.joints)
+    joints, size, sided = motion.joints(), body_size(motion.skeleton), has_body(motion.skeleton)
     body = None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size
     root = _implausible_root(motion, joints)
     measured = [

@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec
-from dancedata.core.skeleton import SMPL24
 from dancedata.core.tracks import lengths
 
 #: Most frames that are inspected.
@@ -144,11 +143,6 @@ def body_direction(joints: Float64Array) -> Float64Array:
 def sampled(frames: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Return the frames (T, ...) to inspect: every n-th one, at most 600."""
     return frames[:: -(-len(frames) // _FRAMES)]
-
-
-def has_sides(joints: tuple[str, ...]) -> bool:
-    """Whether joints begin with SMPL's 22 body joints."""
-    return joints[:22] == SMPL24.joints[:22]
 
 
 def _knees(places: Float64Array, left: Float64Array) -> float:
