@@ -37,15 +37,14 @@ def unmatched(one: Sequence[Row], two: Sequence[Row], atol: float | None) -> tup
     for text in {**sides[0], **sides[1]}:
         ours, theirs = (sorted(side.get(text, {}).items(), reverse=True) for side in sides)
         while ours and theirs:  # the least numbers of both
-            (a, k), (b, n) = ours[-1], theirs[-1]
+            a, b = ours[-1][0], theirs[-1][0]
             if all(is_same_number(x, y, atol) for x, y in zip(a, b, strict=True)):
-                ours.pop(), theirs.pop()
-            elif a < b:
-                lonely[0].append(k)
                 ours.pop()
-            else:
-                lonely[1].append(n)
                 theirs.pop()
+            elif a < b:
+                lonely[0].append(ours.pop()[1])
+            else:
+                lonely[1].append(theirs.pop()[1])
         for indices, entries in zip(lonely, (ours, theirs), strict=True):
             indices += [index for _, index in entries]
     return [one[k] for k in sorted(lonely[0])], [two[k] for k in sorted(lonely[1])]
