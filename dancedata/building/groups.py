@@ -39,8 +39,10 @@ def groups_of(clips: Sequence[ClipRef], keep: bool) -> Groups:
 
 def whole(results: Sequence[Result], groups: Groups) -> list[Result]:
     """Return results in which groups that lack a dancer of the source are left out, with their copies."""
-    origins = {} if groups.keep else {result.take.id: result for result in results}
-    return [_whole(r, origins[r.take.origin.id], groups.members) if origins else r for r in results]
+    if groups.keep:
+        return list(results)
+    origins = {result.take.id: result for result in results}
+    return [_whole(result, origins[result.take.origin.id], groups.members) for result in results]
 
 
 def _whole(result: Result, origin: Result, members: Mapping[str, Sequence[str]]) -> Result:
