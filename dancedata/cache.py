@@ -95,8 +95,8 @@ class FeatureCache:
             bpm, _ = stated_tempo(store, signal.sha256, Path(song))
         music = Music(signal, bpm=bpm)
         # A worker of a DataLoader may compute otherwise than builds: it takes what one has computed.
-        known = dict.fromkeys((REFERENCE, expected()) if has_reference() else (expected(),))
-        fields = [replace(job, arithmetic=instructions) for instructions in known]
+        accepted = dict.fromkeys((REFERENCE, expected()) if has_reference() else (expected(),))
+        fields = [replace(job, arithmetic=instructions) for instructions in accepted]
         if windows is None:
             (rows,) = self._rows(fields, music, self._mapped)
             return rows
