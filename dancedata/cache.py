@@ -134,7 +134,7 @@ class FeatureCache:
     def _job(
         self, name: str, store: Store | None, fps: Number, windows: tuple[int, int] | None, parameters: dict[str, Any]
     ) -> MusicField:
-        """Return a field with a resolved feature, as of a build; one object resolves it once."""
+        """Return a field with a resolved feature, as in a build; one object resolves it once."""
         request = repr((name, None if store is None else store.reference, fps, windows, sorted(parameters.items())))
         if request not in self._jobs:
             job = music_field(name, store, fps, windows, parameters)

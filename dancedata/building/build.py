@@ -111,7 +111,7 @@ def build(
     scheduler: str | None = None,
     published: Publication | None = None,
 ) -> BuildResult:
-    """Build a dataset from a parsed recipe; parameters and errors as of `building.commands.build`.
+    """Build a dataset from a parsed recipe; parameters and errors as in `building.commands.build`.
 
     With `published`, the source and the result are compared with those of a publication.
     """

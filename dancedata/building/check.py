@@ -270,7 +270,7 @@ def _implausible(path: Path) -> list[Problem]:
 
 
 def _side_rows(store: Store) -> Iterator[dict[str, Any]]:
-    """Yield rows, as of quality.jsonl, about left, right and up of the stored motion."""
+    """Yield rows, as in quality.jsonl, about left, right and up of the stored motion."""
     field = _field_with_body(store)
     if field is None:
         return

@@ -153,8 +153,8 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     chosen = _clips_of_song(store, songs)
     if len(chosen) * (len(chosen) - 1) // 2 > MAX_PAIRS:
         return None
-    # Songs that are not both in one split alone.
     recordings = list(_recordings(store, songs, chosen, field))
+    # Songs that are not both in one split alone.
     return _alike(recordings, _compared_rate(field), lambda a, b: a.song != b.song and len(a.splits | b.splits) > 1)
 
 

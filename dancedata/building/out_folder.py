@@ -89,7 +89,7 @@ def _described(out: Path) -> Description:
     except StoreError as error:
         raise StoreError("the folder holds a dataset.json that dancedata cannot read as its own; nothing was written",
                          where=out, found=str(error), allowed=_ALLOWED,
-                         fix="choose another --out; of a damaged dataset, remove the folder") from error  # fmt: skip
+                         fix="choose another --out; if it is damaged, remove the folder") from error  # fmt: skip
 
 
 def _files_of(description: Description) -> set[str]:

@@ -43,10 +43,10 @@ class Part:
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
-        """Return the clips of this part, in the order of `clips`, by the clips alone.
+        """Return the clips of this part, in the order of `clips`; they depend on the clips alone.
 
         All clips of a song, and all dancers of a group, are in one part, so that no song is decoded twice. Songs with
-        most clips are assigned first, each to the part that has the fewest clips.
+        the most clips are assigned first, each to the part that has the fewest clips.
         """
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
@@ -92,7 +92,7 @@ def build_part(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> PartResult:
-    """Compute a part's units of work into the cache; other parameters and errors as of `building.commands.build`.
+    """Compute a part's units of work into the cache; other parameters and errors as in `building.commands.build`.
 
     Parts may run at the same time, on machines that share the cache and the source, and more than once; a build of
     the whole then computes only missing results. `out` only names the source of a dataset that is generated.

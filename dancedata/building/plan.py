@@ -173,7 +173,7 @@ def make_plan(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Plan:
-    """Plan a build, as ``dancedata build --dry-run`` does; parameters and errors as of `building.commands.build`.
+    """Plan a build, as ``dancedata build --dry-run`` does; parameters and errors as in `building.commands.build`.
 
     A dataset that is generated writes its source if that is missing.
     """

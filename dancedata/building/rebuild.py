@@ -51,7 +51,10 @@ class Publication:
 
     @classmethod
     def at(cls, recipe: str | Path) -> Publication | None:
-        """Return the publication at an address or in a folder, None if that names a recipe; StoreError if damaged."""
+        """Return the publication at an address or in a folder; None if that names a recipe.
+
+        StoreError if there is none at the address, or it is damaged.
+        """
         if not is_address(recipe) and not DatasetFiles.path(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)

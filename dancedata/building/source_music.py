@@ -76,7 +76,7 @@ class SourceMusic:
 def is_source(store: Store, folder: Path) -> bool:
     """Return whether a folder has motion files of a dataset's source, where readers expect them.
 
-    They are recognised by their names, the ids of clips, and their hashes; not under other names, as of a manifest.
+    They are recognised by their hashes and their names, the ids of clips; other names, as in a manifest, are not.
     """
     clips = SourceRecord.of_store(store).clips or {}
     places = [folder, *(folder / name for name in MOTION_FOLDERS)]

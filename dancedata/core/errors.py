@@ -182,7 +182,7 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
 def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
     """Return the three most similar of many names and their number; of few names all, as `did_you_mean`.
 
-    `noun` is what has these names, "clip", in the dataset of a folder.
+    `noun` says what has these names, such as "clip"; `dataset` is the folder of the dataset that has them.
     """
     names, query = list(map(shown, known)), shown(name)
     if len(names) <= _FEW:

@@ -25,7 +25,7 @@ _NUMBER = re.compile(r"\s*[+-]?(\d{1,40}(\.\d{0,40})?|\.\d{1,40})([eE][+-]?\d{1,
 
 
 def as_fraction(value: Number, what: str) -> Fraction:
-    """Return `value` as it is written: 29.97 is 2997/100, not the nearest binary number; UsageError for no number.
+    """Return `value` as it is written, 29.97 as 2997/100; UsageError for anything but a finite number.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class FrameGrid:
 
 @dataclass(frozen=True)
 class WindowGrid:
-    """Windows of `length` frames, one every `stride` frames: window k begins at frame k * stride.
+    """Windows of `length` frames, one every `stride` frames, each at least 1: window k begins at frame k * stride.
 
     Examples
     --------

@@ -270,7 +270,7 @@ class Motion:
         return Motion(translation, slerp(self.rotations, frames), grid, self.skeleton, trim)
 
     def joints(self, skeleton: Skeleton | None = None) -> Float64Array:
-        """Return joint positions (T, J, 3), metres; of other bones with the same parents by `skeleton`."""
+        """Return joint positions (T, J, 3), metres; `skeleton` gives other bones, with the same parents."""
         bones = skeleton or self.skeleton
         if self._poses is None:
             return joint_positions(bones, world_matrices(self.skeleton, self.matrices), self.translation)

@@ -47,7 +47,7 @@ _STILL_M = 1e-6
 class Flag:
     """A suspicious value of a clip, or between `frame` and the next one, at the source's frame rate.
 
-    `kind`: What `value` is of, in `unit`. "fast_turn": an angle. "root_jump": a distance. "repaired_spike", "_gap",
+    `kind`: Says what `value` is, in `unit`. "fast_turn": an angle. "root_jump": a distance. "repaired_spike", "_gap",
         "_floor", "_jitter": size of a spike, length of a gap, drift or jitter of all frames. "retarget_residual": the
         largest residual of a run of frames, see `dancedata.retarget`. Those in `OF_CLIPS` concern the whole clip;
         `core.implausible` says what each value is.

@@ -123,7 +123,7 @@ def _bend(matrices: Float64Array, bone: npt.NDArray[np.float64], hinge: str, sid
 
 
 def self_contact(joints: Float64Array, least: float) -> tuple[Span, ...]:
-    """Return the spans in which limbs, as capsules of 0.6 of their radii, lie in each other by more than `least`."""
+    """Return the spans in which limbs, capsules of 0.6 of their radii, overlap by more than `least`, metres."""
     depths, names = [], []
     for one, other in _PAIRS:
         reach = _CORE * (LIMB_RADIUS_M[one] + LIMB_RADIUS_M[other])

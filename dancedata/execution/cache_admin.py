@@ -94,7 +94,7 @@ def entries(root: Path) -> Iterator[Entry]:
 
 
 def _entry(file: os.DirEntry[str], stage: str, opened: Path | None = None) -> Iterator[Entry]:
-    """Yield a file as an entry; `opened` changed at its last use. Nothing for what is none, or has vanished."""
+    """Yield a regular file as an entry, unless it has vanished; `opened` is a file that each use changes."""
     with suppress(OSError):
         stat = file.stat(follow_symlinks=False)
         if S_ISREG(stat.st_mode):

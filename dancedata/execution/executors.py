@@ -66,9 +66,9 @@ class Executor:
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
     def is_here(self, n_calls: int, exact: bool) -> bool:
-        """Return whether `n_calls` calls run in this process: for one job or call, if it computes what is exact.
+        """Return whether `n_calls` calls run in this process: one job or call, if it computes what is `exact`.
 
-        And in a daemonic process, such as one of multiprocessing.Pool, which may not start others.
+        A daemonic process, such as one of multiprocessing.Pool, runs all of them: it may not start others.
         """
         if self.starting is not None:
             return False

@@ -49,7 +49,8 @@ def start_workers(
 ) -> Iterator[Executor]:
     """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
 
-    UsageError as of `engine_of`, and without the cluster's package; DanceDataError if none answers, or has no worker.
+    UsageError as in `engine_of`, and without the cluster's package; DanceDataError if the cluster does not answer
+    or has no worker.
     """
     engine = engine_of(backend, scheduler)
     if engine is None or scheduler is None:

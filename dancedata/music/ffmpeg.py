@@ -78,7 +78,7 @@ def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str, float
 
     Returns: Samples (n, channels), their rate, ffmpeg's own errors, of damage that it has skipped, and the seconds
         from the first picture to the first sample.
-    Raises NotDecodedError: Without ffmpeg, or if nothing was decoded, more than `limit`, or one of several streams.
+    Raises NotDecodedError: Without ffmpeg, or if nothing was decoded, more than `limit`, or a choice of streams.
     """
     try:
         program = find_ffmpeg()

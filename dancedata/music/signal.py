@@ -114,7 +114,7 @@ def audio_length(path: Path | str) -> tuple[int, int]:
     """Return the samples per channel, exactly those of `load_audio`, and the sample rate in Hz, of a file.
 
     Only headers are read, except where they are estimates (a factor of 2.5 off was seen in mp3) or wrong: then the
-    file is decoded. DataError as of `load_audio`, but a truncated flac file and NaN are only found by decoding.
+    file is decoded. DataError as in `load_audio`, but a truncated flac file and NaN are only found by decoding.
     """
     path = Path(path)
     found = _held(path)

@@ -71,7 +71,7 @@ class Slots:
 def make_slots(
     document: Mapping[str, Any], grid: FrameGrid | None, windows: WindowSpec | None, problems: Problems
 ) -> Slots:
-    """Make all plug-ins of a recipe document; where grid or windows are wrong, None, to check the others."""
+    """Make all plug-ins of a recipe document; `grid` or `windows` is None if it is wrong: all others are checked."""
     any_grid = grid or FrameGrid.of(30)
     dataset = single_plugin(DATASETS, "dataset", document.get("dataset"), problems)
     transforms = _transforms(document.get("transforms"), problems)
@@ -278,7 +278,7 @@ def _filtered(window_filter: Any) -> WindowRule:
 def _switched(
     registries: Sequence[Registry[Any]], slot: str, entries: Any, problems: Problems, *, several: bool = False
 ) -> Iterator[tuple[str, Any]]:
-    """Yield name and plug-in of each entry, ``{NAME: {parameters}}`` or ``{NAME: true}``; false is checked."""
+    """Yield name and plug-in of each entry, ``{NAME: {parameters}}`` or ``{NAME: true}``; check those with false."""
     if entries is not None and not isinstance(entries, dict | str):
         problems.append(f"{slot}: must be a mapping such as {_EXAMPLES[slot]}; found {shown(repr(entries))}")
         return

@@ -127,7 +127,7 @@ class Copy(Transform):
         return scene.with_motions([self.motion_of(m, group, at) for m, at in zip(motions, axes, strict=True)])
 
     def motion_of(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
-        """Return the motion of a clip's copy, at another rate for another speed; UsageError for other frames.
+        """Return the motion of a clip's copy, at another rate for another speed; UsageError if frames change.
 
         Of a group `clip` is its name, and `about` a point of the axis that it turns about.
         """

@@ -98,7 +98,7 @@ class CopyAugmentation(Augmentation):
     ) -> Float32Array:
         """Return the rows of a clip's copy, in the shape and dtype of `rows`, (T, D) and read-only.
 
-        `kind` is whether the field is a representation or holds key motions.
+        `kind` says whether the field is a representation or holds key motions.
         """
         return rows
 

@@ -62,13 +62,13 @@ class Metric(Plugin):
         """Return the numbers of one clip, (C,), finite.
 
         Undefined if the metric has no value for this clip, which is set aside and counted by its name; DataError if
-        the joints cannot be measured, as too few of them.
+        the joints cannot be measured, for example because there are too few.
         """
 
     def summarise(self, rows: Float64Array, pool: Float64Array | None = None) -> dict[str, float]:
         """Return the scores of a set: by default the mean of each column; Undefined if there are too few clips.
 
-        `rows` are (N, C) numbers of the clips that have a value; `pool` are (M, C), where `needs_pool`.
+        `rows` are numbers (N, C) of the clips that have a value, `pool` those (M, C) of the pool, where `needs_pool`.
         """
         if not len(rows):
             from dancedata.core.dance import Undefined

@@ -81,7 +81,7 @@ class Representation(Plugin):
     def decode(self, array: npt.NDArray[Any], grid: FrameGrid) -> Motion:
         """Decode columns (T, D), not normalised, into a motion at the rate of `grid`, +Y up.
 
-        Axis-angle vectors have a length of at most pi. UsageError for another shape, or where nothing can be decoded;
+        Axis-angle vectors have a length of at most pi. UsageError for another shape, or if nothing can be decoded;
         DataError "nan", or "bad_rotation" where columns do not hold a rotation.
         """
         raise UsageError(f"the representation {self.name} cannot be decoded", allowed="encoding")
@@ -114,6 +114,6 @@ class Representation(Plugin):
         """Return a motion put where its dancer was: one turn about the vertical and one shift, by the first row.
 
         The motion was decoded from columns without a place, of the same frames as `rows`, (T, D) columns that
-        `holds_places`, not normalised. UsageError for rows of another shape or number, and without places.
+        `holds_places`, not normalised. UsageError for rows of another shape or number, and if they hold no places.
         """
         raise UsageError(f"the columns of {self.name} hold no places of dancers")
