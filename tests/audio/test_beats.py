@@ -287,11 +287,11 @@ def test_other_networks_are_errors(tmp_path):
     state = load_file(WEIGHTS)
     torch.save([1, 2], tmp_path / "list.ckpt")
     assert "no state_dict" in refused(tmp_path / "list.ckpt")
-    gate = "frontend.blocks.0.partial.attnF.to_gates.weight"
+    gate, bias = "frontend.blocks.0.partial.attnF.to_gates.weight", "frontend.linear.bias"
     cases = {
-        "frontend.linear.bias": {k: v for k, v in state.items() if k != "frontend.linear.bias"},
+        f'Missing key(s) in state_dict: "{bias}"': {k: v for k, v in state.items() if k != bias},
         "no tensor": {k: v for k, v in state.items() if k != "frontend.linear.weight"},
-        "extra": {**state, "extra": torch.zeros(1)},
+        'Unexpected key(s) in state_dict: "extra"': {**state, "extra": torch.zeros(1)},
         f"size mismatch for {gate}": {**state, gate: torch.zeros(2, 8)},
         "not finite in task_heads": {**state, "task_heads.beat_downbeat_lin.bias": torch.tensor([0.0, torch.nan])},
         "bands=8": {**state, "frontend.stem.bn1d.weight": torch.zeros(8)},

@@ -61,7 +61,8 @@ def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, tr
         assert all(c.height_m is not None and 1.2 < c.height_m < 2.2 for c in store)
     # Output for people: rates, axes, unit and height.
     about = describe_store(tmp_path / "out")
-    for words in ("100 per second: ", "120 per second: ", "+Z up (declared in", "GUESSED", "+Z up, metres"):
+    stated = "+Z up (declared in the manifest)"
+    for words in ("100 per second: ", "120 per second: ", stated, "GUESSED", "+Z up, metres"):
         assert words in about, about
 
 
@@ -108,7 +109,9 @@ def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path, cac
     cells[place] = ""
     (source / "manifest.csv").write_text("\n".join([lines[0], ",".join(cells), *lines[2:]]))
     contradictory = document({"music": "optional"}, audio={"librosa35": {}})
-    words = r"need the music of every clip; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
+    words = (
+        r"audio features need the music of every clip; found 1 of 3 clips without music: .*librosa35.*--set 'audio"
+    )
     for run in (
         lambda: make_plan(parse_recipe(contradictory), source, cache=cache),
         lambda: build(parse_recipe(contradictory), source, tmp_path / "out", cache=cache),
