@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.audio.hf.encoder import HuggingFaceEncoder
-from dancedata.audio.hf.families.base import Chunk, Timing, chunks_of
+from dancedata.audio.hf.families.base import Timing, chunks_of
 from dancedata.audio.hf.rows import RowSum, area_overlaps, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
@@ -29,10 +29,6 @@ CODEC = Timing(44_100, Fraction(512), Fraction(256))
 CLAP = Timing(48_000, Fraction(32 * 480_000, 1023), Fraction(31, 2) * Fraction(480_000, 1023))
 TIMINGS = st.sampled_from((MERT, CODEC, CLAP))
 GRIDS = st.sampled_from([FrameGrid.of(fps) for fps in (30, 60, 24, 25, 75, "30000/1001", "1/7", 50, 120)])
-
-
-def _counts(chunks: list[Chunk], timing: Timing) -> list[int]:
-    return [max(1, int(chunk.n_samples / timing.hop)) for chunk in chunks]
 
 
 @given(st.integers(1, 4_000_000), st.integers(1, 40), st.integers(0, 30), TIMINGS)

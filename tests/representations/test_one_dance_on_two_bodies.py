@@ -10,10 +10,9 @@ import pytest
 
 import dancedata
 from dancedata.core.clip import ClipRef
-from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
-from dancedata.core.skeleton import SMPL24, Skeleton
+from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder import Folder
 from dancedata.evaluation.measuring import conformed, measure_pose
 from dancedata.evaluation.protocol import MotionRule
@@ -21,24 +20,11 @@ from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.scene.poses import Pose
 from dancedata.synthetic import synthesise_motion
 
-THIRTY = FrameGrid.of(30)
 ALL = [
     ("edge151", {}), ("fact219", {}), ("bailando72", {}), ("lodge139", {}), ("lodge319", {}), ("finedance319", {}),
     ("joints", {}), ("joints", {"body": "smplx22"}), ("joints", {"body": "smplx52"}), ("joints", {"body": "smplx55"}),
 ]  # fmt: skip
 NAMES = [name + "".join(f"-{value}" for value in kw.values()) for name, kw in ALL]
-
-
-def forward(skeleton: Skeleton, columns: np.ndarray) -> np.ndarray:
-    """Joints (T, J, 3) of columns with the translation at 4:7 and 6D by rows from 7 on: FACTS 4 and 7, retyped."""
-    first, second = np.moveaxis(columns[:, 7:].astype(float).reshape(len(columns), -1, 2, 3), 2, 0)
-    local = np.stack([first, second, np.cross(first, second)], axis=2)
-    world, places = np.empty_like(local), np.empty_like(local[..., 0])
-    world[:, 0], places[:, 0] = local[:, 0], skeleton.offsets[0] + columns[:, 4:7]
-    for j, parent in enumerate(skeleton.parents[1:], start=1):
-        world[:, j] = world[:, parent] @ local[:, j]
-        places[:, j] = places[:, parent] + world[:, parent] @ skeleton.offsets[j]
-    return places
 
 
 def written(folder: Path, motion: Motion) -> dict[str, Motion]:
@@ -85,9 +71,6 @@ def test_a_protocol_measures_the_same_positions(dances: list[dict[str, Motion]],
         rest = SMPL24.offsets[0] if pelvis == "translation" and body == "smpl24" else 0
         if body == "smpl24":
             np.testing.assert_allclose(smplx[:, 0], dance["smpl"].joints()[:, 0] - rest, atol=1e-9)
-
-
-RECIPE = {"recipe": 1, "name": "test", "fps": 30, "windows": {"length_s": 2, "stride_s": 1}}
 
 
 @pytest.mark.skipif(

@@ -16,7 +16,6 @@ from dancedata.torch import WindowDataset
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "store.md"
 READ, PANDAS, WRITE = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
-FIELDS = ("edge151", "librosa35")
 SHOWN = "train_c00 motion/edge151 (30, 151)\ntrain_c00 audio/librosa35 (60, 35)\n"
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import SourceError
@@ -21,7 +20,6 @@ from dancedata.synthetic import motion, music, synthesise_motion, write_syntheti
 from dancedata.synthetic.plan import crossmodal_split, make_plan, tempo_bpm
 from tests.messages import raises_message
 
-Floats = NDArray[np.float64]
 FEET = [SMPL24.index(name) for name in ("left_ankle", "right_ankle", "left_foot", "right_foot")]
 
 
