@@ -1,4 +1,4 @@
-"""Motion: what it refuses, and resampling, against scipy's Slerp."""
+"""Motion: what it refuses; resampling, against scipy's Slerp; grounding by the toes, as Lodge does."""
 
 from dataclasses import FrozenInstanceError, replace
 from typing import Any

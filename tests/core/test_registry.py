@@ -1,4 +1,4 @@
-"""Plug-ins by name; errors that survive a worker process."""
+"""Plug-ins by name, and as the type checker sees them; errors that survive a worker process."""
 
 import copy
 import os

@@ -1,4 +1,4 @@
-"""The layout on disk, as documented in docs/reference/store.md, and equal bytes for equal input."""
+"""The layout on disk, as documented in docs/reference/store.md, equal bytes for equal input, and sparse files."""
 
 import dataclasses
 import hashlib

@@ -18,6 +18,8 @@ from dancedata.exports.gcd import sequence_name
 from dancedata.music.signal import load_audio
 from tests.messages import raises_message
 
+pytestmark = pytest.mark.usefixtures("quick_bailando438")
+
 
 def build(tmp_path: Path, cache: Path, dataset: str, motion: str) -> Path:
     source = tmp_path / "source"
@@ -97,9 +99,6 @@ RECIPE: dict[str, Any] = {
     "motion": {"edge151": {}}, "audio": {"bailando438": {"fps": 60}},
 }  # fmt: skip
 DUET, FIVE = "-Ab_cdEf123_01_0_180", "Zz9_8-7_6Q1_02_300_481"
-
-
-pytestmark = pytest.mark.usefixtures("quick_bailando438")
 
 
 @pytest.fixture(scope="module")
