@@ -120,3 +120,14 @@ def test_every_unit_is_computed_once_by_builds_that_run_together(slow, corpus, t
     assert [hashes(out) for out in outs] == [undisturbed] * 2
     assert len(slow.calls()) == len(set(slow.calls())) == 4
     assert slow.strays() == []
+
+
+def test_two_builds_into_one_folder(slow, corpus, out, undisturbed, hashes):
+    slow.sleep(0.2)
+    processes = [slow.start(corpus, out, "--jobs", 1) for _ in range(2)]
+    ends = sorted((*process.communicate(), process.returncode) for process in processes)
+    assert 0 in [code for *_, code in ends]
+    for printed, output, code in ends:
+        assert "another build is writing there" in output if code else printed
+    assert hashes(out) == undisturbed
+    assert [p.name for p in out.parent.iterdir()] == ["out"]

@@ -192,7 +192,10 @@ DAMAGE: list[tuple[Change, str]] = [
     (values("clips/id", 0, b"\xff"), "/clips/id: a text that is not valid UTF-8"),
     (values("clips/id", -1, b"train_c00"), "clip train_c00 occurs 2 times, in test, train"),
     (values("clips/music", 0, b"a\0b"), "/clips/music of clip 'train_c00': a text with a NUL"),
-    (values("clips/file", 0, b"val-00000-of-00001.h5"), "file: not that of the clip in dataset.json, in rows 0"),
+    (
+        values("clips/file", 0, b"val-00000-of-00001.h5"),
+        "/clips/file: not that of the clip in dataset.json, in rows 0",
+    ),
     (values("clips/lists/offset", 1, 99), "/clips/lists/offset: offsets that do not ascend within the values"),
     (values("clips/motion/pose/start", 1, 0), "do not follow one another"),
     (values("clips/motion/fast/length", 0, 10**7), "spans outside"),
@@ -211,7 +214,6 @@ DAMAGE: list[tuple[Change, str]] = [
     (attribute(TABLES, "/", "fps", np.bytes_("60")), "attribute fps is"),
     (attribute(TABLES, "/", "fps", "30"), "attribute fps is"),
     (attribute(TABLES, "windows", "length", 7), "attribute length is"),
-    (lambda folder: (folder / TRAIN).write_text("not HDF5") and None, "cannot be read"),
 ]
 
 
@@ -222,6 +224,13 @@ def test_damage_is_named(make_store: Any, change: Change, message: str) -> None:
     seal(folder)
     problems = verify_store(folder)
     assert any(message in str(p) for p in problems), problems
+
+
+def test_shard_that_is_not_hdf5(make_store: Any) -> None:
+    made = make_store()
+    (made.path / TRAIN).write_bytes(b"not HDF5")
+    seal(made.path)
+    assert "cannot be read" in only_error(made.path)
 
 
 def test_changed_dataset_json(make_store: Any) -> None:
