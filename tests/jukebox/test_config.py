@@ -15,6 +15,9 @@ def test_default_is_the_real_model() -> None:
     assert (config.hop, config.row_length) == (128, 64)
     assert config.total_length == 2_734_080
     assert float(config.code_rate) == 344.53125
+    # No tensor's shape shows these.
+    assert (config.heads, config.downs, config.dilation_growth) == (8, (3, 2, 2), 3)
+    assert (config.min_duration_s, config.max_duration_s, config.sample_rate) == (60, 600, 44_100)
 
 
 def test_round_trips() -> None:
