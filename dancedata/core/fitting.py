@@ -14,9 +14,7 @@ from dancedata.core.skeleton import Skeleton
 _ROUNDS = 4
 
 
-def fitted(
-    positions: Float64Array, skeleton: Skeleton, grid: FrameGrid, unseen: Collection[int] = (), trim_start: int = 0
-) -> Motion:
+def fitted(positions: Float64Array, skeleton: Skeleton, grid: FrameGrid, unseen: Collection[int] = ()) -> Motion:
     """Return a motion whose joints are at given positions; `Motion.fit_m` says how far they are from them.
 
     Bones have their mean length over the frames. How a bone turns about itself does not follow from positions: it
@@ -49,7 +47,7 @@ def fitted(
             world[:, joint] = above
         local[:, joint] = np.swapaxes(above, -1, -2) @ world[:, joint]
     body = replace(skeleton, offsets=offsets)
-    motion = Motion(positions[:, 0] - offsets[0], rotvec_from_matrix(local), grid, body, trim_start)
+    motion = Motion(positions[:, 0] - offsets[0], rotvec_from_matrix(local), grid, body)
     seen = [joint for joint in range(skeleton.n_joints) if joint not in unseen]
     apart = np.linalg.norm(motion.joints()[:, seen] - positions[:, seen], axis=-1)
     return replace(motion, fit_m=float(apart.mean()))
