@@ -37,7 +37,7 @@ class Lexicon:
     """
 
     language: str
-    pairs: tuple[tuple[str, str], ...]
+    pairs: tuple[tuple[str, str], ...] = ()
     exact: tuple[tuple[str, str], ...] = ()
     same: tuple[str, ...] = ()
     whole_words: bool = True

@@ -95,9 +95,7 @@ def _lexicon(value: Any) -> Lexicon:
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise UsageError("lexicon: the file cannot be read", found=f"{where}{shown(error)}") from error
     problems: list[str] = []
-    lexicon = make_dataclass(
-        Lexicon, "lexicon", {"pairs": (), **value} if isinstance(value, dict) else value, problems
-    )
+    lexicon = make_dataclass(Lexicon, "lexicon", value, problems)
     if lexicon is not None:
         words = [lexicon.language, *lexicon.same, *lexicon.alone, *chain(*lexicon.pairs, *lexicon.exact)]
         if all(words) and (lexicon.pairs or lexicon.exact):
