@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -138,7 +139,8 @@ def read_results(paths: Iterable[Path]) -> tuple[str, list[Answer]]:
             if wrong := _wrong(row):
                 raise DataError("a row is not an answer", reason="bad_row", where=where,
                                 found=f"{wrong} {quoted(row[wrong], 60)}",
-                                allowed="left or right, of two systems, one of which stands still in a check",
+                                allowed="a trial's number, and left or right of two systems, one of which stands "
+                                "still in a check",
                                 fix="ask the rater for the file again")  # fmt: skip
             trial = (row["song"], row["left"], row["right"], row["expected"])
             if trials.setdefault(row["trial"], trial) != trial:
@@ -162,7 +164,8 @@ def _wrong(row: Mapping[str, str]) -> str:
     still = [side for side in ("left", "right") if row[side] == STILL]
     expected = "" if not still else "right" if still == ["left"] else "left"
     is_right = {
-        **{name: row[name] != "" for name in ("study", "participant", "trial", "song", "left")},
+        **{name: row[name] != "" for name in ("study", "participant", "song", "left")},
+        "trial": re.fullmatch("0|[1-9][0-9]*", row["trial"]) is not None,
         "choice": row["choice"] in ("left", "right"), "right": row["right"] not in ("", row["left"]),
         "expected": row["expected"] == expected, "chosen": row["chosen"] == row.get(row["choice"]),
     }  # fmt: skip

@@ -263,6 +263,7 @@ def test_results_saved_by_a_spreadsheet(tmp_path: Path, between: str) -> None:
                 "right": "",
                 "expected": "left",
                 "participant": "",
+                "trial": "00",
                 "song": "",
             }.items()
         ),
