@@ -67,7 +67,7 @@ class StudyRequest:
 
 
 class _Samples(SceneList):
-    """Samples that say what they are, as a view of them beside their truth has them: in the place of the truth."""
+    """Samples that say what they are, in the place of the dances that they are of."""
 
     def __init__(self, view: ViewSelection) -> None:
         self._truth, self._samples = view.scenes, view.comparisons[-1]
@@ -164,17 +164,20 @@ def _system(view: ViewSelection, views: Sequence[ViewSelection]) -> SceneList:
     if not isinstance(view.scenes, Scenes):
         return view.scenes
     store = view.scenes.store
-    paths = [one.request.compare[0] if one.request.compare else one.request.path for one in views if _of(one, store)]
-    samples = samples_in(store, paths)
+    samples = samples_in(store, [path for system in views for path in _samples_of(system, store)])
     return SampleScenes(store, view.request.field, samples) if samples else view.scenes
 
 
-def _of(view: ViewSelection, store: Store) -> bool:
-    """Return whether a system shows samples of a dataset."""
-    like = None if view.request.like is None else open_store(view.request.like)
-    if view.request.compare and isinstance(view.scenes, Scenes):
-        like = view.scenes.store
-    return like is not None and like.info["self_sha256"] == store.info["self_sha256"]
+def _samples_of(view: ViewSelection, store: Store) -> Sequence[Path]:
+    """Return the files or folder of the samples of a dataset that a system shows; empty if it shows none."""
+    request, scenes = view.request, view.scenes
+    if request.compare and isinstance(scenes, Scenes):
+        like, paths = scenes.store, request.compare
+    elif request.like is not None:
+        like, paths = open_store(request.like), [request.path]
+    else:
+        return ()
+    return paths if like.info["self_sha256"] == store.info["self_sha256"] else ()
 
 
 def _scene(trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneList], seconds: float) -> Scene:

@@ -177,8 +177,8 @@ def _rows(path: Path) -> list[dict[str, str]]:
         if path.stat().st_size > _MAX_BYTES:
             raise DataError("the file is too large", reason="too_large", where=path, allowed=f"{_MAX_BYTES:,} bytes")
         text = path.read_bytes().decode("utf-8-sig")
-        between = next((c for c in ",;\t" if c in text.partition("\n")[0]), ",")  # spreadsheets write others
-        reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=between, strict=True)
+        delimiter = max(",;\t", key=text.partition("\n")[0].count)  # spreadsheets write others
+        reader = csv.DictReader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
         rows = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DataError("the results cannot be read", reason="broken_file", where=path, found=str(error)) from error
@@ -205,7 +205,7 @@ def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = Fal
         raise UsageError("every participant failed a check", found=listed(failed),
                          fix="to count them anyway: keep_failed=True in Python")  # fmt: skip
     pairs = [a for a in answers if a.participant in counting and not a.expected]
-    notes = [] if pairs else ["there are answers to checks alone, and none to a pair"]
+    notes = [] if pairs else ["there are only answers to checks, and none to a pair of systems"]
     if failed:
         notes.append(f"{counted(len(failed), 'participant')} failed a check and does not count: {listed(failed)}")
     if keep_failed and wrong:
