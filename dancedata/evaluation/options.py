@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.errors import UsageError, did_you_mean
+from dancedata.core.errors import DataError, UsageError, did_you_mean
 from dancedata.core.grid import FrameGrid, Number
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Representation
@@ -24,7 +24,7 @@ from dancedata.evaluation.scores import DRAWS
 from dancedata.files.addresses import local_folder
 from dancedata.kernel import DATASET_FILE, Sample, Scaler, Store, TrainingData, make_named, open_store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, MemoryClip
-from dancedata.scene.inputs.files import FileFormat, field_of_width, path_clips
+from dancedata.scene.inputs.files import FileFormat, columns_width, field_of_width, path_clips
 from dancedata.scene.inputs.naming import named_clips
 from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.like import scaling_of
@@ -129,6 +129,9 @@ class EvaluationOptions:
             raise UsageError("the list of songs names unknown clips", found=listed(unknown))
         if unknown := sorted(set(self.music.beats) - ids):
             raise UsageError("beats given for unknown clips", found=listed(unknown))
+        if self.body is not None and store is None and _are_columns(clip_set.clips):
+            raise UsageError("a body applies only to joint positions, and these files hold columns",
+                             where=clip_set.source, found=f"body {self.body}", fix="leave it out")  # fmt: skip
         clip_set, real = self._named(clip_set, music), store or self.like
         return Inputs(
             protocol=rules, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
@@ -256,6 +259,14 @@ def _as_store(what: MotionInput) -> Store | None:
         if (path / DATASET_FILE).exists():
             return open_store(path)
     return None
+
+
+def _are_columns(clips: Iterable[ClipInput]) -> bool:
+    """Return whether all clips are files of columns."""
+    try:
+        return all(clip.file is not None and columns_width(clip.file) > 0 for clip in clips)
+    except DataError:  # of a file that cannot be read: its `load` gives the reason
+        return False
 
 
 def _require_rate(fps: Number | None, samples: Mapping[str, Sample]) -> None:

@@ -239,6 +239,8 @@ def test_columns_take_precedence_over_positions(store: Store, tmp_path: Path) ->
         np.savez(tmp_path / name / "a.npz", columns=columns, **beside)  # type: ignore[arg-type]
         wanted.append(dancedata.evaluate(tmp_path / name, **options)["pfc"].value)
     assert wanted == [wanted[0]] * 3
+    with raises_message(UsageError, "body", where="alone"):
+        dancedata.evaluate(tmp_path / "alone", body="smpl24", **options)
     np.savez(tmp_path / "both" / "a.npz", joints=dance(), motion=np.array(["walk"]))
     assert dancedata.evaluate(tmp_path / "both", up="y", **options)["pfc"].value != wanted[0]
 
