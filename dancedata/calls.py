@@ -144,15 +144,19 @@ def report(
     saved = saved_samples(place)
     if like is None and saved is not None:
         like = saved.dataset
-    if like is None or (place / DATASET_FILE).exists():
+    is_dataset = (place / DATASET_FILE).exists()
+    if like is None and as_evaluate and not is_dataset:
+        raise UsageError("nothing states of which dataset these are samples", where=place, reason="not_stated",
+                         fix="name it: like=", options="name it: --like DATASET")  # fmt: skip
+    if like is None or is_dataset:
         from dancedata.comparison import diff
         from dancedata.pages import write_report
 
-        stated = [*as_evaluate, *(["like"] if like is not None else [])]
-        if stated:
+        of_samples = [*as_evaluate, *(["like"] if like is not None else [])]
+        if of_samples:
             raise UsageError("this is a dataset, and these options are only for samples of a model", where=place,
-                             fix=f"leave out {', '.join(f'{name}=' for name in stated)}",
-                             options=f"leave out {', '.join(f'--{name}' for name in stated)}")  # fmt: skip
+                             fix=f"leave out {', '.join(f'{name}=' for name in of_samples)}",
+                             options=f"leave out {', '.join(f'--{name}' for name in of_samples)}")  # fmt: skip
         return write_report(
             place, out, against=compare, differences=diff, clips=clips, source=music,
             audio="none" if music is None else "embed", rights=rights, overwrite=overwrite, progress=progress,
@@ -161,8 +165,8 @@ def report(
     from dancedata.pages.samples import require_free_page, write_samples_report
 
     if compare is not None or rights is not None or not isinstance(clips, int):
-        raise UsageError("compare and rights are for datasets only, and clips of samples is a number", where=place,
-                         fix="leave them out")  # fmt: skip
+        raise UsageError("compare and rights apply only to datasets, and for samples clips must be a number",
+                         where=place, fix="leave them out")  # fmt: skip
     require_free_page(out, like, overwrite=overwrite)
     scores = evaluate(place, like=like, music=music, progress=progress, **as_evaluate)
     return write_samples_report(scores, like, out, clips=clips, overwrite=overwrite, progress=progress)

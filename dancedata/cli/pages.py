@@ -105,13 +105,14 @@ def report(
     page = out
     if page is None and not as_json:
         page = default_path(path) if (path / DATASET_FILE).exists() else Path(f"{path.stem}-report.html")
-    stated = {
-        name: v for name, v in of_samples.items() if v not in (None, False) or (name, v) == ("normalized", False)
+    # Flags that are not given are False, except --normalized.
+    as_evaluate = {
+        name: v for name, v in of_samples.items() if v is not None and (v is not False or name == "normalized")
     }
     chosen: Any = int(clips) if clips.isdecimal() else clips
     written = calls.report(
         path, page, compare=compare, music=music, rights=rights, clips=chosen, overwrite=overwrite, progress=progress,
-        **stated,
+        **as_evaluate,
     )  # fmt: skip
     if not isinstance(written, Report):
         samples = written

@@ -62,6 +62,7 @@ def places(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
         ("view DEMO -o old.html", 2, "usage"),
         ("view nowhere -o page.html", 1, "nothing_matched"), ("view DEMO --silent", 2, "usage"),
         ("report nowhere", 1, "store"), (f"report DEMO {SAMPLES}", 2, "usage"),
+        ("report SOURCE --field edge151", 2, "not_stated"),
         ("evaluate nowhere", 1, "nothing_matched"), ("evaluate DEMO --protocol nothing", 2, "usage"),
         ("evaluate DEMO -o scores.pdf", 2, "usage"), ("evaluate DEMO -o old.html", 2, "usage"),
         ("decode nowhere.npy --to bvh -o out", 1, "nothing_matched"),
