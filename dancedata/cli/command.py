@@ -94,10 +94,10 @@ def _run(function: Callable[..., Any], as_json: bool, arguments: dict[str, Any])
 
 
 def _error(raised: Exception) -> DanceDataError:
-    """Return the error to print: its own, or that of the system, such as for a file that nobody may list."""
+    """Return the error to print; one of the operating system, such as for an unreadable folder, as StoreError."""
     if isinstance(raised, UnicodeEncodeError):
         return unwritable_name(raised)
-    return raised if isinstance(raised, DanceDataError) else StoreError("the system refuses it", found=str(raised))
+    return raised if isinstance(raised, DanceDataError) else StoreError("the system call failed", found=str(raised))
 
 
 def fail(error: DanceDataError, as_json: bool, name: str, warnings: Sequence[str] = ()) -> Any:

@@ -129,7 +129,7 @@ def report(
     out="FILE.html: The page to write.",
     names="NAMES: Names of the systems: truth,mine; default: their folders.",
     songs="N: Clips that each pair is shown on.",
-    seconds="S: Longest length of a clip.",
+    seconds="S: Maximum length of a clip.",
     seed="N: Seed that draws clips, sides and orders.",
 )
 def study(

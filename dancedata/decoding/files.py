@@ -119,7 +119,7 @@ def _decode_file(
 def _mesh(to: str, body_model: str | Path | None, betas: npt.ArrayLike | None, frames: str | None) -> BodyMesh | None:
     """Return the body model; UsageError for options that do not go with the format."""
     if frames is not None and to != "obj":
-        raise UsageError("frames can be chosen for obj only", found=f"frames {frames} of {to}")
+        raise UsageError("frames can be chosen for obj only", found=f"frames {frames} with {to}")
     if body_model is None:
         if to == "obj":
             fix = "name its file, or write the skeleton alone as glb"

@@ -275,13 +275,14 @@ class Evaluator:
             Returns the objects of all processes, such as ``accelerate.utils.gather_object``. Default:
             torch.distributed, where it is initialised, as under Lightning; a single process keeps its own.
         repeated
-            "same": samples of two processes with one id have the same motion and music, as of a model without noise.
+            "same": samples of two processes with the same id agree in motion and music, as those of a model without
+            noise do.
             "first": that of the first process counts, and the others are not compared.
 
         Raises
         ------
         UsageError
-            If samples that differ have one id.
+            If different samples have the same id.
         """
         part: _Part = (list(self._measured.values()), list(self._left_out.items()), self._traces)
         parts: list[_Part] = (gather or gather_by_torch)([part])

@@ -161,7 +161,7 @@ def scores_of(
         for name, value in values.items()
         if not _is_beside(name)
     ]
-    return scores, _pool_warnings(metric, rows, pool, values)
+    return scores, _pool_warnings(metric, pool, values)
 
 
 def summary_of(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:
@@ -198,9 +198,7 @@ def _intervals(metric: Metric, rows: MetricRows, pool: Float64Array | None, draw
         return {}
 
 
-def _pool_warnings(
-    metric: Metric, rows: MetricRows, pool: Float64Array | None, values: dict[str, float]
-) -> list[str]:
+def _pool_warnings(metric: Metric, pool: Float64Array | None, values: dict[str, float]) -> list[str]:
     if not metric.needs_pool or pool is None:
         return []
     warnings = []

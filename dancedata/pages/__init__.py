@@ -11,9 +11,4 @@ __all__ = ["Report", "write_report"]
 if TYPE_CHECKING:
     from dancedata.pages.write import Report, write_report
 else:
-    __getattr__, __dir__ = lazy_names(
-        __name__,
-        {
-            "pages.write": "Report write_report",
-        },
-    )
+    __getattr__, __dir__ = lazy_names(__name__, {"pages.write": "Report write_report"})

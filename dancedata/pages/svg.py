@@ -170,7 +170,7 @@ def boxes(
 ) -> str:
     """Return one box per row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
 
-    `classes` are those of the rows' colours; of another dataset there is the outline of its box, with its p50.
+    `classes` sets the colour of each row. Another dataset is drawn as the outline of its box, with its p50.
     """
     beside = {name: row for name, row in (other or {}).items() if name in rows and row.p50 is not None}
     all_rows = [*rows.values(), *beside.values()]
@@ -209,7 +209,7 @@ Pair = tuple[float, float, str]
 def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pair] = ()) -> str:
     """Return points with the diagonal on which both numbers are equal, and those of its double and its half.
 
-    Those of another dataset are rings.
+    Points of another dataset are rings.
     """
     values = [v for a, b, _ in (*pairs, *other) for v in (a, b)]
     low, high = min(values), max(values)

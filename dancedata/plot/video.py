@@ -107,7 +107,7 @@ def write_scene(
     length_s: float | None = None,
     credit: str = "",
 ) -> Path:
-    """Write a scene as a video; arguments and errors as of `write_video`.
+    """Write a scene as a video; arguments and errors are those of `write_video`.
 
     `credit`: Licence and citation, for the picture of the last two seconds and the file's comment.
     """

@@ -193,7 +193,7 @@ class Figure:
         return float(speed[on].mean()) if on.any() else 0.0
 
     def part(self, begin: float, seconds: float) -> Figure:
-        """Return the frames of a part of the time, fewer where the figure ends before; DataError for none."""
+        """Return the frames of a part of the time, fewer where the figure ends before; DataError if it has none."""
         first = round(begin * float(self.grid.rate))
         count = max(1, round(seconds * float(self.grid.rate)))
         frames = slice(first, first + count)

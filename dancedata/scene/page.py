@@ -66,7 +66,7 @@ def source_hash(text: str) -> str:
 
 @dataclass(frozen=True)
 class PageSound:
-    """Music inside a page: an audio file as long as it by the number of each item, and a notice of their licence."""
+    """Music inside a page: by the number of each item an audio file of its length, and a notice of their licence."""
 
     files: Mapping[int, bytes] = field(default_factory=dict)
     notice: str = ""

@@ -212,7 +212,10 @@ class Scene:
         return replace(self, figure=None if self.figure is None else self.figure.mirrored(), members=members)
 
     def with_mesh(self, mesh: BodyMesh) -> Scene:
-        """Return the scene with body models in the place of limbs, and notes where not; UsageError for none."""
+        """Return the scene with body models instead of limbs, and a note where one keeps its limbs.
+
+        UsageError if no dancer can be drawn so.
+        """
         if self.members:
             members, notes, refused = [], list(self.notes), []
             for member in self.members:

@@ -124,7 +124,7 @@ class ViewRequest:
             if not matched(comparisons[-1], scenes):
                 clips = listed([item.id for item in scenes.items], 2)
                 raise DataError(
-                    "no name here is that of a clip that is shown", reason="nothing_matched", where=str(path),
+                    "nothing here has the name of a clip that is shown", reason="nothing_matched", where=str(path),
                     found=comparisons[-1].held, allowed=f"CLIP or CLIP@START+LENGTH; clips are {clips}",
                     fix="write samples with save_samples, or give the files such names",
                 )  # fmt: skip
@@ -149,12 +149,8 @@ class ViewRequest:
             field = field_of_width(store, path)
         if (self.normalized is not None or self.scaler is not None) and field is None:
             named = "--scaler" if self.normalized is None else "--normalized"
-            raise UsageError(
-                f"{named} needs columns, and none are named",
-                where=path,
-                fix="name them: field=",
-                options="name them: --field FIELD",
-            )
+            raise UsageError(f"{named} needs columns, and none are named", where=path, fix="name them: field=",
+                             options="name them: --field FIELD")  # fmt: skip
         return file_format(
             store, grid=grid, field=field, normalized=self.normalized, scaler=scaler, clamp=self.clamp, fps=self.fps,
             up=self.up, unit=self.unit,

@@ -58,7 +58,7 @@ class Wall(SceneList):
         if not self.items:
             single, groups = ([i for i in scenes.items if bool(i.members) is kind] for kind in (False, True))
             begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in single]
-            left_out = [f"{counted(len(groups), 'group')}, which stand on no wall"] if groups else []
+            left_out = [f"{counted(len(groups), 'group')}, which walls leave out"] if groups else []
             raise UsageError(
                 "a wall needs two motions that overlap in the same song",
                 reason="mixed_starts", where=scenes.place,

@@ -55,7 +55,7 @@ class SampleScenes(Scenes):
 def samples_in(store: Store, paths: Sequence[Path]) -> list[Sample]:
     """Return what motion files, or those of folders, are of a dataset by their names, where one is more than a clip.
 
-    None where all have the names of clips alone. DataError "outside" for a window that is not within its clip.
+    Empty where all are named as whole clips. DataError "outside" for a window that is not within its clip.
     """
     files = [file for path in paths for file in motion_paths(path) if file.suffix.lower() in MOTION_SUFFIXES]
     finder = Samples(store)

@@ -172,9 +172,9 @@ def shown_figures(
     if length < LEAST_S and any(late.values()):
         begins = [f"{n} from its {float(systems[n].second(items[n])):g} s" for n in figures]
         raise UsageError("the dancers share too little of their song", reason="mixed_starts", where=trial.clip,
-                        found=f"{', '.join(begins)}: {max(0.0, length):.2f} s in common",
-                        allowed=f"{LEAST_S:g} s or more",
-                        fix="name samples of the same windows, or watch them apart: dancedata view")  # fmt: skip
+                         found=f"{', '.join(begins)}: {max(0.0, length):.2f} s in common",
+                         allowed=f"{LEAST_S:g} s or more",
+                         fix="name samples of the same windows, or watch them apart: dancedata view")  # fmt: skip
     if length < LEAST_S:
         raise DataError("the clip is too short for a trial", reason="too_short", where=trial.clip,
                         found=f"{length:.2f} s", allowed=f"{LEAST_S:g} s or more")  # fmt: skip

@@ -45,7 +45,7 @@ _LEAST_JOINTS = 22
 _REMEDIES = {
     "undeclared": "declare it: the rate (fps), up: y or z, the unit: m, cm, mm or inch",
     "unknown_joints": "name the joints in the file: numpy.savez(file, positions=..., joint_names=[...])",
-    "missing_key": "name its arrays so, or say what columns they are, of which dataset (field, like)",
+    "missing_key": "name its arrays so, or say what the columns are and of which dataset: field, like",
 }
 
 
