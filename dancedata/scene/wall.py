@@ -56,14 +56,14 @@ class Wall(SceneList):
         self._name = name or str(scenes.about()["name"])
         self._left_out = [c.name for c in comparisons[MOST - 1 :]]
         if not self.items:
-            single, groups = ([i for i in scenes.items if bool(i.members) is kind] for kind in (False, True))
-            begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in single]
+            groups, clips = [i for i in scenes.items if i.members], [i for i in scenes.items if not i.members]
+            begins = [f"{i.id} to {i.clip.music or '?'} from {float(scenes.second(i)):g} s" for i in clips]
             left_out = [f"{counted(len(groups), 'group')}, which walls leave out"] if groups else []
             raise UsageError(
                 "a wall needs two motions that overlap in the same song",
                 reason="mixed_starts", where=scenes.place,
                 found="; ".join([*left_out, *([listed(begins)] if begins else [])]),
-                fix="a group is shown on one stage without a wall" if groups and not single
+                fix="a group is shown on one stage without a wall" if groups and not clips
                 else "name others to compare with, or show a dataset with several clips of the same song",
             )  # fmt: skip
 
