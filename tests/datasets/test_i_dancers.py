@@ -40,8 +40,8 @@ def write(path: Path, content: Any) -> Path:
 def test_scan(source: Path) -> None:
     scan = IDancers().scan(source)
     assert not scan.rejects
-    found = {clip.group: clip.split for clip in scan.clips}
-    assert found == {"seq_001": "train", "seq_002": "train", "seq 010": "test"}
+    split_of = {clip.group: clip.split for clip in scan.clips}
+    assert split_of == {"seq_001": "train", "seq_002": "train", "seq 010": "test"}
     assert [clip.id for clip in scan.clips if clip.group == "seq_002"] == [f"seq_002_p{k}" for k in range(3)]
     assert scan.clips[0].audio_path == source / "music" / "seq 010.wav"
     assert "Rate: 30 frames per second, by the lengths of motion and music." in notes(scan)

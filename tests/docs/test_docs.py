@@ -22,8 +22,8 @@ from tests.docs.pages import ROOT, WRITTEN, blocks, load, text_of, with_output
 
 PAGES = ["README.md", "CHANGELOG.md", *sorted(str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.md"))]
 #: Pages whose code with output prints that output, in the folder of the demo.
-PRINTING = ["guides/music", "guides/batches", "guides/look", "guides/samples"]
-PRINTING += ["reference/columns", "reference/exports", "reference/protocols"]
+PRINTING = ["guides/music", "guides/batches", "guides/look", "guides/samples",
+            "reference/columns", "reference/exports", "reference/protocols"]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ FPS = 30
 
 @pytest.fixture(scope="module")
 def golden(crowd_golden: Any) -> Mapping[str, Array]:
-    return dict(crowd_golden("groups"))
+    return crowd_golden("groups")
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,6 @@ from dancedata.store import write_store
 from dancedata.store.schema import Field
 from dancedata.store.stored_clip import AudioBlock
 from dancedata.testing.stores import random_columns
-from tests.conftest import DATA, unpack
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
 
@@ -32,16 +31,10 @@ RECIPE: dict[str, Any] = {
 PAIRS = {"Waltz_5_0": "test", "Waltz_6_0": "train"}
 
 
-def arrays(path: Path) -> Arrays:
-    with np.load(path) as file:
-        return dict(file)
-
-
 @pytest.fixture(scope="module")
-def golden(tmp_path_factory: pytest.TempPathFactory) -> Arrays:
+def golden(crowd_golden: Any) -> Arrays:
     """Some frames of a made-up duet as files of DD100 have them, and what Duolando's scripts made of these."""
-    folder = unpack(DATA / "crowd", tmp_path_factory.mktemp("crowd"))
-    return arrays(folder / "groups.npz") | arrays(folder / "duet.npz")
+    return {**crowd_golden("groups"), **crowd_golden("duet")}
 
 
 @pytest.fixture(scope="module")

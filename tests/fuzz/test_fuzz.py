@@ -12,10 +12,9 @@ import pytest
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import self_hash, sha256_bytes
 from dancedata.store import open_store
-from tests.fuzz.conftest import tool
+from tests.fuzz.conftest import TOOLS, tool
 
 HERE = Path(__file__).resolve().parent
-TOOLS = HERE.parents[1] / "benchmarks" / "fuzz"
 #: A child of drawn cases takes seconds to begin with: by default one of each family of formats.
 STRUCTURED = ("pickle", "npz", "bvh", "dataset_json", "recipe", "hdf5", "model_pickle")
 FOUND = sorted(folder.name for folder in (HERE / "corpus").iterdir())

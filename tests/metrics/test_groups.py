@@ -26,13 +26,13 @@ def dancers(n: int = 3, n_frames: int = 60) -> Array:
 @pytest.fixture(scope="module")
 def golden(crowd_golden: Any) -> Mapping[str, Array]:
     """Groups as GCD's code measures them, a duet as Duolando's does."""
-    return dict(crowd_golden("groups"))
+    return crowd_golden("groups")
 
 
 @pytest.fixture(scope="module")
 def scores(crowd_golden: Any) -> Mapping[str, Array]:
     """Tables, a dance and a follower, as GCD's, POPDG's and Duolando's code score them."""
-    return dict(crowd_golden("scores"))
+    return crowd_golden("scores")
 
 
 GROUPS = ("-Ab_cdEf123_01_0_150", "plainid0123_03_0_152", "Zz9_8-7_6Q1_02_300_451")

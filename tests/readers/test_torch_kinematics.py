@@ -15,9 +15,10 @@ from dancedata.core.bodies import SKELETONS
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.registry import CONTACTS, REPRESENTATIONS
+from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from dancedata.representations.joints import Joints
+from dancedata.testing.examples import contact_rule_of
 from dancedata.torch.kinematics import (
     decode,
     forward_kinematics,
@@ -55,8 +56,7 @@ def random_motion(skeleton: Skeleton, seed: int = 0) -> Motion:
 
 def columns_of(name: str, seed: int = 0) -> np.ndarray:
     made = REPRESENTATIONS.get(name)()
-    rule = None if made.default_contacts is None else CONTACTS.get(made.default_contacts)()
-    return made.encode(random_motion(made.skeleton, seed), rule)
+    return made.encode(random_motion(made.skeleton, seed), contact_rule_of(made))
 
 
 def batched(array: np.ndarray) -> torch.Tensor:

@@ -119,7 +119,7 @@ def test_a_group_is_compared(browser: Browser, served: str) -> None:
 
 def test_a_group_that_is_not_there_and_a_dancer_in_the_list(browser: Browser, served: str) -> None:
     browser.open(f"{served}#group=gone")
-    assert browser.text("notes") == ("This dataset has no group gone")
+    assert browser.text("notes") == "This dataset has no group gone"
     found = browser.js(
         "const q = document.querySelector('[data-dd=q]'); q.value = '_p6'; "
         f"q.dispatchEvent(new Event('input')); const n = {V}.shown.map(i => i.name); "
