@@ -133,8 +133,8 @@ def _lists_problem(value: Any) -> str:
     return problem_of("texts", value) or next(filter(None, map(_name_problem, value)), "")
 
 
-def _text(name: str, heading: str = "", show: Callable[[Any], object] = str) -> ClipColumn:
-    return ClipColumn(name, "text", "", _line_problem, heading=heading, show=show)
+def _text(name: str, heading: str = "") -> ClipColumn:
+    return ClipColumn(name, "text", "", _line_problem, heading=heading)
 
 
 def _count(name: str, heading: str = "", least: int = 0) -> ClipColumn:

@@ -150,11 +150,10 @@ class ListedFile:
         return rebuilt_error(self.path.parent, f"{self.path.name} is not the file that was listed then")
 
 
-def hdf5_files(description: Description, split: str | None = None) -> list[FileEntry]:
-    """Return the entries of shards, of all splits or one, and of tables and segments."""
+def hdf5_files(description: Description) -> list[FileEntry]:
+    """Return the entries of shards, tables and segments."""
     files = {name: description.files[name] for name in (TABLES_FILE, SEGMENTS_FILE) if name in description.files}
-    shards = [entry for entry in description.shards if split in (None, entry.split)]
-    return [*shards, *(FileEntry(name, entry["size"], entry["sha256"]) for name, entry in files.items())]
+    return [*description.shards, *(FileEntry(name, entry["size"], entry["sha256"]) for name, entry in files.items())]
 
 
 def lists_file(description: Description, name: str, size: int, sha256: str) -> bool:
@@ -211,9 +210,9 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
     raise StoreError("the dataset is being replaced", where=str(folder), fix="open it again after the build")
 
 
-def listed_files(folder: Path, description: Description, split: str | None = None) -> dict[str, ListedFile]:
-    """Find shards, tables and segments by name, of all splits or one; StoreError if one is missing or was changed."""
-    entries, remote = hdf5_files(description, split), origin_of(folder) is not None
+def listed_files(folder: Path, description: Description) -> dict[str, ListedFile]:
+    """Find shards, tables and segments by name; StoreError if one is missing or was changed."""
+    entries, remote = hdf5_files(description), origin_of(folder) is not None
     return {entry.file: _listed(folder / entry.file, entry.size, entry.sha256, remote) for entry in entries}
 
 

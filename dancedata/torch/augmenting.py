@@ -48,7 +48,9 @@ class Augmenter:
         steps = tuple(numbered(steps))
         for step in steps:
             check_step(step, sample_fields, store)
-            _check_windows(step, store, allow_crop)
+            if step.augmentation.chooses_windows and not allow_crop:
+                raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",
+                                 fix="read windows: WindowDataset(..., augment=['crop'])")  # fmt: skip
             if mirrored and step.mirrors:
                 raise UsageError("samples are mirrored twice", found=step.name, fix="name one mirror in augment")
         droppable = tuple(
@@ -140,10 +142,3 @@ def check_step(step: Step, sample_fields: Sequence[SampleField], store: Store) -
                              found=f"field {field.name}, codes of {codebook.name}",
                              fix="leave out the field, or the augmentation")  # fmt: skip
         step.check(field, str(store.path))
-
-
-def _check_windows(step: Step, store: Store, allow_crop: bool) -> None:
-    augmentation = step.augmentation
-    if augmentation.chooses_windows and not allow_crop:
-        raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",
-                         fix="read windows: WindowDataset(..., augment=['crop'])")  # fmt: skip
