@@ -38,9 +38,14 @@ def require_free(path: Path, stores: Iterable[Path], what: str, *, overwrite: bo
         problem, allowed = f"a {what} is not a file of this kind", f"a name that ends in {endings[0]}"
         raise UsageError(problem, where=path, found=path.suffix or "no ending", allowed=allowed)
     if os.path.lexists(path) and not overwrite:
-        raise UsageError("the file is already there", where=path, fix="choose another name, or overwrite=True",
-                         options="choose another name, or add --overwrite")  # fmt: skip
+        raise already_there(path)
     return path
+
+
+def already_there(path: Path) -> UsageError:
+    """Return the error for a file or folder that may not be replaced."""
+    return UsageError("the file is already there", where=path, fix="choose another name, or overwrite=True",
+                      options="choose another name, or add --overwrite")  # fmt: skip
 
 
 @contextmanager

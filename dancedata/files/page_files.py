@@ -11,7 +11,7 @@ from typing import Any, Self
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.version import __version__
 from dancedata.files import publish
-from dancedata.files.atomic import atomic_file, require_free, write_bytes
+from dancedata.files.atomic import already_there, atomic_file, require_free, write_bytes
 from dancedata.files.atomic_folder import atomic_folder, foreign_files, read_about, remove_listed
 
 #: Bytes of a megabyte, as file managers count.
@@ -34,8 +34,7 @@ class PageFiles:
         """Check the destination of a report or card."""
         target = cls(require_free(to, stores, what, overwrite=overwrite), max_mb)
         if not overwrite and os.path.lexists(target.folder):
-            fix = "choose another --out, or add --overwrite"
-            raise UsageError("the file is already there", where=target.folder, fix=fix)
+            raise already_there(target.folder)
         target._require_own_folder()
         return target
 
