@@ -220,7 +220,7 @@ class Runner:
             self.outcome = "valid"
         except DanceDataError as error:
             self.watching = False
-            self.outcome = getattr(error, "reason", "") or type(error).__name__
+            self.outcome = error.reason or type(error).__name__
             if any(isinstance(e, MemoryError) and not _parser_gave_up(e) for e in _chain(error)):
                 self._finding("memory", data, error)
             elif not any(name in str(error) for name in (path.name, str(self.folder), *self.target.also)):

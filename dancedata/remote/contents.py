@@ -115,8 +115,8 @@ def _clips(store: Store) -> Iterator[dict[str, Any]]:
 
 
 def _beside(paths: Sequence[Path]) -> Iterator[Upload]:
-    of = DatasetFiles
-    taken = {of.DATASET, of.PUBLICATION, of.CARD, of.STATS, of.REJECTS, RECIPE_FILE, CLIPS_FILE}
+    taken = {DatasetFiles.DATASET, DatasetFiles.PUBLICATION, DatasetFiles.CARD}
+    taken |= {DatasetFiles.STATS, DatasetFiles.REJECTS, RECIPE_FILE, CLIPS_FILE}
     for path in paths:
         name = path.name
         if name in taken:

@@ -143,8 +143,9 @@ def _count(name: str, heading: str = "", least: int = 0) -> ClipColumn:
 
 
 def _number_problem(value: Any) -> str:
-    problem = "" if value is None else problem_of("float", value)
-    return problem if problem or value is None or 0 <= value <= _MOST else f"not a number from 0 to {_MOST:,}"
+    if value is None:
+        return ""
+    return problem_of("float", value) or ("" if 0 <= value <= _MOST else f"not a number from 0 to {_MOST:,}")
 
 
 def _rate_problem(value: Any) -> str:

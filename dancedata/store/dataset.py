@@ -182,7 +182,8 @@ class Store(SegmentQueries):
 
         By linear interpolation; UsageError for codes, StoreError where no train window has rows of the field.
         """
-        self._require_statistics(f := self.field(field), "quantiles")
+        f = self.field(field)
+        self._require_statistics(f, "quantiles")
         return train_quantiles(self, f, q)
 
     def free_columns(self) -> tuple[FreeColumn, ...]:

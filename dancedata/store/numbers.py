@@ -33,8 +33,7 @@ def _column(name: str, kind: str, clips: list[ClipRecord]) -> FreeColumn:
         least, middle, most = (f(numbers) if numbers else None for f in (min, median, max))
         return FreeColumn(name, kind, len(held), len(clips), least, middle, most, {}, len(set(entries)))
     counts = Counter(str(entry).lower() if kind == "bool" else entry for entry in entries)
-    values = dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_VALUES])
-    return FreeColumn(name, kind, len(held), len(clips), None, None, None, values, len(counts))
+    return FreeColumn(name, kind, len(held), len(clips), None, None, None, _most_frequent(counts), len(counts))
 
 
 def _entries(value: Any) -> Iterator[Any]:
@@ -42,6 +41,10 @@ def _entries(value: Any) -> Iterator[Any]:
         yield from dict.fromkeys(value)
     else:
         yield value
+
+
+def _most_frequent(counts: Counter[str]) -> dict[str, int]:
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_VALUES])
 
 
 def layer_numbers(store: SegmentQueries) -> tuple[LayerNumbers, ...]:
@@ -56,7 +59,8 @@ def layer_numbers(store: SegmentQueries) -> tuple[LayerNumbers, ...]:
     rows = [np.flatnonzero(original[clip] & (layer_of == number)) for number in range(len(store.layers))]
     is_fact = [layer.name == "facts" for layer in store.layers]
     still: dict[int, list[tuple[int, int]]] = defaultdict(list)
-    for row in (row for of_layer, fact in zip(rows, is_fact, strict=True) if fact for row in of_layer.tolist()):
+    facts = [row for of_layer, fact in zip(rows, is_fact, strict=True) if fact for row in of_layer.tolist()]
+    for row in facts:
         if columns["label"][row] == "still":
             still[int(clip[row])].append((int(start[row]), int(end[row])))
     numbers = []
@@ -74,7 +78,7 @@ def layer_numbers(store: SegmentQueries) -> tuple[LayerNumbers, ...]:
                 coverage=_covered(clip[k], start[k], end[k]) / max(n_frames, 1),
                 texts=len(texts),
                 words=sum(len(text.split()) for text in texts),
-                labels=dict(sorted(labels.items(), key=lambda entry: (-entry[1], entry[0]))[:_VALUES]),
+                labels=_most_frequent(labels),
                 still=None if fact or not any(is_fact) else at_rest,
             )
         )  # fmt: skip

@@ -262,8 +262,10 @@ class GroupReader(BatchReader):
     def __init__(self, dataset: GroupDataset) -> None:
         self._dataset, store = dataset, dataset.store
         self._per_dancer = {name for name in dataset.fields if store.field(name).per_clip}
-        windows = {True: dataset._dancers, False: dataset.windows}
-        fields = [dataset._field_reader(name, windows[name in self._per_dancer]) for name in dataset.fields]
+        fields = [
+            dataset._field_reader(name, dataset._dancers if name in self._per_dancer else dataset.windows)
+            for name in dataset.fields
+        ]
         super().__init__(store, fields, dataset._augmenter)
 
     @cached_property
