@@ -30,7 +30,11 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class Pushed:
-    """Result of `push`: the address with the tag; the commit, "" of a dry run; `uploaded_bytes` were not there."""
+    """Result of `push`: the address with the tag, and the commit, "" of a dry run.
+
+    `files`, `bytes`: Number and size of the published files; `uploaded_bytes` of them were not there before.
+    `recipe_only`: Whether the recipe is published without the data.
+    """
 
     address: str
     commit: str

@@ -17,13 +17,13 @@ from dancedata.store.columns import problem as problem_of
 from dancedata.store.columns import text_problem, whole_problem
 
 _FRACTION = re.compile(r"-?[0-9]{1,40}(/[1-9][0-9]{0,39})?")
-#: Largest tempo and height: wrong units of a source are stored, and a damaged number is not.
+#: Largest tempo and height: values in wrong units of a source are stored, damaged numbers are not.
 _MOST = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
 class ClipRecord:
-    """A clip's row of the table /clips: everything except its arrays. Attributes that a `ClipRef` has mean the same.
+    """A clip's row of the table /clips, without its arrays; attributes that are not listed are those of `ClipRef`.
 
     Attributes
     ----------

@@ -177,7 +177,7 @@ class Clip(ClipRecord):
 
     def _motion_field(self, field: str) -> tuple[str, Representation]:
         """Return a field with its plug-in: the one named, else the first with rotations, else with positions."""
-        # Here, with the plug-ins, which a list of clips needs not.
+        # Imported here: it loads the plug-ins, which a list of clips does not need.
         from dancedata.store.motion_fields import stored_representation, stored_representations
 
         store = self.store

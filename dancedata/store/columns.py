@@ -202,7 +202,7 @@ def kind_of(column: Column) -> str:
 
 
 def free_kind(values: Sequence[Any]) -> str:
-    """Return the kind of a free column by its values that are there; StoreError for several kinds, or for none."""
+    """Return the kind of a free column by its values; StoreError for several kinds, or one that is not stored."""
     kinds = dict.fromkeys(map(_kind, values))
     kinds.pop("empty", None)
     if set(kinds) in ({"int", "float"}, {"ints", "floats"}):

@@ -113,7 +113,7 @@ def open_file(path: Path, require: Callable[[int], None] | None = None) -> Itera
 
 
 def find_object(file: Any, name: str, opened: dict[str, Any] | None = None) -> Any:
-    """Return the identifier of a group or dataset, None without; StoreError for links. `opened` remembers them."""
+    """Return the identifier of a group or dataset, or None; StoreError for links. `opened` remembers identifiers."""
     # h5py's own look-up makes an object of every group on the way, which is most of the time to open a dataset.
     path, item, opened = "", file.id, {} if opened is None else opened
     for part in name.strip("/").split("/"):
@@ -223,7 +223,8 @@ def wrong_attributes(item: Any, needed: Iterable[str], **expected: str | int) ->
     """Yield how attributes differ from those that `write_attributes` writes; only `needed` ones have to be there."""
     for name, value in expected.items():
         stated: object = None
-        if name in item.attrs:  # of variable length are not read: a damaged heap of them makes HDF5 hang
+        if name in item.attrs:
+            # Texts of variable length are not read: a damaged heap of them makes HDF5 hang.
             kind = item.attrs.get_id(name).dtype.kind
             stated = item.attrs[name] if kind in "Siu" else f"of type {item.attrs.get_id(name).dtype}"
             stated = stated.decode(errors="replace") if isinstance(stated, bytes) else stated

@@ -94,7 +94,7 @@ def train_quantiles(store: RowQueries, f: Field, q: Sequence[float]) -> npt.NDAr
 
 
 def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[ShardRows]:
-    """Yield what `covered` takes of train's shards; timelines, which several may hold, by hash where `hashed`."""
+    """Yield the shards of train for `covered`; with `hashed`, equal timelines of several shards have the same key."""
     tables, train = store._tables, store._rows_of_split("train")
     has_rows = tables.has_rows(f)[tables.window_clip[train.windows]]
     clips = tables.window_clip[train.windows][has_rows]

@@ -30,7 +30,7 @@ def check_clip(header: StoreHeader, clip: StoredClip) -> None:
     for f in audio:
         _check_audio(header, clip, f, clip.audio[f.name])
     if off := [start for start in clip.starts if start % header.stride]:
-        raise StoreError("a window begins at no multiple of the stride", where=f"clip {clip.id}",
+        raise StoreError("a window does not begin at a multiple of the stride", where=f"clip {clip.id}",
                          found=f"frame {off[0]}", allowed=f"every {header.stride} frames from 0 on")  # fmt: skip
 
 

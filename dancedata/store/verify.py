@@ -206,7 +206,7 @@ def _check_counts(folder: Path, description: Description, records: Sequence[Clip
 
 
 def _check_stride(store: Store) -> Iterator[Problem]:
-    """Find a stride that no two windows of a clip are apart: readers take it for windows of another length."""
+    """Find a stride smaller than between any windows of a clip: readers take it for windows of another length."""
     clip, start = store._tables.window_clip, store._tables.window_start
     apart, stride = np.diff(start)[clip[1:] == clip[:-1]].min(initial=MAX_ROWS), store._description.stride
     if stride < apart < MAX_ROWS:

@@ -1,4 +1,4 @@
-"""Lists the windows of a split, stored ones or others, and finds their rows."""
+"""Lists the windows of a split, as stored or of another length and stride, and finds their rows."""
 
 import math
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def cut_windows(
     fields: Sequence[Field],
     trim: bool = False,
 ) -> WindowList:
-    """Return windows of any length and stride within their clip and all of `fields`; `trim` skips its begin."""
+    """Return windows of any length and stride within a clip and all of `fields`; `trim`: from its trim_start on."""
     for f in fields:
         for what, frames in (("length", windows.length), ("stride", windows.stride)):
             if not description.grid.is_whole(frames, of=f.grid):

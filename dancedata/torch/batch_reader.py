@@ -261,7 +261,7 @@ class BatchReader:
                 out[name][nth] = blank_of(self._store, name)
 
     def read(self, plan: BatchPlan, order: Sequence[int], out: Mapping[str, Array]) -> None:
-        """Read all fields of the windows, which are taken in an order."""
+        """Read all fields of the windows; `order` is that of their places in the files."""
         for field in self.fields:
             self.read_field(field, plan, order, out)
 

@@ -97,7 +97,7 @@ def mirrors_of(store: Store, fields: tuple[str, ...]) -> dict[str, Mirror]:
 
 
 def root_columns(store: Store, relative: Sequence[str], scaled: Sequence[str]) -> dict[str, slice]:
-    """Return the columns of the translation of `relative` fields; UsageError for those without, or scaled."""
+    """Return the columns of the translation of `relative` fields; UsageError for one without it, or a scaled one."""
     columns = {}
     for name in relative:
         if "translation" not in store.fields[name].names:
