@@ -200,7 +200,8 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
         try:
             description = load_description(folder)
             require_sealed(description, folder)
-            files = listed_files(folder, description)
+            remote = origin_of(folder) is not None
+            files = {e.file: _listed(folder / e.file, e.size, e.sha256, remote) for e in hdf5_files(description)}
         except StoreError:
             if before == _identity(folder / DATASET_FILE):
                 raise
@@ -208,12 +209,6 @@ def open_listed(folder: Path) -> tuple[Description, Mapping[str, ListedFile]]:
             if before == _identity(folder / DATASET_FILE):
                 return description, files
     raise StoreError("the dataset is being replaced", where=str(folder), fix="open it again after the build")
-
-
-def listed_files(folder: Path, description: Description) -> dict[str, ListedFile]:
-    """Find shards, tables and segments by name; StoreError if one is missing or was changed."""
-    entries, remote = hdf5_files(description), origin_of(folder) is not None
-    return {entry.file: _listed(folder / entry.file, entry.size, entry.sha256, remote) for entry in entries}
 
 
 def _identity(path: Path) -> FileId | None:
