@@ -188,7 +188,7 @@ def transfer_to(motion: Motion, body: Skeleton, *, keep: Literal["pelvis", "tran
     motion
         On a skeleton that begins with the 22 body joints, in their order.
     body
-        The skeleton of the result; with the motion's bones, it is returned itself. UsageError for another family.
+        The skeleton of the result; a motion with its bones is returned as it is. UsageError for another family.
     keep
         "pelvis": it stays where it is, so that the translation changes by the difference of the two bodies' rest
         positions. "translation": its numbers, as in Lodge's treatment of AIST++, so that the pelvis moves.

@@ -32,7 +32,7 @@ class Repaired:
 
 
 def repaired(motion: Motion, limits: Mapping[str, float]) -> Repaired:
-    """Make the repairs that have a limit, in the order of `STAGES`; a motion without these faults stays itself."""
+    """Make the repairs that have a limit, in the order of `STAGES`; motion without faults is returned as it is."""
     flags: list[Flag] = []
     for name, stage in STAGES.items():
         if name in limits:
