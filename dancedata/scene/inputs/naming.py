@@ -194,7 +194,7 @@ def _song_within(name: str, songs: frozenset[str]) -> str:
 
 
 def motion_paths(path: Path) -> list[Path]:
-    """Return the motion files of a folder or a pattern by name, or one file as it is; none where nothing is there."""
+    """Return the motion files of a folder or a pattern by name, or one file as it is; empty if there are none."""
     if path.is_file():
         return [path]
     entries = path.iterdir() if path.is_dir() else map(Path, glob.glob(str(path)))
@@ -202,9 +202,9 @@ def motion_paths(path: Path) -> list[Path]:
 
 
 def motion_files(path: Path, purpose: str) -> list[Path]:
-    """Return the motion files of a folder or a pattern, or one file: the trip of every command that takes motion.
+    """Return the motion files of a folder or a pattern, or one file, for every command that takes motion.
 
-    DataError for none to `purpose`, such as "look at"; UsageError for two of one name.
+    DataError if there is nothing to `purpose`, such as "look at"; UsageError for two files of the same name.
     """
     files = motion_paths(path)
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
