@@ -92,7 +92,7 @@ def require_keys(arrays: ArrayFile, keys: Sequence[str], allowed: str = "") -> N
 
 
 def require_finite(path: Path, what: str, array: Floats, fix: str = DOWNLOAD_AGAIN, *, columns: bool = False) -> None:
-    """Raise DataError, ``nan`` with frame, and column if users know `columns`, unless an array (T, ...) is finite."""
+    """Raise DataError, ``nan`` with the frame, and the column if `columns`, unless an array (T, ...) is finite."""
     finite = np.isfinite(array.reshape(len(array), -1))
     bad = np.asarray(~finite.all(axis=1))
     if bad.any():
@@ -132,18 +132,21 @@ def require_matrices(
     matrices: Floats,
     joints: Sequence[str],
     tolerance: float = _TOLERANCE_MATRIX,
+    determinant: float = _TOLERANCE_MATRIX,
     fix: str = DOWNLOAD_AGAIN,
 ) -> None:
     """Raise DataError, ``bad_rotation`` with frame and joint, unless (T, J, 3, 3) are rotation matrices."""
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(matrices @ np.swapaxes(matrices, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-        bad = ~(off <= tolerance) | ~(np.linalg.det(matrices) > 0)
+        off_1 = np.abs(np.linalg.det(matrices) - 1)
+    bad = ~((off <= tolerance) & (off_1 <= determinant))
     if bad.any():
         frame, joint = (int(k) for k in np.argwhere(bad)[0])
         raise DataError("not a rotation matrix", reason="bad_rotation",
                         where=f"{where}, frame {frame}, joint {joints[joint]}",
-                        found=f"deviation {off[frame, joint]:.3g}; {int(bad.any(axis=1).sum())} of {len(bad)} frames",
-                        allowed=f"rows of length 1 at right angles within {tolerance:g}, right-handed",
+                        found=f"R R^T is {off[frame, joint]:.3g} off, the determinant {off_1[frame, joint]:.3g}; "
+                              f"{int(bad.any(axis=1).sum())} of {len(bad)} frames",
+                        allowed=f"orthonormal within {tolerance:g}, determinant 1 within {determinant:g}",
                         fix=fix)  # fmt: skip
 
 

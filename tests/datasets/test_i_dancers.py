@@ -174,6 +174,7 @@ BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
     "translation of fewer dancers": ("bad_shape", places(lambda a: a[:1])),
     "mirrored, determinant -1": ("bad_rotation", poses(lambda a: put(a, (1, 5, 18), np.diag([1, 1, -1])))),
     "sheared": ("bad_rotation", poses(lambda a: put(a, (0, 5, 2, 0, 1), 0.7))),
+    "scaled, determinant 1.0013": ("bad_rotation", poses(lambda a: put(a, (0, 5, 4), a[0, 5, 4] * 1.00044))),
     "zeros": ("bad_rotation", poses(lambda a: put(a, (0, 5, 23), 0))),
 }
 

@@ -158,5 +158,6 @@ def from_matrices(arrays: ArrayFile, name: str, values: Floats) -> Floats:
     """Return axis-angle rotations (T, J, 3) of matrices (T, J * 9), row by row; DataError (``bad_rotation``)."""
     matrices, fix = values.reshape(len(values), -1, 3, 3), "give the array that has rotation matrices, or axis-angle"
     joints = [str(joint) for joint in range(matrices.shape[1])]
-    checks.require_matrices(f"{arrays.path}, {name}", matrices, joints, _TOLERANCE, fix)
+    # Matrices that are orthonormal within t have determinants within 5 t of 1 or -1: this refuses reflections alone.
+    checks.require_matrices(f"{arrays.path}, {name}", matrices, joints, _TOLERANCE, 5 * _TOLERANCE, fix)
     return rotvec_from_matrix(matrices)
