@@ -43,7 +43,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
 from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
-from dancedata.datasets.published import Folders, Labels, Layout, LeftOut, Listing, PairedDataset, Splits
+from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, PairedDataset, Splits
 from dancedata.files.listing import describe, list_folder, relative
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
 
@@ -148,10 +148,10 @@ class AistPP(PairedDataset):
         places = [place / name for place in folders.places for name in self.music_folders]
         there = [folder for folder in (*places, *folders.places) if folder.is_dir()]
         music = list_audio(there, source, music_problem, mixed=folders.places, music_dir=self.music_dir)
+        listing = Listing(folders, motions, music)
         recordings = motions.files.keys() & music.files.keys()
-        songs = {self.song_of(name) for name in motions.files if name not in recordings} & music.files.keys()
-        layout = "mixed" if recordings and songs else "edge" if recordings else "official"
-        return Listing(folders, motions, music, layout=layout, labels=Labels(dict.fromkeys(songs, "used")))
+        layout = "mixed" if recordings and self._songs(listing) else "edge" if recordings else "official"
+        return replace(listing, layout=layout)
 
     @override
     def song_of(self, name: str) -> str:
@@ -169,7 +169,7 @@ class AistPP(PairedDataset):
     def why_unused(self, name: str, listing: Listing) -> str:
         if parse_name(name):
             return super().why_unused(name, listing)
-        if name in listing.labels.of:
+        if name in self._songs(listing):
             return ""
         danced = name in {self.song_of(sequence) for sequence in listing.motions.files}
         return (
@@ -215,7 +215,7 @@ class AistPP(PairedDataset):
         first, *others = super().layout_notes(listing)
         names = (listing.relative(folder) for folder in listing.music.folders)
         where = listed("the source folder" if name == "." else f"{name}/" for name in names)
-        n_songs = len(listing.labels.of)
+        n_songs = len(self._songs(listing))
         files = counted(len(listing.motions.files.keys() & listing.music.files.keys()), "file")
         songs, one = counted(n_songs, "song"), "one audio file per"
         yield first.replace(
@@ -288,6 +288,11 @@ class AistPP(PairedDataset):
         from dancedata.synthetic import write_synthetic
 
         write_synthetic(Path(folder), seed=0, songs=2, clips_per_song=2, clip_s=6.0)
+
+    def _songs(self, listing: Listing) -> set[str]:
+        """Return the songs whose file some sequence uses, as it has none of its own."""
+        music = listing.music.files.keys()
+        return {self.song_of(name) for name in listing.motions.files.keys() - music} & music
 
     def _split_places(self, folders: Folders) -> list[Path]:
         if self.split_dir is None:
