@@ -25,7 +25,15 @@ from dancedata.representations._columns import Part
 #: Joints of the columns in their order: Motorica's backwards, without the toes.
 _JOINTS = tuple(j for j, name in reversed(list(enumerate(MOTORICA21.joints))) if not name.endswith("ToeBase"))
 _ROTATIONS = 3 * len(_JOINTS)
-_GROUPS = ("axis_angle", "root_height", "root_way", "root_turn")
+_OTHER = MOTORICA21.other_side
+_PERMUTATION = tuple(3 * _JOINTS.index(_OTHER.get(j, j)) + axis for j in _JOINTS for axis in range(3))
+_LABELS = tuple(f"{MOTORICA21.joints[j]}.{axis}" for j in _JOINTS for axis in "xyz")
+_PARTS = (
+    Part(Group("axis_angle", _ROTATIONS, "rad", _LABELS), Mirror(_PERMUTATION, (1, -1, -1) * len(_JOINTS))),
+    Part(Group("root_height", 1, "cm"), Mirror((0,), (1,))),
+    Part(Group("root_way", 2, "cm per frame", ("x", "z")), Mirror((0, 1), (-1, 1))),
+    Part(Group("root_turn", 1, "rad per frame"), Mirror((0,), (-1,))),
+)
 #: Below this sine of its angle to the vertical, the side axis of the hips has no direction on the floor.
 _LEAST = 1e-6
 
@@ -45,22 +53,10 @@ class Lda61(Representation):
 
     version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = MOTORICA21
+    columns: ClassVar[Columns] = parts.columns_of(*_PARTS)
     axes: ClassVar[str] = "right-handed, +Y up, centimetres, each frame facing +Z"
     rate: ClassVar[Fraction | None] = Fraction(30)
-    spatial: ClassVar[Spatial | None] = Spatial("y", {name: "unchanged" for name in _GROUPS})
-
-    @property
-    @override
-    def columns(self) -> Columns:
-        other = MOTORICA21.other_side
-        permutation = tuple(3 * _JOINTS.index(other.get(j, j)) + axis for j in _JOINTS for axis in range(3))
-        labels = tuple(f"{MOTORICA21.joints[j]}.{axis}" for j in _JOINTS for axis in "xyz")
-        return parts.columns_of(
-            Part(Group("axis_angle", _ROTATIONS, "rad", labels), Mirror(permutation, (1, -1, -1) * len(_JOINTS))),
-            Part(Group("root_height", 1, "cm"), Mirror((0,), (1,))),
-            Part(Group("root_way", 2, "cm per frame", ("x", "z")), Mirror((0, 1), (-1, 1))),
-            Part(Group("root_turn", 1, "rad per frame"), Mirror((0,), (-1,))),
-        )
+    spatial: ClassVar[Spatial | None] = Spatial("y", {part.group.name: "unchanged" for part in _PARTS})
 
     @override
     def encode(self, motion: Motion, contacts: ContactRule | None = None) -> npt.NDArray[np.float32]:
