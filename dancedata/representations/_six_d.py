@@ -19,7 +19,6 @@ from dancedata.core.spatial import Role, Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 
-#: The 6D convention in dataset.json (Zhou et al. 2019, by rows as in pytorch3d).
 #: Behaviour of the layout's columns under a turn or a shift.
 ROLES: Mapping[str, Role] = MappingProxyType(
     {"contact": "unchanged", "translation": "place", "rotation_6d": "root_rotation"}
@@ -28,7 +27,7 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 
 @dataclass(frozen=True)
 class SixD:
-    """Contacts 4, root translation 3, J x 6D, for the J joints of a skeleton; `name` is the representation's."""
+    """Contacts 4, root translation 3, J x 6D (two rows, Zhou et al. 2019) of a skeleton; `name`, for messages."""
 
     name: str
     skeleton: Skeleton
