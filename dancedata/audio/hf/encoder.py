@@ -131,7 +131,7 @@ class HuggingFaceEncoder:
         for _, equal in groupby(parts, key=lambda part: chunks[part[0]].n_samples):
             batch = list(equal)
             begin = 0
-            for values in self._batches.run(batch, size, lambda some: self._compute(prepared, chunks, some)):
+            for values in self._batches.run(batch, size, lambda members: self._compute(prepared, chunks, members)):
                 for (number, signal), frames in zip(batch[begin:], values, strict=False):
                     yield number, signal, frames
                 begin += len(values)

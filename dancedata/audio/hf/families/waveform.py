@@ -78,8 +78,7 @@ class WaveformEncoder(Family):
         # Masking belongs to training; without it the model has no vector for it.
         config = self.keys(num_hidden_layers=max(top, 1), mask_time_prob=0.0, mask_feature_prob=0.0)
         if kind == "mert_model":  # attention_relax is of deepnorm's branch only
-            off = ("feature_extractor_cqt", "deepnorm", "attention_relax")
-            config = {k: v for k, v in config.items() if not k.startswith(off)}
+            config = {k: v for k, v in config.items() if not k.startswith((*_MERT_OFF, "attention_relax"))}
         stem = _STEMS[kind]
         prefix = tuple(rf"(\w+\.)?{head}" for head in _HEADS)
         unexpected = (*prefix, *self.above(top, r"(\w+\.)?encoder\.layers"))
