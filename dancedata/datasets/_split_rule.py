@@ -44,7 +44,7 @@ _CLOSE = Fraction(1, 4)
 
 @dataclass(frozen=True)
 class SplitRule:
-    """A rule that assigns clips to splits: fractions in [0, 1) of groups, all clips of one `by`; the rest is train.
+    """A rule that assigns groups of clips with one value of `by` to splits: fractions in [0, 1); the rest is train.
 
     `balance`: Whether groups are dealt out by their numbers of clips, and not each by its name alone.
     """
@@ -126,7 +126,7 @@ class SplitRule:
         return name or (clip.id if self.by == "music" else "")
 
     def apply(self, clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[str]]:
-        """Return the clips, all with a split, their group's where they have none, and the notes; SourceError."""
+        """Return the clips, those without a split in their group's, and notes; SourceError if a split stays empty."""
         nameless = [clip.id for clip in clips if not self.group(clip)]
         if nameless:
             raise SourceError(

@@ -67,7 +67,7 @@ def music_problem(stem: str) -> str:
 
 
 def crossmodal_split(name: SequenceName) -> str:
-    """Return the split by the crossmodal rule, "" for none; as the published lists on all 1,408 names."""
+    """Return the split by the crossmodal rule, "" for none; it agrees with the published lists on all 1,408 names."""
     rule = manifest("aistpp")["crossmodal"]
     choreographies = {rule[f"{split}_choreography"]: split for split in ("val", "test")}
     held_out = choreographies.get(name.choreography, "") if name.situation == rule["situation"] else ""
@@ -256,11 +256,10 @@ class AistPP(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 60 FPS, +Y up, SMPL24.
+        """Read the motion of one clip: 60 FPS, +Y up, SMPL24, in metres: ``smpl_trans / smpl_scaling`` in float64.
 
-        Returns: Rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3) in metres,
-            ``smpl_trans / smpl_scaling`` in float64.
-        Raises DataError: ``broken_file``, ``unsafe_pickle``, of `read_frames`, ``not_rotations``, ``bad_scaling``.
+        Returns: Rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3).
+        Raises DataError: ``broken_file``, ``unsafe_pickle``, ``not_rotations``, ``bad_scaling``, or as `read_frames`.
         """
         from dancedata.datasets.checks import bad_shape, read_frames, require_keys, require_rotations
         from dancedata.formats.safe_pickle import load_pickle
@@ -291,8 +290,8 @@ class AistPP(PairedDataset):
 
     def _songs(self, listing: Listing) -> set[str]:
         """Return the songs whose file some sequence uses, as it has none of its own."""
-        music = listing.music.files.keys()
-        return {self.song_of(name) for name in listing.motions.files.keys() - music} & music
+        motions, music = listing.motions.files.keys(), listing.music.files.keys()
+        return {self.song_of(name) for name in motions - music} & music
 
     def _split_places(self, folders: Folders) -> list[Path]:
         if self.split_dir is None:

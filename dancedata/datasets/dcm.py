@@ -106,7 +106,7 @@ class DCM(PairedDataset):
         """Read the places of the joints, and fit rotations to them: 30 FPS, metres, +Y up, on the bones of the file.
 
         Returns: SMPL-X's 22 body joints.
-        Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, ``nan``, ``bad_axes`` (it does not stand up).
+        Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, ``nan``, ``bad_axes`` (not upright).
         """
         path = ref.motion_path
         try:

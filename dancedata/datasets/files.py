@@ -187,9 +187,9 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
 
 
 def read_names(path: Path, *, spaces: bool = False) -> list[str]:
-    """Return the first word of every line of a list of names, but of comments (``#``); of JSON the entries of a list.
+    """Return the first word of every line, except comments (``#``), of a text; of JSON the entries of a list.
 
-    `spaces`: Whether a name is the whole line. SourceError for no such list, or one out of bounds.
+    `spaces`: Whether a name is the whole line. SourceError if the list cannot be read, or is out of bounds.
     """
     try:
         text = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig")
@@ -223,7 +223,7 @@ def read_lists(
     below: Sequence[str],
     name_of: Callable[[str], str],
 ) -> tuple[dict[str, tuple[str, ...]], Path]:
-    """Return the names on each list that exists, official ones first, and the folder of those: in a place."""
+    """Return the names on each list that exists, official ones first, and the folder of those."""
     if not official and not recorded:
         return {}, root
     within = [place / name for place in places for name in below]

@@ -348,7 +348,7 @@ def length_note(motion: Path, music: Path) -> str:
 def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
 
-    Returns: 30 FPS, metres, +Y up; axis-angle (T, 55, 3), jaw and eyes zero, from frame `trim_start` on the dance.
+    Returns: 30 FPS, metres, +Y up; axis-angle (T, 55, 3), jaw and eyes zero; the dance begins at `trim_start`.
     """
     with open_arrays(path) as arrays:
         _length(arrays)

@@ -73,7 +73,7 @@ _STYLE_MAP = "all_style_map.json"
 
 
 def read_styles(root: Path, source: Path, names: Collection[str]) -> Labels:
-    """Read the styles of some clips: of a map of all, which counts (SourceError if it is none), and a file each."""
+    """Read the styles of clips from a map, which takes precedence, and a file each; SourceError for a bad map."""
     folder, rejects, differ = root / "styles", [], []
     styles = _style_map(folder / _STYLE_MAP)
     for name in sorted(names):

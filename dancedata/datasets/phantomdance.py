@@ -100,9 +100,8 @@ class PhantomDance(PairedDataset):
     def load(self, ref: ClipRef) -> Motion:
         """Read a dance: 30 FPS, metres, right-handed with +Y up; the pelvis is at the translation (SMPL24_EDGE).
 
-        Returns: Rotations (T, 24, 3) axis-angle relative to the parents, of the file's rotations in the world.
-        Raises DataError: ``broken_file``, ``bad_skeleton``, those of `read_frames`, ``bad_rotation``, or ``bad_axes``
-            (the body does not stand upright).
+        Returns: Rotations (T, 24, 3) axis-angle relative to the parents, from the file's rotations in the world.
+        Raises DataError: ``broken_file``, ``bad_skeleton``, ``bad_rotation``, ``bad_axes``, or as `read_frames`.
         """
         path, content = ref.motion_path, _content(ref.motion_path)
         order = _order(path, content["bone_name"])

@@ -128,7 +128,7 @@ class Layout:
         return f"set SOURCE to the folder that contains {self.motions}/"
 
     def list_motions(self, source: Path) -> tuple[Folders, Files]:
-        """Return the folders and the motion files by name; other entries are ``extra_file``. SourceError for none."""
+        """Return the folders and the motion files by name; others are ``extra_file``. SourceError without any."""
         folders = self.find(source)
         folder = folders.root / self.motions
         files = files_by_stem(folder, folders.source, self.suffix, lambda stem: self._problem(stem, self.stem))
@@ -216,7 +216,7 @@ class PublishedDataset(Dataset):
     get_lists
         Where the lists are to be had.
     body
-        The body of all motions, where it is one.
+        The body of all motions, if they share one.
     """
 
     layout: ClassVar[Layout]

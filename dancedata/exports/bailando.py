@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def _find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
-    """Return the clip with the longest signal of each music, which the others begin, and what is missing."""
+    """Return the clip with each music's longest signal, of which others must be beginnings, and what is missing."""
     songs: dict[str, Clip] = {}
     missing: list[Missing] = []
     by_music: dict[str, list[Clip]] = {}

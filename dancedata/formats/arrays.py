@@ -30,7 +30,7 @@ Array = NDArray[Any]
 
 
 class ArrayFile:
-    """Named arrays of a file, "" the name of an .npy file's; `names` has all, whether numbers or not."""
+    """Named arrays of a file; that of an .npy file is named "". `names` lists all, whether of numbers or not."""
 
     def __init__(self, path: Path, names: tuple[str, ...]) -> None:
         self.path = path
@@ -338,7 +338,7 @@ UNSTATED = StatedScaling()
 
 
 def stated_scaling(arrays: ArrayFile) -> StatedScaling:
-    """Return what the entries "normalized" and "scaler_sha256" state; DataError "undeclared" for no truth value."""
+    """Return what the entries "normalized" and "scaler_sha256" state; DataError "undeclared" unless true or false."""
     scaler = arrays.text(_SCALER) if _SCALER in arrays.names else ""
     if _NORMALIZED not in arrays.names:
         return StatedScaling(None, scaler)

@@ -42,11 +42,12 @@ Floats = NDArray[np.float64]
 def body_model_skeleton(
     path: Path, *, joints: Skeleton = SMPLX55, betas: ArrayLike | None = None, gender: str = "neutral"
 ) -> Skeleton:
-    """Return a skeleton with the bones of a body model, metres; its name has a hash of them. UsageError.
+    """Return a skeleton with the bones of a body model, metres; its name has a hash of them.
 
     `path`: A model file, or a folder, where `gender` and `joints` select one, such as smplh/male/model.npz.
     `joints`: The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
     `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
+    Raises UsageError: if there is no such model, or it lacks an array, has other joints or fewer betas.
     """
     file = find_model(path, joints=joints, gender=gender)
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)
@@ -72,7 +73,7 @@ def skeleton_of(rest: Floats, body: Skeleton, joints: Skeleton) -> Skeleton:
 
 
 def find_model(path: Path, *, joints: Skeleton = SMPLX55, gender: str = "neutral") -> Path:
-    """Return the model's file: `path`, or the one of a folder with that gender and joints; UsageError if none."""
+    """Return the model's file: `path`, or the one of a folder with that gender and joints; UsageError without one."""
     if gender not in GENDERS:
         raise UsageError("invalid gender of a body model", found=repr(gender), allowed=", ".join(GENDERS))
     path = Path(path).expanduser()

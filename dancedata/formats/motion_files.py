@@ -27,7 +27,7 @@ _N_BETAS = 16
 
 
 def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
-    """Return AMASS's arrays on SMPL-H's 52 joints: poses (T, 156), trans, betas, gender, rate. UsageError."""
+    """Return AMASS's arrays on SMPL-H's 52 joints, such as poses (T, 156); UsageError for another family."""
     poses, trans = _upright(motion, SMPLH52)
     return {
         "trans": trans,
@@ -39,7 +39,7 @@ def amass_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
 
 
 def smplx_arrays(motion: Motion, gender: str = "neutral") -> Arrays:
-    """Return AMASS's SMPL-X arrays on 55 joints: poses (T, 165), its parts, trans and the rest. UsageError."""
+    """Return AMASS's SMPL-X arrays on 55 joints, such as poses (T, 165); UsageError for another family."""
     poses, trans = _upright(motion, SMPLX55)
     rows = poses.reshape(len(poses), -1)
     return {

@@ -43,7 +43,7 @@ _NUMBER = re.compile(r"\+?(\d{1,9}\.?\d{0,30}|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
 def rate_of_text(text: str) -> Fraction | None:
-    """Return a rate such as "59.94" or "30000/1001" exactly as written; None if it is none, or long ("1e999999")."""
+    """Return a rate such as "59.94" or "30000/1001" exactly as written; None for any other text, or long ones."""
     top, slash, bottom = text.strip().partition("/")
     if not _NUMBER.fullmatch(top) or (slash and not _NUMBER.fullmatch(bottom)):
         return None
@@ -52,7 +52,7 @@ def rate_of_text(text: str) -> Fraction | None:
 
 
 def exact_rate(value: float) -> Fraction | None:
-    """Return the usual rate within a millionth of a number (59.94005994 is 60000/1001), else as written; or None."""
+    """Return the usual rate within a millionth of a number (59.94005994 is 60000/1001), else the number; or None."""
     rate = rate_of_text(repr(float(value)))
     if rate is None:
         return None
@@ -63,7 +63,8 @@ def exact_rate(value: float) -> Fraction | None:
 def rate_of_period(text: str) -> Fraction | None:
     """Return the rate of a frame time in seconds, as written: "0.0333333" is 30, ".0083333" 120.
 
-    It is a usual rate, whole ones first, whose frame time differs by one unit of the last decimal at most, or exact.
+    It is a usual rate, whole ones first, if its frame time differs by at most one unit of the last decimal and 1.5 %;
+    otherwise exactly 1 / text.
     """
     period = Fraction(text)
     mantissa, _, exponent = text.lower().partition("e")

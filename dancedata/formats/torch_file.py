@@ -92,7 +92,7 @@ def torch_for(path: Path) -> Any:
 
 
 def load_torch(path: Path) -> Any:
-    """Read what torch.save has written: tensors, as arrays, in plain containers; DataError, nothing is executed."""
+    """Read, without running code, what torch.save wrote: tensors, as arrays, in plain containers; else DataError."""
     try:
         torch = torch_for(path)
         data = read_regular(path, MAX_PICKLE_BYTES)

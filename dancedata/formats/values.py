@@ -37,7 +37,7 @@ MOTION_SUFFIXES = (".npz", ".npy", ".pkl", ".bvh", *VALUE_SUFFIXES[1:])
 
 @contextmanager
 def open_arrays(path: Path) -> Iterator[ArrayFile]:
-    """Open a file by its suffix, others than .npz and VALUE_SUFFIXES as .npy; DataError if it has no numbers."""
+    """Open a file by its suffix, any but .npz and VALUE_SUFFIXES as .npy; DataError if it cannot be read."""
     kind = path.suffix.lower()
     if holds_values(path):
         yield ValueArrays(path, load_values(path))
@@ -67,7 +67,7 @@ def holds_values(path: Path) -> bool:
 
 
 def load_values(path: Path) -> object:
-    """Return the content of a pickle, a file of joblib or torch, or numpy's objects; people by number. DataError."""
+    """Return the content of a pickle, a file of joblib or torch, or numpy's objects, lists of dicts by number."""
     size = path.stat().st_size if path.is_file() else 0
     if size > MAX_PICKLE_BYTES:
         raise DataError(
@@ -101,7 +101,7 @@ def _unboxed(value: object) -> object:
 
 
 def load_object(path: Path) -> object:
-    """Return the object of an .npy file with an array () of objects, as of numpy.save(file, {...}); DataError."""
+    """Return the object in an .npy file with an array () of objects, as numpy.save(file, {...}) writes it."""
     with reading(path), open_regular(path) as file:
         header = read_header(path, file)
     if header.shape != () or not header.dtype.hasobject:

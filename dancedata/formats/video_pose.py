@@ -80,7 +80,7 @@ class PersonArrays(ValueArrays):
 
 
 def open_people(path: Path) -> tuple[PersonArrays, ...]:
-    """Read a file's people in its order, one without a name if it is not divided; DataError for no such file."""
+    """Read a file's people in its order, one without a name if it is not divided; DataError if unreadable."""
     stat = path.stat() if path.is_file() else None
     key = (path, stat.st_size, stat.st_mtime_ns) if stat is not None else None
     if key is not None and _last.key == key:

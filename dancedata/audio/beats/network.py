@@ -42,7 +42,7 @@ class Sizes:
 
     @classmethod
     def of_shapes(cls, shapes: Mapping[str, tuple[int, ...]], summed: bool) -> Sizes:
-        """Return the sizes of a network whose tensors have these shapes; KeyError or IndexError without one."""
+        """Return the sizes of a network whose tensors have these shapes; KeyError or IndexError if one is missing."""
         blocks = "transformer_blocks.layers."
         return cls(
             bands=shapes["frontend.stem.bn1d.weight"][0],

@@ -44,7 +44,7 @@ _MAX_LICENCE = 200
 class ModelFolder:
     """A folder in the layout that transformers saves models in.
 
-    `extractor`: preprocessor_config.json, or the feature extractor of processor_config.json; empty without.
+    `extractor`: preprocessor_config.json, or the feature extractor of processor_config.json; else empty.
     `source`: The hub id, or the folder's name where that is not known.
     `revision`: The commit on the hub; "" where it is not known.
     `from_hub`: Whether it was named by its id, and found in the cache of the hub.

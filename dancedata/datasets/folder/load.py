@@ -56,7 +56,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Reading:
-    """Declarations for one file and for all files, which decide how it is read; the others are those of `Folder`."""
+    """Declarations for one file and for all files, which decide how it is read; keys as in `Folder`."""
 
     manifest: Declared
     recipe: Declared

@@ -52,7 +52,7 @@ def _people_of(clip: ClipRef) -> tuple[str, ...]:
 
 @contextmanager
 def open_person(path: Path, person: str | None) -> Iterator[ArrayFile]:
-    """Open the arrays of one person, None: the only one; DataError if there are several, or not this one."""
+    """Open the arrays of one person, or of the only one; DataError if several are there, or this one is not."""
     if not holds_values(path):
         with open_arrays(path) as arrays:
             if person is not None:

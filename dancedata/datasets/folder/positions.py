@@ -83,7 +83,7 @@ def _is_positions(arrays: ArrayFile, name: str) -> bool:
 
 
 def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | None) -> tuple[tuple[str, ...], str]:
-    """Return the names of the joints of an array (T, J, 3), and where they come from; DataError if nowhere."""
+    """Return the names of the joints of an array (T, J, 3), and their origin; DataError if nothing names them."""
     count = arrays.shape(name)[1]
     stored = next((names for key in JOINT_NAMES if key in arrays.names and (names := arrays.texts(key))), ())
     names = JOINT_SETS[declared] if isinstance(declared, str) else tuple(declared or stored)

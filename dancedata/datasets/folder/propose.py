@@ -123,7 +123,7 @@ class ProposedRow:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A proposed manifest: a row per clip, music that no clip has, files whose arrays are no motion."""
+    """A proposed manifest: a row per clip, music that no clip has, and files without motion."""
 
     rows: tuple[ProposedRow, ...]
     unused: tuple[str, ...] = field(default=())
@@ -133,8 +133,8 @@ class Proposal:
     def comments(self) -> list[str]:
         """The lines above the columns of the manifest."""
         unused = [f"# Music that no motion has: {listed(self.unused)}"] if self.unused else []
-        others = [f"# Files whose arrays are no motion: {listed(self.others)}"] if self.others else []
-        return [_HEAD, *unused, *others]
+        without = [f"# Files without motion: {listed(self.others)}"] if self.others else []
+        return [_HEAD, *unused, *without]
 
 
 def propose(source: Path) -> Proposal:
@@ -234,7 +234,7 @@ def _paired(path: Path, name: str, source: Path, lengths: dict[Path, float | Non
 
 
 def _songs_of(path: Path, lengths: Iterable[Path]) -> tuple[list[Path], str]:
-    """Return songs that may be a motion's: the nearest of equal or similar name; or by a word, which is returned."""
+    """Return songs that may be a motion's: the nearest of equal or similar name, or with a common word, and it."""
     stem, name = stem_of(path), Name.of(path.stem)
     equal = [song for song in lengths if stem_of(song) == stem]
     near = [song for song in lengths if song not in equal and Name.of(song.stem).near(name)]

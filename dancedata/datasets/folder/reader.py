@@ -168,9 +168,10 @@ class Folder(Dataset):
     def scan(self, source: Path) -> Scan:
         """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
 
-        Returns: Clips by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
-            ``unused_music``, ``unused_segments``, ``bad_segment``, ``extra_file``. Notes describe what was matched,
-            declared, read and assumed.
+        Clips are by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
+        ``unused_music``, ``unused_segments``, ``bad_segment``, ``extra_file``. Notes describe what was matched,
+        declared, read and assumed.
+
         Raises SourceError: If there is no motion, or the manifest or the segments have a mistake.
         """
         source = Path(source)
@@ -342,7 +343,7 @@ def _check_keys(keys: Mapping[str, str] | None) -> None:
 def _file_notes(
     clips: Sequence[ClipRef], reading: Callable[[ClipRef], Reading]
 ) -> tuple[list[ClipRef], list[str], list[Reject]]:
-    """Return the clips with notes and bodies, a summary of kinds of files, rejects of those that lie."""
+    """Return the clips with notes and bodies, a summary of kinds of files, and rejects of wrong up axes."""
     counts: Counter[str] = Counter()
     described, first = [], dict[str, str]()
     axes = []

@@ -43,7 +43,7 @@ _STRIDE_S = 1
 
 
 def read_labels(folder: Path) -> Labels:
-    """Read the segments of recordings, from their frame 0; of chunks where there are no others. SourceError: none."""
+    """Read the segments of recordings, from frame 0, in text files, or else in chunks. SourceError without labels."""
     texts: dict[str, dict[int, Path]] = defaultdict(dict)
     chunks: dict[str, dict[tuple[int, bool], Path]] = defaultdict(dict)
     rejects = []
@@ -103,7 +103,7 @@ def read_chunk(path: Path) -> list[Segment]:
 def joined(chunks: Mapping[tuple[int, bool], Path]) -> list[Segment]:
     """Return the segments of a recording from those of its chunks, which overlap; DataError ``bad_segment``.
 
-    Parts in successive chunks are joined where they touch: a part that is cut off states no begin or end.
+    Parts in successive chunks are joined where they touch: one that is cut off does not state its begin or end.
     """
     parts: dict[tuple[Any, ...], list[tuple[Fraction, Fraction, Segment]]] = defaultdict(list)
     frames: dict[Fraction, tuple[Any, Path]] = {}

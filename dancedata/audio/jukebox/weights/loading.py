@@ -69,7 +69,7 @@ class VqEncoder:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Sources of the two networks; `trimmed` ones have the needed rows alone."""
+    """Sources of the two networks; `trimmed` ones have only the rows that are needed."""
 
     vqvae: TensorSource
     prior: TensorSource
