@@ -304,7 +304,7 @@ class Store(SegmentQueries):
                              fix="leave the field out")  # fmt: skip
         if f.name not in self.stats["fields"]:
             raise StoreError(
-                f"there is no {what} without train windows" + (f" that have field {f.name}" if f.optional else ""),
+                f"no {what} without train windows" + (f" that have field {f.name}" if f.optional else ""),
                 where=str(self.path), found=f"splits {', '.join(self.splits)}",
                 fix="read with scale=None, or build with a train split",
             )  # fmt: skip
