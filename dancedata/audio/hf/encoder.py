@@ -132,7 +132,7 @@ class HuggingFaceEncoder:
             batch = list(equal)
             begin = 0
             for values in self._batches.run(batch, size, lambda members: self._compute(prepared, chunks, members)):
-                for (number, signal), frames in zip(batch[begin:], values, strict=False):
+                for (number, signal), frames in zip(batch[begin : begin + len(values)], values, strict=True):
                     yield number, signal, frames
                 begin += len(values)
 
