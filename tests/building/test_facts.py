@@ -129,7 +129,7 @@ def test_results_come_from_the_cache(tmp_path: Path, cache: Path, monkeypatch: p
 
 def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
     lexicon = tmp_path / "german.yaml"
-    lexicon.write_text("language: de\npairs: [[links, rechts], [linke, rechte]]\n")
+    lexicon.write_text("language: de\npairs: [[links, rechts], [linke, rechte]]\nsame:\n")
     annotators = {"genre": True, "captions": {"lexicon": str(lexicon)}}
     store = build(tmp_path, cache, annotators=annotators, augment={"mirror": True})
     (genre,) = store.segments("single", "genre")
@@ -155,6 +155,7 @@ def test_no_facts_are_asked_for_by_default() -> None:
 @pytest.mark.parametrize("value", [
     True, {"fact": True}, {"facts": 3}, {"facts": {"turns": 90}}, {"facts": {"turn_degrees": -1}}, {"faults": True},
     {"facts": {"kinds": ["turns", "spins"]}}, {"genre": "yes"}, {"captions": {"lexicon": "nowhere.yaml"}},
+    {"captions": {"lexicon": {"language": "de", "pairs": [["links", "rechts"]], "whole_words": "no"}}},
     {"captions": {"lexicon": {"language": "de"}}}, {"captions": {"lexicon": {"language": "de", "pairs": [["a"]]}}},
 ])  # fmt: skip
 def test_wrong_values_are_named(value: Any) -> None:

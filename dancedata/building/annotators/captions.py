@@ -95,8 +95,10 @@ def _lexicon(value: Any) -> Lexicon:
         except (OSError, ValueError, yaml.YAMLError) as error:
             raise UsageError("lexicon: the file cannot be read", found=f"{where}{shown(error)}") from error
     problems: list[str] = []
+    if isinstance(value, dict):  # a file may have the key of a list without one
+        value = {k: v for k, v in value.items() if v is not None or k in ("language", "whole_words")}
     lexicon = make_dataclass(Lexicon, "lexicon", value, problems)
-    if lexicon is not None:
+    if lexicon is not None and isinstance(value.get("whole_words", True), bool):
         words = [lexicon.language, *lexicon.same, *lexicon.alone, *chain(*lexicon.pairs, *lexicon.exact)]
         if all(words) and (lexicon.pairs or lexicon.exact):
             return replace(lexicon, language=lexicon.language.lower())
