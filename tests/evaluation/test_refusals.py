@@ -205,20 +205,25 @@ COLUMNS: dict[str, Any] = {"field": "edge151", "normalized": False}
     *(({"joints": dance(), "fps": rate}, {"fps": 30, "up": "y"})
       for rate in (0, -30, np.nan, np.inf, 1e300, [30, 30])),
     ({"": np.zeros((3, 60, 151))}, COLUMNS),  # a batch
-    ({"columns": None, "fps": 60}, COLUMNS), ({"columns": None, "fps": 30}, {**COLUMNS, "intervals": False}),
 ])  # fmt: skip
 def test_facts_of_files_that_are_not_stated_or_wrong(store, tmp_path, arrays, options):
     options = options | ({"like": store} if "field" in options else {})
-    arrays = {k: store.clips()[0].read("edge151") if v is None else v for k, v in arrays.items()}
     if "" in arrays:
         np.save(tmp_path / "a.npy", arrays[""])
     else:
         np.savez(tmp_path / "a.npz", **arrays)
-    if "intervals" in options:  # columns at the rate that their file states
-        assert dancedata.evaluate(tmp_path, metrics=["pfc"], **options)["pfc"].value is not None
-        return
     with raises_message(DataError, "measured", reason="nothing_left"):
         dancedata.evaluate(tmp_path, metrics=["pfc"], **options)
+
+
+def test_columns_at_another_rate_than_their_file_states(store: Store, tmp_path: Path) -> None:
+    options: dict[str, Any] = {"like": store, "normalized": False, "metrics": ["pfc"], "intervals": False}
+    columns = store.clips()[0].read("edge151")
+    np.savez(tmp_path / "a.npz", columns=columns, fps=60)
+    with raises_message(DataError, "measured", reason="nothing_left"):
+        dancedata.evaluate(tmp_path, **options)
+    np.savez(tmp_path / "a.npz", columns=columns, fps=30)
+    assert dancedata.evaluate(tmp_path, **options)["pfc"].value is not None
 
 
 def test_folders_with_nothing_to_evaluate(tmp_path: Path) -> None:
