@@ -50,7 +50,7 @@ EXTRAS = {
     "beats": f"{PYTEST} tests/audio/test_beats.py",
     "smpl": f"{PYTEST} tests/formats/test_body_model.py tests/formats/test_body_mesh.py",
     "dask": f"{PYTEST} tests/fault/test_clusters.py -k the_same_bytes_and",
-    "ray": f"{PYTEST} tests/fault/test_clusters.py -k ray_gives_the_same_bytes",
+    "ray": f"{PYTEST} tests/fault/test_clusters.py -k the_same_bytes_and",
     "parquet": f"{HERE} && dancedata export data/demo --to parquet --out parquet && "
     "python -c 'import pyarrow.parquet as p; assert p.read_table(\"parquet/data\").num_rows == 756'",
     "lightning": f"{PYTEST} tests/training",
