@@ -175,11 +175,14 @@ def test_an_id_is_owner_and_name(name: str, tmp_path: Path) -> None:
 def test_an_existing_folder_is_left_alone(hub: Hub, tmp_path: Path) -> None:
     out = tmp_path / "tiny"
     out.mkdir()
-    fetch_model(NAME, COMMIT, out, endpoint=hub.url)
     (out / "mine").write_text("mine")
     with raises_message(UsageError, "output", where="tiny"):
         fetch_model(NAME, COMMIT, out, endpoint=hub.url)
-    assert (out / "mine").read_text() == "mine"
+    assert names(out) == {"mine"}
+    (out / "mine").unlink()
+    fetch_model(NAME, COMMIT, out, endpoint=hub.url)
+    with raises_message(UsageError, "output", where="tiny"):
+        fetch_model(NAME, COMMIT, out, endpoint=hub.url)
 
 
 def test_an_interrupted_download_is_resumed(hub: Hub, tmp_path: Path) -> None:
