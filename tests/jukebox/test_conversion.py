@@ -129,7 +129,7 @@ def test_interrupted_conversion_does_not_load_and_can_be_repeated(tiny, tmp_path
     monkeypatch.setattr(conversion, "_write", stops)
     with pytest.raises(KeyboardInterrupt):
         convert(tiny.folder, tmp_path / "out", 4)
-    with raises_message(SourceError, "missing", where="out/vqvae.pth.tar"):
+    with raises_message(SourceError, "conversion", where="out/vqvae.pth.tar"):
         JukeboxEncoder(tmp_path / "out", device="cpu")
     monkeypatch.undo()
     convert(tiny.folder, tmp_path / "out", 4)

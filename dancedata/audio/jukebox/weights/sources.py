@@ -169,7 +169,8 @@ def open_torch_file(path: Path) -> TorchFile:
             "a file of the Jukebox checkpoint is missing",
             where=path,
             found=sorted(p.name for p in path.parent.iterdir())[:10] if path.parent.is_dir() else "no such folder",
-            fix="get it with `dancedata pull jukebox`, from OpenAI, a mirror or another folder",
+            fix="get it with `dancedata pull jukebox`, from OpenAI, a mirror or another folder; "
+            "where a conversion was stopped, convert again",
         )
     return TorchFile(path)
 
