@@ -62,15 +62,6 @@ def test_the_music_gives_the_same(sixty: Store) -> None:
     assert bas(sixty, "bailando-aistpp", music=wavs) == bas(sixty, "bailando-aistpp")
 
 
-def test_generated_motion_takes_it_by_its_song(sixty: Store, tmp_path: Path) -> None:
-    songs = {}
-    for k, clip in enumerate(sixty.clips()):
-        np.save(tmp_path / f"sample{k}.npy", clip.read("joints"))
-        songs[f"sample{k}"] = clip.music
-    found = bas(tmp_path, "bailando-aistpp", like=sixty, music=songs, field="joints", normalized=False)
-    assert found == pytest.approx(bas(sixty, "bailando-aistpp"), rel=1e-12)
-
-
 def test_a_dataset_without_it_has_no_beats_for_the_protocol(sixty: Store, motions: Mapping[str, Motion]) -> None:
     clips = {name: motion.resampled(FrameGrid.of(60)) for name, motion in motions.items()}
     report = dancedata.evaluate(clips, protocol="bailando-aistpp", pool=sixty, intervals=False)

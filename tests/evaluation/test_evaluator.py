@@ -35,6 +35,20 @@ def values(report: Any) -> dict[str, float | None]:
     return {score.name: score.value for score in report.scores}
 
 
+def gathered(*ranks: Evaluator, **options: Any) -> None:
+    """Gather evaluators as the processes of one job do."""
+    parts: list[Any] = []
+    for own in ranks:
+        own.gather(lambda objects: parts.extend(objects) or objects)
+    for own in ranks:
+        own.gather(lambda objects: list(parts), **options)
+
+
+def two(store: Store) -> tuple[Evaluator, Evaluator]:
+    first, second = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
+    return first, second
+
+
 def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, batch: Any) -> None:
     ids, columns, music = batch
     evaluator.reset()
@@ -82,26 +96,14 @@ def test_processes_are_joined_without_repeated_samples(store: Store, evaluator: 
     evaluator.reset()
     evaluator.update(columns, ids=ids, music=music)
     alone = evaluator.compute()
-    ranks = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
+    ranks = two(store)
     for rank, own in enumerate(ranks):
         mine = [*range(rank, len(ids), 2), 0]  # both have sample 0, as samplers fill up
         own.update(columns[mine], ids=[ids[k] for k in mine], music=music[mine])
-    parts: list[Any] = []
+    gathered(*ranks)
     for own in ranks:
-        own.gather(lambda objects: parts.extend(objects) or objects)
-    for own in ranks:
-        own.gather(lambda objects: list(parts))
         assert len(own) == len(ids)
         assert values(own.compute()) == values(alone)
-
-
-def test_a_single_process_gathers_its_own(evaluator: Evaluator, batch: Any) -> None:
-    ids, columns, _ = batch
-    evaluator.reset()
-    evaluator.update(columns[:3], ids[:3])
-    assert len(evaluator.gather()) == 3
-    evaluator.update(columns[3:5], ids[3:5])
-    assert len(evaluator) == 5
 
 
 def test_samples_that_cannot_be_measured_are_named(evaluator: Evaluator, batch: Any) -> None:
@@ -186,71 +188,6 @@ def test_columns_that_do_not_fit_the_protocol(store: Store) -> None:
     with raises_message(UsageError, "smplx24", where="small"):
         Evaluator(store, "edge151", protocol="lodge-finedance")
     assert "Evaluator('dancedata', 0 samples)" in repr(Evaluator(store, "edge151", normalized=True))
-
-
-def _of_rank(rank: int, world: int, path: str, file: str, results: Any) -> None:
-    import torch
-
-    torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
-    dataset = dancedata.open(path)
-    evaluator = Evaluator(dataset, "edge151", split="train", normalized=True)
-    scaler = dataset.scaler("edge151")
-    windows = list(dataset.windows("train"))[rank::world]
-    ids = [f"{w.clip}@{w.start}+{w.length}" for w in windows]
-    evaluator.update(np.stack([scaler.normalize(dataset.read(w, "edge151")) for w in windows]), ids)
-    report = evaluator.gather().compute()
-    results.put((rank, len(evaluator), values(report)))
-    torch.distributed.destroy_process_group()
-
-
-@pytest.mark.nightly
-def test_torch_distributed(store: Store, tmp_path: Any) -> None:
-    pytest.importorskip("torch")
-    import multiprocessing
-
-    context = multiprocessing.get_context("spawn")
-    results = context.Queue()
-    arguments = (2, str(store.path), str(tmp_path / "rendezvous"), results)
-    processes = [context.Process(target=_of_rank, args=(rank, *arguments)) for rank in range(2)]
-    for process in processes:
-        process.start()
-    (_, n, one), (_, m, other) = (results.get(timeout=300) for _ in processes)
-    assert n == m == len(list(store.windows("train")))
-    assert one == other
-    for process in processes:
-        process.join()
-
-
-def gathered(*ranks: Evaluator, **options: Any) -> None:
-    """Gather evaluators as the processes of one job do."""
-    parts: list[Any] = []
-    for own in ranks:
-        parts += Collecting()(own)
-    for own in ranks:
-        own.gather(lambda objects: list(parts), **options)
-
-
-class Collecting:
-    """Takes what an evaluator passes on, without changing it."""
-
-    class Stop(Exception):  # noqa: N818
-        """Ends a gathering."""
-
-    def __call__(self, own: Evaluator) -> list[Any]:
-        found: list[Any] = []
-
-        def take(objects: list[Any]) -> list[Any]:
-            found.extend(objects)
-            raise self.Stop
-
-        with pytest.raises(self.Stop):
-            own.gather(take)
-        return found
-
-
-def two(store: Store) -> tuple[Evaluator, Evaluator]:
-    first, second = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
-    return first, second
 
 
 def test_processes_agree_on_a_sample_that_they_generated_differently(store: Store, batch: Any) -> None:

@@ -55,18 +55,6 @@ def assert_same_groups(folder: Path, groups: Mapping[str, Array]) -> None:
     assert {s.name: s.value for s in found.scores} == {s.name: s.value for s in expected.scores}
 
 
-def test_groups_as_gcd_scores_them(golden: Mapping[str, Array]) -> None:
-    joints = {name: golden[f"{name}.joints"] for name in GROUPS}
-    report = dancedata.evaluate(joints, protocol="gcd-groups", fps=FPS, body="smpl24", pool=joints, intervals=False)
-    assert {row["clip"]: row["gmc"] for row in report.per_clip} == pytest.approx(
-        {name: float(golden[f"{name}.gmc"]) for name in GROUPS}, rel=1e-6
-    )
-    assert report["gmc"].value == pytest.approx(np.mean([golden[f"{name}.gmc"] for name in GROUPS]), rel=1e-6)
-    assert report["fid_group"].value == pytest.approx(0, abs=1e-6)  # its own pool
-    assert "GMR" in str(report)
-    assert report.to_json()["scores"]["gmc"]["n"]["recordings"] == len(GROUPS)
-
-
 def test_beats_are_a_mean_over_dancers(golden: Mapping[str, Array], shared: Path) -> None:
     scores = json.loads((shared / "golden" / "crowd" / "gcd" / "metrics.json").read_text())
     rows = {

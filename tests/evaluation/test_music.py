@@ -10,7 +10,6 @@ import pytest
 import dancedata
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.evaluation.music import ClipMusic
 from dancedata.metrics import MusicBeats
 from dancedata.scene.inputs.clip import MemoryClip
 from dancedata.scene.inputs.naming import named_clips
@@ -29,13 +28,6 @@ def test_beats_of_a_piece_are_counted_from_its_first_frame() -> None:
     ntsc = beats.after(7, FrameGrid.of("30000/1001"))
     start = 7 * 1001 / 30000
     assert (ntsc.frames / float(ntsc.grid.rate)).tolist() == pytest.approx([t - start for t in (10 / 30, 25 / 30, 1)])
-
-
-def test_beats_by_piece() -> None:
-    own = MusicBeats.of([3], FrameGrid.of(30))
-    music = ClipMusic(MusicBeats.of([], FrameGrid.of(30)), by_piece={15: own})
-    assert music.after(15, FrameGrid.of(30)) is own
-    assert len(music.after(30, FrameGrid.of(30)).frames) == 0
 
 
 def test_generated_clips_take_the_song_that_is_named(store: Store, tmp_path: Path) -> None:

@@ -85,13 +85,6 @@ def test_dances_that_cannot_be_measured(motions, joints, options):
         dancedata.evaluate(motions if joints is None else dances(joints=joints), **options)
 
 
-def test_fact_knows_the_pelvis_of_a_named_body() -> None:
-    report = dancedata.evaluate(
-        dances(), protocol="fact-aistpp", fps=60, body="smpl24", pool=dances(), intervals=False
-    )
-    assert report["fid_k"].value is not None
-
-
 def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:
     path = tmp_path / "pool.npz"
     made = dancedata.evaluate(

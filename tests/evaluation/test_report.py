@@ -2,6 +2,7 @@
 
 import csv
 import json
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 import dancedata
 from dancedata.core.errors import UsageError
 from dancedata.evaluation.pool import load_pool
+from dancedata.evaluation.protocol import MotionRule, protocol_named
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.evaluation.tables import latex, markdown
 from dancedata.metrics.kinetic_features import Kinetic
@@ -140,18 +142,6 @@ def test_only_beats_without_music() -> None:
     assert some.fps == "30"
 
 
-def test_tables_are_the_same_each_time(store: Store, tmp_path: Path) -> None:
-    path = tmp_path / "rows.csv"
-    options = [store.path, "--split", "test", "--metric", "pfc", "--quiet", "--jobs", 1, "--out", path]
-    path.write_text("mine", encoding="utf-8")
-    assert "--overwrite" in run(*options, code=2)
-    assert path.read_text(encoding="utf-8") == "mine"
-    run(*options, "--overwrite")
-    first = path.read_bytes()
-    run(*options, "--overwrite")
-    assert path.read_bytes() == first
-
-
 def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("dancedata.evaluation.pool.measure_clips", None)  # would be called
     for path, message in ((tmp_path / "a.txt", "a pool is an .npz file"), (tmp_path / "x" / "p.npz", "the folder")):
@@ -181,3 +171,26 @@ def test_scores_do_not_depend_on_the_order_of_the_pool() -> None:
         dancedata.evaluate(dances(), fps=30, pool=p, metrics=["kinetic"], intervals=False) for p in (pool, turned)
     ]
     assert found[0].to_json() == found[1].to_json()
+
+
+def test_a_metric_that_the_protocol_does_not_have(store: Store) -> None:
+    protocol = copy(protocol_named("dancedata"))
+    object.__setattr__(protocol, "motion", MotionRule("smpl24", 30))
+    object.__setattr__(protocol, "measures", protocol.measures[:1])
+    object.__setattr__(protocol, "music", None)
+    whole = dancedata.evaluate(store, split="all", protocol=protocol, intervals=False)
+    assert [score.name for score in whole.scores] == ["fid_k", "div_k"]
+    report = dancedata.evaluate(store, split="all", protocol=protocol, metrics=["pbc", "fid_k"], intervals=False)
+    assert [score.name for score in report.scores] == ["fid_k", "div_k", "pbc"]
+    assert report["fid_k"].value == whole["fid_k"].value
+    assert report.scores[2].n
+    # A protocol without music gets the usual rule for a metric that needs beats.
+    beats = dancedata.evaluate(store, split="all", protocol=protocol, metrics=["beat_alignment"], intervals=False)
+    assert [score.name for score in beats.scores] == ["bas"]
+    assert beats.scores[0].n
+
+
+def test_unknown_metrics_and_those_of_groups(store: Store) -> None:
+    for name in ("group_kinetic", "collision"):
+        with raises_message(UsageError, "metric", where="protocol dancedata"):
+            dancedata.evaluate(store, split="all", metrics=[name], intervals=False)

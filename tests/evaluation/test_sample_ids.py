@@ -180,16 +180,6 @@ def test_every_command_has_the_numbers_of_numpy(written, name, command, toleranc
         assert found == pytest.approx(by_hand(store, sample), rel=tolerance), sample
 
 
-def test_samples_are_of_recordings(written: dict[str, tuple[Store, Path]]) -> None:
-    store, folder = written["copies"]
-    report = dancedata.evaluate(folder / "gen", like=store, **OPTIONS)
-    assert report.clips == tuple(sorted(ids_of(store)))
-    assert "windows of" in report.matched
-    originals = {clip.id for clip in store.clips() if not clip.source}
-    assert {Samples(store).require(name).recording for name in report.clips} == originals
-    assert report.recordings == len(originals)
-
-
 def test_readers_read_an_id_again(copies: Store, duets: Store) -> None:
     pytest.importorskip("torch")
     from dancedata.torch import ClipDataset, Dancers, GroupDataset, Mix, WindowDataset, Windows
@@ -240,22 +230,6 @@ def test_a_clip_whose_name_looks_like_an_id(tmp_path: Path) -> None:
     with dancedata.open(tmp_path) as ds:
         assert [Samples(ds).require(clip.id).clip.id for clip in ds] == ["alone", "alone~mirror"]
         assert Samples(ds).require("alone~mirror~draw0.0.1").id.mirrored
-
-
-def test_a_file_states_its_id(store: Store, tmp_path: Path) -> None:
-    clip = store.clips()[0]
-    rows, name = clip.read("edge151")[20:170], f"{clip.id}@20+150"
-    np.savez(tmp_path / "x.npz", samples=rows, id=name)
-    stated = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
-    assert stated["bas"].value == pytest.approx(by_hand(store, name)[0], rel=1e-6)
-
-
-def test_a_sample_of_another_length_than_its_id_states_is_left_out(store: Store, tmp_path: Path) -> None:
-    clip = store.clips()[0]
-    np.save(tmp_path / f"{clip.id}@0+150.npy", clip.read("edge151")[:120])
-    np.save(tmp_path / f"{clip.id}@3+150.npy", clip.read("edge151")[3:153])
-    report = dancedata.evaluate(tmp_path, like=store, **OPTIONS)
-    assert report.left_out[0][0] == f"{clip.id}@0+150"
 
 
 def test_what_a_reader_saves_needs_no_statement(copies: Store, tmp_path: Path) -> None:

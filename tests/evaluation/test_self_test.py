@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from dancedata.core.errors import SourceError, UsageError
-from dancedata.datasets.finedance import FineDance
 from dancedata.evaluation.self_test import self_test
 from tests.commands import as_json
 from tests.messages import raises_message
@@ -36,14 +35,6 @@ def test_one_protocol_and_json(folder: Path) -> None:
     assert found["reports"][0]["fps"] == "30"
     assert any("every 2. frame" in note for note in found["reports"][0]["notes"])
     assert as_json("check", folder / "small-source", "--published", "-j", 1)["dataset"] == "aist++"
-
-
-def test_finedance(tmp_path: Path) -> None:
-    FineDance().make_example(tmp_path)
-    found = self_test(tmp_path, intervals=False)
-    assert found.dataset == "finedance"
-    measured = {row["score"]: row["measured"] for row in found.rows()}
-    assert set(measured) == {"skating", "div_k", "div_g", "bas"} or found.skipped
 
 
 def test_nothing_published(tmp_path: Path, folder: Path) -> None:

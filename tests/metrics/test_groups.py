@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.dance import Undefined
 from dancedata.core.skeleton import SMPL24
 from dancedata.metrics import beat_alignment, geometric, groups, motion_beats, skating
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS
@@ -98,16 +97,6 @@ def test_segments_against_a_search_over_points() -> None:
     np.testing.assert_allclose(distances, searched, atol=0.05)
 
 
-def test_collisions_of_bodies_that_pass_through_each_other() -> None:
-    joints = dancers(2)
-    joints[1] = joints[0] + np.linspace(-3, 3, 60)[:, None, None] * (1, 0, 0)
-    hits = groups.collisions(joints)[0, 1]
-    assert hits[30]
-    assert not hits[[0, -1]].any()
-    assert groups.intersection_frequency(joints) == pytest.approx(2 * hits.mean())
-    assert not groups.collisions(dancers() + np.arange(3)[:, None, None, None] * (5, 0, 0)).any()
-
-
 def test_a_planted_contact() -> None:
     first, second = dancers(2)
     second[20:50, 20] = first[20:50, 21] + (0.03, 0, 0)
@@ -115,11 +104,6 @@ def test_a_planted_contact() -> None:
     assert (span.start, span.end) == (20, 50)
     assert span.distance_m == pytest.approx(0.03)
     assert groups.contact_spans(first, second, least_frames=31) == []
-
-
-def test_one_dancer_has_no_correlation() -> None:
-    with pytest.raises(Undefined, match="too few dancers"):
-        groups.group_correlation(dancers(1), 30)
 
 
 def test_boxes_round_limbs_lose_no_collision() -> None:

@@ -224,13 +224,3 @@ def test_real_dances_have_the_same_numbers_at_four_rates(shared: Path) -> None:
     dances = [{f: m.resampled(FrameGrid.of(f)).joints()[:, :22] for f in RATES} for m in motions]
     # Music that is danced to: the beats of the motion at 60, which are not on frames.
     same_numbers(dances, [at(motion_beat_times(dance[60], 60)) for dance in dances])
-
-
-def test_rows_with_an_envelope() -> None:
-    rows = np.zeros((40, 35), np.float32)
-    rows[[10, 25], -1] = 1
-    rows[9:12, 0], rows[24:27, 0] = (1, 5, 3), (2, 5, 2)
-    columns = Librosa35().columns
-    found = MusicBeats.of_rows(rows, columns, FrameGrid.of(30), late=1)
-    assert found.frames.tolist() == [10, 25]
-    assert found.seconds * 30 == pytest.approx([9 + 0.5 * 2 / 6, 24])

@@ -7,7 +7,7 @@ import pytest
 
 from dancedata.alignment.onsets import onset_strength
 from dancedata.metrics import offsets
-from dancedata.metrics.offsets import CURVES, RATE, REASONS, Offset, RhythmPiece, find_offset, rhythm_curves
+from dancedata.metrics.offsets import CURVES, RATE, Offset, RhythmPiece, find_offset, rhythm_curves
 from dancedata.synthetic import synthesise_motion, synthesise_song
 
 CLIPS = ("gBR_sBM_cAll_d04_mBR0_ch03", "gHO_sFM_cAll_d19_mHO3_ch01", "gPO_sBM_cAll_d10_mPO4_ch03")
@@ -37,7 +37,7 @@ def late(rows: np.ndarray, ms: int) -> np.ndarray:
     return np.concatenate([np.zeros(n, rows.dtype), rows]) if n >= 0 else rows[-n:]
 
 
-@pytest.mark.parametrize("ms", [-80, 0, 40, 80, 200])
+@pytest.mark.parametrize("ms", [-80, 0, 200])
 @pytest.mark.parametrize("clip", CLIPS)
 def test_planted_offsets_are_found_within_a_frame(clip: str, ms: int) -> None:
     music = clip.split("_m")[1][:3]
@@ -145,10 +145,6 @@ def test_the_best_fit_beyond_the_window_is_unknown_though_a_lower_one_is_within(
     music = offsets.music_rhythm(heard[:, np.newaxis])
     assert find_offset([RhythmPiece(curves, music)], window_s=0.3, tempo_bpm=60).unknown == "edge"
     assert find_offset([RhythmPiece(curves, music)], window_s=0.4, tempo_bpm=60).unknown == ""
-
-
-def test_every_reason_has_a_sentence() -> None:
-    assert set(REASONS) == {"short", "still", "p", "rivals", "edge", "peaks", "half_beat", "wide"}
 
 
 def test_a_loose_dance_has_a_wider_interval() -> None:

@@ -294,11 +294,9 @@ def of_rank(store: Path, folder: Path) -> None:
     for batch in accelerator.prepare(DataLoader(windows(store), 4)):
         log.update(batch["edge151"], batch)
     done = log.finish(7, accelerator=accelerator)
-    if accelerator.is_main_process:
-        rows = [accelerator.num_processes, tracker.rows, str(done.page), done.numbers]
-        (folder / "main.json").write_text(json.dumps(rows))
-    else:
-        (folder / "other.json").write_text(json.dumps([str(done.page), dict(done.numbers)]))
+    assert done.report is not None
+    rows = [accelerator.num_processes, tracker.rows, str(done.page), done.numbers, done.report.to_json()["scores"]]
+    (folder / ("main.json" if accelerator.is_main_process else "other.json")).write_text(json.dumps(rows))
 
 
 def test_accelerate_logs_scores_and_writes_one_page(path: Path, tmp_path: Path) -> None:
@@ -310,12 +308,13 @@ def test_accelerate_logs_scores_and_writes_one_page(path: Path, tmp_path: Path) 
     alone = SampleLog(evaluator(path))
     for batch in DataLoader(windows(path), batch_size=4):
         alone.update(batch["edge151"], batch)
-    wanted = pytest.approx(dict(alone.finish(7).numbers), rel=1e-9)
+    wanted = alone.finish(7)
+    assert wanted.report is not None
+    scores = json.loads(json.dumps(wanted.report.to_json()["scores"]))
     for processes in (1, 2):
         folder = tmp_path / str(processes)
-        n, rows, page, numbers = json.loads((folder / "main.json").read_text())
-        assert n == processes
-        assert rows == [[7, numbers]]
-        assert page == str(folder / "walls" / "step-00000007.html")
-        assert numbers == wanted
-    assert json.loads((folder / "other.json").read_text()) == ["None", numbers]
+        main = json.loads((folder / "main.json").read_text())
+        page = str(folder / "walls" / "step-00000007.html")
+        assert main == [processes, [[7, dict(wanted.numbers)]], page, dict(wanted.numbers), scores]
+    other = json.loads((folder / "other.json").read_text())
+    assert other[2:] == ["None", *main[3:]]
