@@ -40,12 +40,12 @@ MAX_LINES_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class ShardEntry(FileEntry):
-    """A shard in dataset.json: first byte (None where rows are read through h5py) and number of rows by field."""
+    """A shard in dataset.json: first byte and number of rows by field."""
 
     split: str
     clips: int
     windows: int
-    fields: Mapping[str, tuple[int | None, int]]
+    fields: Mapping[str, tuple[int, int]]
 
 
 class SplitRows(NamedTuple):
@@ -298,7 +298,7 @@ def _shard(entry: Mapping[str, Any]) -> ShardEntry:
         raise ValueError(f"{quoted(file)} is not the name of a shard")
     numbers = {name: whole(name, entry[name], most=_LARGEST) for name in ("size", "clips", "windows")}
     fields = {
-        str(f): (None if first is None else whole(f, first, most=_LARGEST), whole(f, n, most=_LARGEST))
+        str(f): (whole(f, first, most=_LARGEST), whole(f, n, most=_LARGEST))
         for f, (first, n) in entry["fields"].items()
     }
     return ShardEntry(file=file, split=str(entry["split"]), sha256=str(entry["sha256"]), fields=fields, **numbers)

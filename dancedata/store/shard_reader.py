@@ -1,17 +1,16 @@
 """Reads the rows of one shard, by position or from the mapped file.
 
 Rows of a field are one piece of the file: threads and processes read them at the same time, without an HDF5 handle.
-A field that another tool has chunked or compressed is read through h5py, which opens the file for every read.
 """
 
 from __future__ import annotations
 
-import math
+import logging
 import mmap
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from dancedata.store.listed_file import FileHash, ListedFile
 from dancedata.store.schema import Field
 from dancedata.store.window_list import Whole
 
+_log = logging.getLogger(__name__)
 _CHECK = "run dancedata check on the dataset"
 
 
@@ -33,7 +33,6 @@ class WindowRows:
     """Rows of a field for the windows of a list; any number of threads may read. Made by `Store._window_rows`.
 
     `shape`, `dtype`: (rows, D) of each window, and its type.
-    `unmapped`: Why shards are read by position instead of from mapped files; "" if all are mapped.
     """
 
     def __init__(
@@ -45,7 +44,6 @@ class WindowRows:
         layouts = [reader.layout(field) for reader in shards]
         self.shape = n_rows, layouts[0].width
         self.dtype = layouts[0].dtype.newbyteorder("=")
-        self.unmapped = "" if mapped else "mapped=False"
         self._maps: list[npt.NDArray[Any] | None] = [None] * len(shards)
         #: Shards that are mapped when they are first read: those of an address are fetched then.
         self._unopened = {number for number, reader in enumerate(shards) if mapped}
@@ -75,11 +73,7 @@ class WindowRows:
         """Map a shard that was not opened before; None if it cannot be."""
         if number not in self._unopened:
             return self._maps[number]
-        rows = self._shards[number].mapped_rows(self._field)
-        if isinstance(rows, str):
-            self.unmapped = "; ".join(dict.fromkeys(filter(None, (self.unmapped, rows))))
-        else:
-            self._maps[number] = rows
+        self._maps[number] = self._shards[number].mapped_rows(self._field)
         self._unopened.discard(number)
         return self._maps[number]
 
@@ -104,9 +98,9 @@ class WindowRows:
 
 @dataclass(frozen=True)
 class FieldLayout:
-    """Place of a field's rows in a shard; the first byte is None where they are chunked or compressed."""
+    """Place of a field's rows in a shard, from a byte on."""
 
-    offset: int | None
+    offset: int
     n_rows: int
     width: int
     dtype: np.dtype[Any]
@@ -139,14 +133,12 @@ class ShardReader:
         """Return the place of a field's rows in the file."""
         if not self._layout:
             self._layout = {f.name: self._stated_layout(f) for f in self._fields}
-            if None in (layout.offset for layout in self._layout.values()):
-                self._require_layout()
         return self._layout[field]
 
     def _stated_layout(self, f: Field) -> FieldLayout:
         first, n_rows = self._entry.fields[f.name]
         layout = FieldLayout(first, n_rows, f.columns.width, f.disk_dtype, f"/{f.path}")
-        if first is not None and first + n_rows * layout.row_bytes > self._entry.size:
+        if first + n_rows * layout.row_bytes > self._entry.size:
             raise _too_short(self.path, first + n_rows * layout.row_bytes - self._entry.size, self._entry.size)
         return layout
 
@@ -157,11 +149,8 @@ class ShardReader:
         with self.opened() as file:
             for f in self._fields:
                 actual, stated = _field_layout(file, f, self.path), self._layout[f.name]
-                if stated.offset is None:
-                    self._layout[f.name] = stated = replace(stated, offset=actual.offset)
                 if stated.n_rows and stated != actual:
                     lies, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
-                    lies = "chunks, or compressed rows" if actual.offset is None else lies
                     where, problem = f"{self.path}, {actual.name}", "a field does not lie where dataset.json states"
                     raise StoreError(problem, where=where, found=lies, allowed=allowed, fix=_CHECK)
         self._is_checked = True
@@ -174,10 +163,7 @@ class ShardReader:
             raise StoreError("rows lie outside the shard", where=where, found=rows, fix=_CHECK)
         direct = out.dtype == layout.dtype and out.flags.c_contiguous and out.flags.writeable
         target = out if direct else np.empty((len(out), layout.width), dtype=layout.dtype)
-        if target.size and layout.offset is None:
-            with self.opened() as file:
-                file[layout.name].read_direct(target, np.s_[first : first + len(target)])
-        elif target.size and layout.offset is not None:
+        if target.size:
             self._open().read_into(memoryview(target.data).cast("B"), layout.offset + first * layout.row_bytes)
         if not direct:
             out[...] = target
@@ -189,16 +175,15 @@ class ShardReader:
         self.read_rows(field, first, out)
         return out
 
-    def mapped_rows(self, field: str) -> npt.NDArray[Any] | str:
-        """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; else why it cannot be."""
+    def mapped_rows(self, field: str) -> npt.NDArray[Any] | None:
+        """Return all rows of a field, (n_rows, D), as a read-only view of the mapped file; None if it cannot be."""
         layout = self.layout(field)
-        if layout.offset is None:
-            return f"{layout.name} of {self.path.name} is chunked or compressed"
         if self._map is None:
             try:
                 self._map = _Map(self.file)
             except (OSError, ValueError) as error:
-                return f"{self.path.name} cannot be mapped: {error}"
+                _log.warning("%s is read by position, as it cannot be mapped: %s", self.path.name, error)
+                return None
         rows = self._map.rows(layout)
         self._require_layout()
         return rows
@@ -206,7 +191,7 @@ class ShardReader:
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
         """Ask the system to read rows of a mapped field from the disk; returns at once."""
         layout = self.layout(field)
-        if self._map is not None and layout.offset is not None:
+        if self._map is not None:
             self._map.read_ahead(layout.offset + first * layout.row_bytes, n_rows * layout.row_bytes)
 
     def require_bytes(self, sha256: FileHash) -> None:
@@ -268,7 +253,7 @@ class _Map:
             os.close(descriptor)
 
     def rows(self, layout: FieldLayout) -> npt.NDArray[Any]:
-        offset, count = layout.offset or 0, layout.n_rows * layout.width
+        count, offset = layout.n_rows * layout.width, layout.offset
         missing = offset + layout.n_rows * layout.row_bytes - len(self._memory)
         if missing > 0:
             raise _too_short(self.path, missing, len(self._memory))
@@ -291,7 +276,5 @@ def _field_layout(file: Any, f: Field, path: Path) -> FieldLayout:
         raise StoreError("the shape or dtype of a field differs from dataset.json", where=f"{path}, {name}",
                          found=f"{dataset.shape} {dataset.dtype}",
                          allowed=f"(rows, {f.columns.width}) {f.disk_dtype}")  # fmt: skip
-    offset = dataset.id.get_offset()
-    if not math.prod(dataset.shape):
-        offset = 0
+    offset = dataset.id.get_offset() if dataset.size else 0
     return FieldLayout(offset, int(dataset.shape[0]), int(dataset.shape[1]), f.disk_dtype, name)

@@ -123,18 +123,11 @@ def _check_layout(reader: ShardReader, description: Description, entry: ShardEnt
                 yield f"/{path} is of type {dataset.dtype}, not {f.disk_dtype}"
             if dataset.shape != (rows, f.columns.width):
                 yield f"/{path} has shape {dataset.shape}, not {rows} rows of {f.columns.width} columns"
-            yield from _check_place(dataset, path)
-            actual = dataset.id.get_offset()
-            if dataset.size and first != actual:
-                yield f"/{path} begins at byte {actual}, in dataset.json {first}"
-
-
-def _check_place(dataset: Any, path: str) -> Iterator[str]:
-    offset = dataset.id.get_offset()
-    if dataset.size and offset is None:
-        yield f"/{path} is not contiguous"
-    elif dataset.size and offset % ALIGNMENT:
-        yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
+            offset = dataset.id.get_offset() if dataset.size else first
+            if dataset.size and offset % ALIGNMENT:
+                yield f"/{path} begins at byte {offset}, not a multiple of {ALIGNMENT}"
+            if first != offset:
+                yield f"/{path} begins at byte {offset}, in dataset.json {first}"
 
 
 def _check_attributes(store: Store, description: Description) -> Iterator[str]:

@@ -1,6 +1,5 @@
 """WindowDataset: the windows of a built dataset as a map-style torch dataset."""
 
-import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,6 @@ from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, cl
 from dancedata.torch.scalers import root_columns
 from dancedata.torch.selection import SelectedWindows, WindowQuery, no_window_error
 from dancedata.torch.split_dataset import SplitDataset
-
-_log = logging.getLogger(__name__)
 
 
 class WindowDataset(SplitDataset):
@@ -205,11 +202,6 @@ class WindowDataset(SplitDataset):
     def __getstate__(self) -> dict[str, Any]:
         return {**super().__getstate__(), "_cached_reader": None, "_pool": MemoryPool()}
 
-    @property
-    def unmapped(self) -> dict[str, str]:
-        """By field, why it is not copied from mapped files; empty if all are."""
-        return {field.name: field.rows.unmapped for field in self._batch_reader().fields if field.rows.unmapped}
-
     def _bias(self, place: int, epoch: int | None = None) -> int:
         return primitive_bias(self.seed, self._drawn_epoch(epoch), place)
 
@@ -262,8 +254,6 @@ class WindowDataset(SplitDataset):
 
     def _field_reader(self, name: str, windows: WindowList) -> FieldReader:
         rows = self.store._window_rows(windows, name)
-        if rows.unmapped and self.store._mapped:
-            _log.warning("field %s is not read from mapped files: %s", name, rows.unmapped)
         period = self.store.grid.common_period(self.store.field(name).grid)
         mirror, root = self._mirrors.get(name), self._roots.get(name)
         return FieldReader(name, rows, period, mirror, root, self._normalizers.get(name), self.clamp)

@@ -111,13 +111,13 @@ def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.Monkey
 CORPUS = Path(__file__).parent / "corpus" / "hdf5"
 #: Column and a word of the error, by file.
 ERRORS = {
-    "a-column-in-another-file": ("windows/start", "virtual or external"),
+    "a-column-in-another-file": ("windows/start", "not contiguous"),
     "a-compound-of-columns": ("clips/genre", "type"),
     "a-link-to-a-column": ("clips/music", "SoftLink"),
     "a-table-elsewhere": ("clips", "ExternalLink"),
-    "a-virtual-column": ("windows/start", "virtual or external"),
+    "a-virtual-column": ("windows/start", "not contiguous"),
     "columns-of-another-length": ("clips/n_frames", "number of rows"),
-    "gigabytes-of-ids": ("clips/id", "compression ratio"),
+    "gigabytes-of-ids": ("clips/id", "not contiguous"),
     "lists-in-a-circle": ("clips/lists/values/values", "Group"),
     "negative-frames": ("clips/n_frames", "out of bounds"),
     "no-such-clip": ("windows/clip", "out of bounds"),

@@ -174,9 +174,9 @@ NO_DATASETS: dict[str, tuple[Callable[[h5py.File], object], str]] = {
     "pairs": (lambda file: file.create_dataset("a/x", data=np.zeros(2, "f4,i4")), "[('f0', '<f4'), ('f1', '<i4')]"),
     "other file": (
         lambda file: file.create_dataset("a/x", (3,), "f4", external=[("raw.bin", 0, 12)]),
-        "virtual or external storage",
+        "chunks, or virtual or external storage",
     ),
-    "virtual": (_virtual, "virtual or external storage"),
+    "virtual": (_virtual, "chunks, or virtual or external storage"),
 }
 
 

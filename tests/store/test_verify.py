@@ -203,7 +203,7 @@ DAMAGE: list[tuple[Change, str]] = [
     (values("clips/audio/layer/offset", 0, -2), "/windows: rows of layer"),
     (layout("motion/pose", lambda old: np.tile(old, (2, 1))), "not a multiple of 64"),
     (layout("motion/pose", lambda old: old[:, :-1]), "/motion/pose has shape"),
-    (layout("motion/pose", lambda old: old, compression="gzip"), "/motion/pose is not contiguous"),
+    (layout("motion/pose", lambda old: old, compression="gzip"), "a dataset is not contiguous"),
     (layout("motion/pose", lambda old: old.astype(">f4")), "/motion/pose is of type >f4"),
     (layout("windows/start", lambda old: None), "a dataset is missing"),
     (layout("clips/lists/values", lambda old: old[1:]), "offsets do not begin at 0 and end at the last entry"),
