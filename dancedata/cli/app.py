@@ -19,15 +19,6 @@ from dancedata.cli.samples import decode, evaluate, features
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.version import __version__
 
-#: What other names that one may look for are called.
-OTHER_NAMES = {
-    "plan": "build RECIPE SOURCE --dry-run", "quality": "check PATH --faults",
-    "align": "check FOLDER --offsets, or init FOLDER --offsets", "diff": "check A --same-as B",
-    "manifest": "init FOLDER", "new": "init NAME --plugin-kind KIND", "list": "info recipes, or info plugins",
-    "doctor": "info", "segments": "info DATASET --segments, or export DATASET --to segments",
-    "study-results": "study ANSWERS.csv", "jukebox": "pull jukebox --out DIR", "hf": "pull hf://MODEL@SHA --out DIR",
-}  # fmt: skip
-
 
 class _Helpful:
     """Help of two lengths; flags that are not given are False, except --normalized.
@@ -75,9 +66,7 @@ def _checked(ctx: Any, call: Any) -> Any:
         arguments = ctx.meta["arguments"]
         name = next((argument for argument in arguments if not argument.startswith("-")), "")
         fix = f"see: dancedata {name} -h"
-        if name in OTHER_NAMES:
-            fix = f"it is dancedata {OTHER_NAMES[name]}"
-        elif name not in ctx.command.commands:
+        if name not in ctx.command.commands:
             fix = did_you_mean(name, ctx.command.commands)
         elif not str(getattr(error, "option_name", "--")).startswith("--"):
             fix = f"a name that begins with - goes last, after --: dancedata {name} ... -- -NAME"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,6 @@ from dancedata.remote.contents import contents
 from dancedata.remote.terms import require_permission, restrictions
 from dancedata.remote.upload import HubUpload
 
-_TAG = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 #: Digits of a dataset's hash in the name of a tag.
 _DIGITS = 12
 
@@ -65,7 +63,6 @@ def push(
     gated: bool = False,
     recipe_only: bool = False,
     rights: str | None = None,
-    tag: str | None = None,
     beside: Sequence[str | Path] = (),
     pictures: Pictures | None = None,
     dry_run: bool = False,
@@ -92,8 +89,6 @@ def push(
         source.
     rights
         Statement by which you may pass the data on although a licence does not allow it. It is published.
-    tag
-        Name of the tag. Default: "dataset-" or "recipe-", and the first digits of the dataset's hash.
     beside
         With `recipe_only`: further files that a build needs, such as a local plug-in.
     pictures
@@ -130,7 +125,7 @@ def push(
             "datasets are published on hubs", found=to, allowed="hf://datasets/ORG/NAME",
             fix="upload its folder to a bucket with the bucket's own tool, such as aws s3 sync",
         )  # fmt: skip
-    _check_options(address, recipe_only, rights, tag, beside)
+    _check_options(address, recipe_only, rights, beside)
     reporter = Progress(quiet=not progress)
     with open_store(store) as opened:
         if rights is None and not recipe_only:
@@ -138,7 +133,7 @@ def push(
         require_whole(opened.path)
         opened.require_intact()
         digits = opened.info["self_sha256"][:_DIGITS]
-        name = tag or f"{'recipe' if recipe_only else 'dataset'}-{digits}"
+        name = f"{'recipe' if recipe_only else 'dataset'}-{digits}"
         read_at = address.at(name)
         overridden = tuple(map(str, restrictions(opened))) if rights is not None and not recipe_only else ()
         place = HubPlace(str(read_at), rights or "", overridden, gated, recipe_only)
@@ -161,17 +156,13 @@ def _manifests(store: Store) -> list[Path]:
     return [source / manifest for manifest in MANIFESTS if (source / manifest).is_file()]
 
 
-def _check_options(
-    address: Address, recipe_only: bool, rights: str | None, tag: str | None, beside: Sequence[str | Path]
-) -> None:
+def _check_options(address: Address, recipe_only: bool, rights: str | None, beside: Sequence[str | Path]) -> None:
     require("remote", what="push")
     where = str(address)
     if is_offline():
         raise UsageError("HF_HUB_OFFLINE is set: nothing is uploaded", where=where)
     if address.is_pinned:
         raise UsageError("a commit does not change", where=where, fix="name a branch, or none")
-    if tag is not None and not _TAG.fullmatch(tag):
-        raise UsageError("not a valid name of a tag", found=tag, allowed="letters, digits, and . _ -")
     if rights is not None and not rights.strip():
         raise UsageError("rights is empty", allowed='a statement, such as "granted by the authors, 2026-03-01"')
     if beside and not recipe_only:

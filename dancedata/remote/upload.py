@@ -105,7 +105,7 @@ class HubUpload:
         tagged = next((ref.target_commit for ref in refs.tags if ref.name == self.tag), head)
         if tagged != head:
             raise UsageError(f"the repository has the tag {self.tag} for another upload", where=str(self.address),
-                             fix="name another: tag=NAME")  # fmt: skip
+                             fix="remove the tag, or publish to another repository")  # fmt: skip
         return head
 
     def _files(self, api: HfApi, commit: str, paths: Sequence[str]) -> dict[str, Any]:
@@ -191,7 +191,7 @@ class HubUpload:
             api.create_tag(repo, tag=self.tag, revision=commit, repo_type="dataset")
         elif tags[self.tag] != commit:
             raise refused(f"the files are published, but the tag {self.tag} was given to another commit meanwhile",
-                          str(self.address.at(commit)), tags[self.tag], "name another: tag=NAME")  # fmt: skip
+                          str(self.address.at(commit)), tags[self.tag], "remove the tag, and try again")  # fmt: skip
 
     @contextmanager
     def _client(self) -> Iterator[None]:

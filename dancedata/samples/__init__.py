@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
 
 from dancedata.core.clip import Window
 from dancedata.core.errors import DataError, nearest
@@ -45,17 +44,6 @@ class Sample:
     def windows(self) -> tuple[Window, ...]:
         """Its frames of each clip."""
         return tuple(Window(clip.id, self.start, self.length) for clip in self.clips)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return all that the id says, resolved."""
-        meta, of = self.store.info, self.id
-        return {
-            "id": str(of), "dataset": {"name": meta.get("name", ""), "sha256": meta.get("self_sha256", "")},
-            "clip": of.clip, "recording": self.recording, "start": self.start, "length": self.length,
-            "fps": str(self.store.grid), "music": self.clip.music, "music_start_s": str(self.music_start_s),
-            "mirrored": of.mirrored, "changes": list(of.changes), "draw": of.draw, "dancer": of.dancer,
-            "sample": of.take,
-        }  # fmt: skip
 
 
 class Samples:

@@ -269,13 +269,6 @@ class Clips(Sequence[Clip]):
         for _, unit in groupby(self, lambda clip: (clip.split, clip.group, "" if clip.group else clip.id)):
             yield tuple(unit)
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Clips):
-            return NotImplemented
-        return self._store is other._store and np.array_equal(self._rows, other._rows)
-
-    __hash__ = None  # type: ignore[assignment]
-
     def __repr__(self) -> str:
         names = [repr(clip.id) for clip in self[:_SHOWN]]
         return f"Clips({len(self)}: {', '.join([*names, *['...'] * (len(self) > _SHOWN)])})"

@@ -191,11 +191,6 @@ class StoreHeader:
         """The grid of the store's frames."""
         return FrameGrid(self.fps)
 
-    def __repr__(self) -> str:
-        windows = f"windows of {self.length} frames every {self.stride}"
-        fields = ", ".join(f.name for f in self.fields)
-        return f"StoreHeader({self.fps} FPS, {windows}, fields: {fields})"
-
     def check(self) -> None:
         """Raise StoreError for values that the format cannot hold."""
         for name in ("length", "stride"):

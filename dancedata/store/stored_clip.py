@@ -138,9 +138,6 @@ class AudioBlock:
     array: LazyArray
     offset: int = 0
 
-    def __repr__(self) -> str:
-        return f"AudioBlock({self.key[:12]!r}, {' x '.join(str(n) for n in self.array.shape)}, offset={self.offset})"
-
 
 class Signal(NamedTuple):
     """A decoded song: SHA-256 of its samples, and what identifies it in other datasets.
@@ -183,7 +180,3 @@ class StoredClip(ClipRecord):
     segments: tuple[Segment, ...] = ()
     group_size: int = 0
     terms: Licence | None = None
-
-    def __repr__(self) -> str:
-        fields = ", ".join([*self.motion, *self.audio])
-        return f"StoredClip({self.id!r}, {self.split}, {self.n_frames} frames, {len(self.starts)} windows, {fields})"

@@ -54,7 +54,6 @@ class StudyRequest:
     `songs`, `checks`: Number of clips; number of pairs in which one dancer stands still.
     `seconds`: Longest trial.
     `seed`: Decides on clips, sides, and every rater's order.
-    `question`, `reasons`: Texts of the page.
     """
 
     systems: Mapping[str, ViewRequest]
@@ -62,8 +61,6 @@ class StudyRequest:
     checks: int = 2
     seconds: float = 15.0
     seed: int = 0
-    question: str = QUESTION
-    reasons: tuple[str, ...] = REASONS
 
 
 class _Samples(SceneList):
@@ -221,7 +218,7 @@ def _page(request: StudyRequest, trials: tuple[Trial, ...], scenes: _Trials, sou
         {"song": t.song, "clip": t.clip, "left": t.left, "right": t.right, "expected": t.expected} for t in trials
     ]
     study = {
-        "question": request.question, "reasons": list(request.reasons), "trials": rows, "seed": request.seed,
+        "question": QUESTION, "reasons": list(REASONS), "trials": rows, "seed": request.seed,
         "columns": list(COLUMNS),
     }  # fmt: skip
     study["id"] = sha256_bytes(json_text(study).encode())[:12]

@@ -191,25 +191,18 @@ def _rows(path: Path) -> list[dict[str, str]]:
     return [{name: row[name].removeprefix("'") for name in COLUMNS} for row in rows]
 
 
-def results_of(study: str, answers: Sequence[Answer], *, keep_failed: bool = False) -> Results:
-    """Count the answers of a study.
-
-    `answers`: Of all participants. One who failed a check, that is chose the dancer who stands still, does not count.
-    `keep_failed`: Count everyone.
-    """
+def results_of(study: str, answers: Sequence[Answer]) -> Results:
+    """Count the answers of a study; a participant who chose the dancer who stands still in a check does not count."""
     raters = list(dict.fromkeys(answer.participant for answer in answers))
     wrong = {a.participant for a in answers if a.expected and a.choice != a.expected}
-    failed = () if keep_failed else tuple(rater for rater in raters if rater in wrong)
+    failed = tuple(rater for rater in raters if rater in wrong)
     counting = tuple(rater for rater in raters if rater not in failed)
     if not counting:
-        raise UsageError("every participant failed a check", found=listed(failed),
-                         fix="to count them anyway: keep_failed=True in Python")  # fmt: skip
+        raise UsageError("every participant failed a check", found=listed(failed), fix="add answers of others")
     pairs = [a for a in answers if a.participant in counting and not a.expected]
     notes = [] if pairs else ["there are only answers to checks, and none to a pair of systems"]
     if failed:
         notes.append(f"{counted(len(failed), 'participant')} failed a check and does not count: {listed(failed)}")
-    if keep_failed and wrong:
-        notes.append(f"participants who failed a check count: {listed(sorted(wrong))}")
     systems = list(dict.fromkeys(name for a in pairs for name in sorted((a.left, a.right))))
     preferences = tuple(
         preference

@@ -43,7 +43,7 @@ class Mix(EpochDataset):
     Parameters
     ----------
     datasets
-        Readers of one kind, by name; or a sequence of them, which are named as their recipes.
+        Readers of one kind, by name.
     weights
         Shares of the samples of an epoch, in any unit. Default: every sample once an epoch.
     n_samples
@@ -85,9 +85,9 @@ class Mix(EpochDataset):
 
     def __init__(
         self,
-        datasets: Mapping[str, SplitDataset] | Sequence[SplitDataset],
+        datasets: Mapping[str, SplitDataset],
         *,
-        weights: Sequence[float] | Mapping[str, float] | None = None,
+        weights: Sequence[float] | None = None,
         n_samples: int | None = None,
         scale: Literal["one", "each"] = "one",
         seed: int = 0,
@@ -95,16 +95,15 @@ class Mix(EpochDataset):
         super().__init__()
         if scale not in ("one", "each"):
             raise UsageError(f"unknown scale {scale!r}", fix=did_you_mean(scale, ("one", "each")))
-        readers = tuple(datasets.values()) if isinstance(datasets, Mapping) else datasets
-        if not (isinstance(readers, Sequence) and readers and all(isinstance(r, SplitDataset) for r in readers)):
-            raise UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name, or a list")
-        by_name = dict(datasets) if isinstance(datasets, Mapping) else _named(readers)
+        by_name = dict(datasets) if isinstance(datasets, Mapping) else {}
+        if not by_name or not all(isinstance(reader, SplitDataset) for reader in by_name.values()):
+            raise UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name")
         self.sources = names("datasets", by_name)
         _require_alike(by_name)
         self.seed, self.scale = whole("seed", seed), scale
         sizes = [len(dataset) for dataset in by_name.values()]
         total = sum(sizes) if n_samples is None else whole("n_samples", n_samples, 1, MAX_ROWS)
-        self.counts = _counts(self.sources, sizes, _shares(self.sources, sizes, weights), total)
+        self.counts = _counts(self.sources, sizes, _shares(sizes, weights), total)
         first = next(iter(by_name.values()))
         self.fields, self.normalized = first.fields, first.normalized
         scalers = {name: _joint([d.scaler(name) for d in by_name.values()]) for name in self.normalized}
@@ -281,35 +280,16 @@ def _windows(dataset: SplitDataset) -> WindowDataset:
     return dataset
 
 
-def _named(datasets: Sequence[SplitDataset]) -> dict[str, SplitDataset]:
-    by_recipe = [str(dataset.store.info.get("name") or dataset.store.path.name) for dataset in datasets]
-    if len(set(by_recipe)) < len(by_recipe):
-        raise UsageError("two datasets of a mix have the same name", found=listed(by_recipe),
-                         fix='name them: Mix({"a": dataset, "b": other})')  # fmt: skip
-    return dict(zip(by_recipe, datasets, strict=True))
-
-
-def _shares(
-    sources: tuple[str, ...], sizes: Sequence[int], weights: Sequence[float] | Mapping[str, float] | None
-) -> list[Fraction]:
+def _shares(sizes: Sequence[int], weights: Sequence[float] | None) -> list[Fraction]:
     if weights is None:
         return [Fraction(size, max(sum(sizes), 1)) for size in sizes]
-    if isinstance(weights, Mapping):
-        if set(weights) != set(sources):
-            raise UsageError(
-                "weights do not name the sources of the mix", found=listed(weights), allowed=listed(sources)
-            )
-        weights = [weights[name] for name in sources]
     try:
         numbers = [float(weight) for weight in weights]
     except (TypeError, ValueError, OverflowError):
         numbers = []
-    if len(numbers) != len(sources) or not all(0 < number < float("inf") for number in numbers):
-        raise UsageError(
-            "weights do not fit the sources",
-            found=shown(weights),
-            allowed=f"{len(sources)} numbers above 0, one for each source",
-        )
+    if len(numbers) != len(sizes) or not all(0 < number < float("inf") for number in numbers):
+        raise UsageError("weights do not fit the sources", found=shown(weights),
+                         allowed=f"{len(sizes)} numbers above 0, one for each source")  # fmt: skip
     parts = [Fraction(number) for number in numbers]
     return [part / sum(parts) for part in parts]
 

@@ -222,31 +222,6 @@ class EpochSampler(Sampler[int]):
             epoch, consumed = epoch + 1, 0
         return {"epoch": epoch, "position": consumed, "order": self._order_text}
 
-    def at_step(self, step: int, batch_size: int, *, drop_last: bool = False) -> dict[str, Any]:
-        """Return the state after a number of steps since the start of epoch 0; changes nothing.
-
-        A step takes `batch_size` samples of every rank, the last step of an epoch the rest: the same samples, on
-        all ranks together, for other ranks whose product with `batch_size` is the same.
-
-        Parameters
-        ----------
-        batch_size
-            Samples of this rank in a step.
-        drop_last
-            As given to the DataLoader: whether a last step with fewer samples is left out.
-
-        Raises
-        ------
-        UsageError
-            For negative numbers, or a batch size that no epoch has.
-        """
-        step, size = whole("step", step), whole("batch_size", batch_size)
-        steps = self.steps(size, drop_last=drop_last)
-        if not steps:
-            raise UsageError("an epoch has no step of this size", found=size, allowed=f"1 to {self._length}")
-        epoch, done = divmod(step, steps)
-        return self.at(epoch, done * size)
-
     def steps(self, batch_size: int, *, drop_last: bool = False) -> int:
         """Return the number of steps of an epoch, each with `batch_size` samples of this rank."""
         if batch_size < 1:

@@ -9,7 +9,7 @@ import pytest
 import typer
 
 import dancedata
-from dancedata.cli.app import OTHER_NAMES, app
+from dancedata.cli.app import app
 from dancedata.cli.help import GROUPS
 from tests.commands import as_json, run
 from tests.conftest import Once
@@ -131,12 +131,6 @@ def test_scores_are_written_by_suffix(places: dict[str, str], tmp_path: Path) ->
     assert as_json(*call, code=2)["code"] == "usage"
     as_json(*call, "--overwrite")
     as_json("evaluate", places["DEMO"], "--metric", "kinetic", "-j", 1, "--pool", files[-1], "--strict", code=1)
-
-
-@pytest.mark.parametrize("name", OTHER_NAMES)
-def test_another_name_has_a_hint_that_is_a_command(name: str) -> None:
-    hint = run(name, code=2).stderr.partition("It is dancedata ")[2]
-    assert hint.split()[0] in COMMANDS
 
 
 def test_help_has_the_commands_of_every_week_first() -> None:

@@ -207,7 +207,7 @@ def test_samples_resolve(copies: Store) -> None:
     clip = copies.clips()[0]
     sample = Samples(copies).require(f"{clip.id}@30+150")
     assert sample.music_start_s == 1
-    assert sample.to_json() | {"recording": clip.id, "music_start_s": "1", "fps": "30"} == sample.to_json()
+    assert sample.recording == clip.id
     copy = next(c for c in copies.clips() if c.source)
     assert Samples(copies).require(copy.id).recording == copy.source
     assert Samples(copies).find("nobody") is None
