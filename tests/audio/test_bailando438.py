@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import dancedata
 from dancedata.audio import _bailando
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.audio_signal import AudioSignal, pcm16
-from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.errors import DataError, RecipeError
 from dancedata.core.grid import FrameGrid
 from dancedata.music.samples import resample
 from dancedata.recipes.parse import parse_recipe
@@ -131,12 +130,6 @@ def test_audio_of_fewer_than_three_rows_is_refused(fps: str, n_samples: int) -> 
     assert "at least 3 rows" in str(caught.value)
 
 
-@pytest.mark.parametrize("fps", ["7", "30000/1001", "7.3"])
-def test_unsupported_rates(clicks: AudioSignal, fps: str) -> None:
-    with raises_message(UsageError, "Bailando"):
-        FEATURE.extract(clicks, FrameGrid.of(fps))
-
-
 def test_a_window_of_5_s_is_not_a_whole_number_of_rows_at_7_5() -> None:
     document = {
         "recipe": 1, "name": "gpt", "dataset": {"synthetic": {}}, "fps": 60, "motion": {"bailando72": {}},
@@ -144,13 +137,3 @@ def test_a_window_of_5_s_is_not_a_whole_number_of_rows_at_7_5() -> None:
     }  # fmt: skip
     with raises_message(RecipeError, "multiples", where="recipe"):
         parse_recipe(document)
-
-
-def test_extract_from_python_and_an_unknown_limit(clicks: AudioSignal) -> None:
-    rows = dancedata.features(clicks.part(0, 48000), "bailando438", fps=7.5)
-    assert rows.shape == (8, 438)
-    assert not rows[:, RHYTHM].any()
-    alive = dancedata.features(clicks.part(0, 48000), "bailando438", fps=7.5, onset_fmax="nyquist")
-    assert alive[:, RHYTHM].any()
-    with pytest.raises(UsageError, match="onset_fmax"):
-        dancedata.features(clicks, "bailando438", fps=60, onset_fmax="sr")

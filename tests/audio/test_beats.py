@@ -344,34 +344,3 @@ def test_neighbouring_peaks_are_one_beat_between_them():
     assert found.frames.tolist() == [21, 80, 126]
     assert found.downbeats.tolist() == [False, True, True]
     assert not len(beats_of(np.full((5, 2), -1.0, dtype=np.float32)).frames)
-
-
-@pytest.mark.nightly
-def test_a_dataset_with_beats_of_both_sources(tmp_path):
-    from dancedata.building.build import build
-    from dancedata.recipes.parse import parse_recipe
-    from dancedata.store import open_store, verify_store
-
-    document = {
-        "recipe": 1, "name": "with-beats", "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 10}},
-        "windows": {"length_s": 4, "stride_s": 0.5}, "motion": {"edge151": {}},
-        "audio": {
-            "beats": {"source": "beat_this", "weights": str(WEIGHTS)}, "beats.librosa": {"fps": 60}, "librosa35": {},
-        },
-    }  # fmt: skip
-    for name, transforms in (("whole", []), ("slices", [{"slices": {"length_s": 4}}])):
-        out = tmp_path / name
-        build(
-            parse_recipe({**document, "transforms": transforms}),
-            tmp_path / "source",
-            out,
-            cache=tmp_path / "cache",
-            jobs=2,
-        )
-        assert not [p for p in verify_store(out) if p.severity == "error"]
-        with open_store(out) as store:
-            assert store.info["recipe"]["audio"]["beats"]["weights_sha256"] == sha256_file(WEIGHTS)
-            window = store.windows("train")[0]
-            rows, fast = store.read(window, "beats"), store.read(window, "beats.librosa")
-            assert rows[:, 1].any()
-            assert np.abs(np.flatnonzero(rows[:, 0])[1:4] * 2 - np.flatnonzero(fast[:, 0])[1:4]).max() <= 2

@@ -8,7 +8,6 @@ without a tempo, clipped): 2.5e-5, 4.3e-4, 0, equal.
 import tracemalloc
 from pathlib import Path
 
-import librosa
 import numpy as np
 import pytest
 import soundfile
@@ -16,12 +15,11 @@ import soxr
 from numpy.typing import NDArray
 
 from dancedata.audio._settings import log_once
-from dancedata.audio.librosa35 import fast
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.librosa35.filters import filter_bank
 from dancedata.audio.librosa35.resample import MAX_PERIOD, period
 from dancedata.audio.librosa35.tuning import N_TUNINGS
-from dancedata.core.audio_signal import AudioSignal, pcm16
+from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.music.signal import load_audio
 from dancedata.synthetic import synthesise_song
@@ -198,29 +196,3 @@ def test_real_music(shared, tmp_path, song, rate, n_channels, seconds, start_bpm
     starts = [int(k * 0.5 * rate) for k in (1, 45)]
     _assert_windows_agree(signal, starts, seconds * rate, start_bpm=start_bpm)
     _assert_tracks_agree(AudioSignal(signal.samples[: 9 * rate], rate), start_bpm=start_bpm)
-
-
-def test_near_ties_are_decided_as_librosa_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Take every frame for a near-tie: then chroma are librosa's to the bit."""
-    signal = AudioSignal(_song(44100), 44100)
-    decided = []
-
-    def all_near(chroma: NDArray[np.float32], largest: NDArray[np.float32]) -> NDArray[np.bool_]:
-        decided.append(chroma.copy())
-        return np.ones(chroma.shape[:2], dtype=np.bool_)
-
-    monkeypatch.setattr("dancedata.audio.librosa35.fast.near_ties", all_near)
-    replaced = []
-    decide = fast.decide_near_ties
-
-    def watched(chroma: NDArray[np.float32], *rest: object) -> None:
-        decide(chroma, *rest)  # type: ignore[arg-type]
-        replaced.append(chroma)
-
-    monkeypatch.setattr(fast, "decide_near_ties", watched)
-    FAST.extract_windows(signal, np.array([22050, 66150]), 5 * 44100, GRID, 150, start_bpm=100.0)
-    for window, start in enumerate((22050, 66150)):
-        samples = librosa.resample(pcm16(signal.samples[start : start + 220500]), orig_sr=44100, target_sr=15360)
-        expected = librosa.feature.chroma_cqt(y=samples, sr=15360, norm=None).T
-        assert np.array_equal(replaced[0][window], expected)
-        assert not np.array_equal(decided[0][window], expected)

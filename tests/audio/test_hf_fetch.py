@@ -2,16 +2,15 @@
 
 import hashlib
 import json
-import socketserver
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
 
 from tests.messages import raises_message
+from tests.remote.servers import Handler, Server, serving
 
 pytest.importorskip("huggingface_hub", minversion="1.1")
 
@@ -40,27 +39,32 @@ FILES = {
 }
 
 
-class Hub(ThreadingHTTPServer):
+def sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+class HubHandler(Handler):
+    do_HEAD = Handler.do_GET
+
+    def reply(self, data: bytes, **headers: str) -> None:
+        self.send_response(200)
+        for name, value in {**headers, "Content-Length": str(len(data))}.items():
+            self.send_header(name.replace("_", "-"), value)
+        self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(data)
+
+
+class Hub(Server):
     """The requests of the hub's client: the description of a model, and its files."""
 
     def __init__(self, files: dict[str, bytes]) -> None:
-        super().__init__(("127.0.0.1", 0), Handler)
+        super().__init__(Path())
+        self.RequestHandlerClass = HubHandler
         self.files, self.announced = dict(files), dict(files)
         self.error: tuple[int, str] | None = None
         self.broken: str | None = None
         self.asked: list[str] = []
-
-    def server_bind(self) -> None:
-        # Not HTTPServer's, which looks up this machine's name.
-        socketserver.TCPServer.server_bind(self)
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_address[1]}"
-
-    def about(self) -> bytes:
-        siblings = [{"rfilename": name} for name in self.announced]
-        return json.dumps({"id": NAME, "sha": COMMIT, "private": False, "siblings": siblings}).encode()
 
     def tree(self) -> bytes:
         files = []
@@ -70,47 +74,24 @@ class Hub(ThreadingHTTPServer):
             files.append({"type": "file", "path": path, "size": len(data), "oid": oid, **lfs})
         return json.dumps(files).encode()
 
-
-def sha256(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-class Handler(BaseHTTPRequestHandler):
-    server: Hub
-    protocol_version = "HTTP/1.1"
-
-    def do_GET(self) -> None:
-        path = self.path.partition("?")[0]
-        self.server.asked.append(path)
-        if self.server.error is not None:
-            status, code = self.server.error
-            self.reply(status, b"", {"X-Error-Code": code})
+    def answer(self, handler: Any, path: str) -> bool:
+        self.asked.append(path)
+        name = path.partition(f"/{NAME}/resolve/{COMMIT}/")[2]
+        if self.error is not None:
+            handler.status(self.error[0], X_Error_Code=self.error[1])
         elif path == f"/api/models/{NAME}/tree/{COMMIT}":
-            self.reply(200, self.server.tree(), {"Content-Type": "application/json"})
+            handler.reply(self.tree(), Content_Type="application/json")
         elif path.startswith("/api/models/"):
-            self.reply(200, self.server.about(), {"Content-Type": "application/json"})
-        elif path.startswith(f"/{NAME}/resolve/{COMMIT}/"):
-            name = path.partition(f"{COMMIT}/")[2]
-            if name == self.server.broken:
-                self.reply(500, b"", {})
-                return
-            data = self.server.files[name]
-            self.reply(200, data, {"ETag": f'"{sha256(data)}"', "X-Repo-Commit": COMMIT})
+            siblings = [{"rfilename": name} for name in self.announced]
+            about = {"id": NAME, "sha": COMMIT, "private": False, "siblings": siblings}
+            handler.reply(json.dumps(about).encode(), Content_Type="application/json")
+        elif name == self.broken:
+            handler.status(500)
+        elif name in self.files:
+            handler.reply(self.files[name], ETag=f'"{sha256(self.files[name])}"', X_Repo_Commit=COMMIT)
         else:
-            self.reply(404, b"", {"X-Error-Code": "EntryNotFound"})
-
-    do_HEAD = do_GET
-
-    def reply(self, status: int, data: bytes, headers: dict[str, str]) -> None:
-        self.send_response(status)
-        for name, value in {**headers, "Content-Length": str(len(data))}.items():
-            self.send_header(name, value)
-        self.end_headers()
-        if self.command == "GET":
-            self.wfile.write(data)
-
-    def log_message(self, *args: object) -> None:
-        pass
+            handler.status(404, X_Error_Code="EntryNotFound")
+        return True
 
 
 @pytest.fixture
@@ -119,13 +100,8 @@ def hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Hub]:
     monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
     # Otherwise the client tries for half a minute.
     monkeypatch.setattr("time.sleep", lambda seconds: None)
-    server = Hub(FILES)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
-    thread.start()
-    yield server
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serving(Hub(FILES)) as server:
+        yield server
 
 
 def names(folder: Path) -> set[str]:

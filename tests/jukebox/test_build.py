@@ -1,12 +1,6 @@
 """Builds with a tiny checkpoint in the real layout: both scopes, killed and gone on with, and one's own song."""
 
 import json
-import os
-import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +14,6 @@ import dancedata
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
 from dancedata.building.build import build
 from dancedata.cli.app import app
-from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
 from dancedata.music.signal import load_audio
@@ -77,16 +70,6 @@ def test_both_scopes(corpus: Path, stores: dict[str, Store], scope: str) -> None
             np.testing.assert_array_equal(found, wanted)
 
 
-def test_other_weights_are_another_dataset(corpus, stores, tmp_path, monkeypatch):
-    from dancedata.testing.jukebox import random_checkpoint
-
-    shutil.copytree(stores["track"].path.parent, tmp_path, dirs_exist_ok=True)
-    random_checkpoint(tmp_path / "other", seed=1)
-    monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "other"))
-    with pytest.raises(StoreError, match="weights_sha256"):
-        _build(corpus, tmp_path, "track")
-
-
 def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch):
     computed: list[tuple[str, int]] = []
     plain = Jukebox.extract_windows
@@ -108,29 +91,6 @@ def test_resumes_after_an_interrupt_at_any_window(corpus, tmp_path, monkeypatch)
     # Clips share their songs' windows.
     wanted = {(clip.music, clip.slice_start) for clip in store}
     assert len(done) == len(set(done)) == len(wanted)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_killed_from_outside_and_resumed_gives_the_same_bytes(corpus, tmp_path, tiny, scope):
-    whole = _build(corpus, tmp_path / "whole", scope)
-    folder = tmp_path / "killed"
-    command = [sys.executable, "-m", "dancedata", "build", "aist++", str(corpus)]
-    command += ["--out", str(folder / "out"), "--cache", str(folder / "cache"), "--jobs", "1", "--quiet"]
-    command += [part for setting in (*SET, SCOPES[scope]) for part in ("--set", setting)]
-    environment = {**os.environ, ENVIRONMENT: str(tiny.folder)}
-    running = subprocess.Popen(command, env=environment, start_new_session=True)
-    features = folder / "cache" / "features"
-    deadline = time.monotonic() + 120
-    while not list(features.rglob("*.npy")) and running.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.02)
-    os.killpg(running.pid, signal.SIGKILL)
-    running.wait()
-    subprocess.run(command, env=environment, check=True)
-    shards = sorted(p.name for p in (tmp_path / "whole" / "out").glob("*.h5"))
-    assert shards
-    for name in shards:
-        assert sha256_file(folder / "out" / name) == sha256_file(whole.path / name)
 
 
 @pytest.mark.parametrize("scope", ["track", "window"])

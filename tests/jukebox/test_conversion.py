@@ -61,11 +61,6 @@ def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace, converted: P
     assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "[6, 4]\n"
 
 
-def test_the_hash_of_missing_weights(tmp_path: Path) -> None:
-    with raises_message(SourceError, "Jukebox"):
-        checkpoint_sha256(tmp_path)
-
-
 def test_files_that_are_not_openais_are_not_read(tiny: SimpleNamespace, tmp_path: Path) -> None:
     for name in (VQVAE_FILE, PRIOR_FILE):
         (tmp_path / name).write_bytes(b"a pickle that takes forever")
@@ -101,11 +96,6 @@ def test_a_part_of_the_folder_is_enough_for_a_lower_layer(copy: Path) -> None:
     JukeboxEncoder(copy, layers=(3,), device="cpu", max_codes=64)
     with raises_message(SourceError, "converted", where="copy/block-003.safetensors"):
         JukeboxEncoder(copy, device="cpu")
-
-
-def test_layers_beyond_the_conversion(converted: Path) -> None:
-    with raises_message(UsageError, "layers"):
-        JukeboxEncoder(converted, layers=(5,), device="cpu")
 
 
 def test_second_time_does_nothing(tiny: SimpleNamespace, copy: Path) -> None:

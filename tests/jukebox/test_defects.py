@@ -78,23 +78,14 @@ def test_one_code_or_two(tiny_encoder: Any, n: int) -> None:
     np.testing.assert_allclose(features, scipy.signal.resample(activations, 1), atol=1e-6)
 
 
-def test_beyond_the_limit(tiny_encoder: Any, tiny: SimpleNamespace) -> None:
-    # The reference drops everything after 23.78 s without a word.
-    long = (0.1 * np.random.default_rng(2).standard_normal(8193 * 128)).astype(np.float32)
-    with raises_message(DataError, "too_long", reason="long_audio"):
-        tiny_encoder(long, 44100)
-    with raises_message(DataError, "too_long", reason="long_audio"):
-        tiny_encoder.activations(np.zeros(8193, dtype=np.int64))
-    codes = tiny_encoder.encode(long, 44100)
-    assert codes.shape == (8193,)
-    with raises_message(UsageError, "too_long"):
-        tiny_encoder(long, 44100, too_long="truncated")
-
-
 def test_limit_of_its_own(tiny: SimpleNamespace, noise: np.ndarray, tiny_encoder: Any) -> None:
     encoder = JukeboxEncoder(tiny.folder, layers=(6,), device="cpu", max_codes=100)
     with raises_message(DataError, "max_codes", reason="long_audio"):
-        encoder(noise, 44100)
+        encoder(noise, 44100)  # the reference drops the rest without a word
+    with raises_message(DataError, "too_long", reason="long_audio"):
+        encoder.activations(np.zeros(101, dtype=np.int64))
+    with raises_message(UsageError, "too_long"):
+        encoder(noise, 44100, too_long="truncated")
     cut = encoder(noise, 44100, too_long="truncate")[6]
     assert cut.shape == (9, 40)
     # Codes near the cut are influenced by the music after it, as in the reference.
@@ -112,14 +103,6 @@ def test_parts_of_a_prepared_song_keep_its_gain(tiny_encoder: Any, noise: np.nda
     for n, reason in ((127, "short_audio"), (8193 * 128, "long_audio")):
         with raises_message(DataError, "jukebox", reason=reason):
             tiny_encoder.embed_prepared([np.zeros(n, dtype=np.float32)])
-
-
-def test_silence_stays_silence(tiny_encoder: Any) -> None:
-    silence = np.zeros(22050, dtype=np.float32)
-    codes = tiny_encoder.encode(silence, 44100)
-    assert len(set(codes[90:-90].tolist())) <= 1
-    assert np.isfinite(tiny_encoder(silence, 44100)[6]).all()
-    assert np.isfinite(tiny_encoder(np.full(22050, 1e-42, dtype=np.float32), 44100)[6]).all()
 
 
 def test_gain_does_not_matter_and_channels_are_averaged(tiny_encoder: Any, noise: np.ndarray) -> None:

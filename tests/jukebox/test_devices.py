@@ -2,14 +2,12 @@
 
 import os
 import tempfile
-import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 
 from tests.messages import raises_message
@@ -20,12 +18,9 @@ pytest.importorskip("accelerate")
 import torch
 
 from dancedata.audio.jukebox.feature import Jukebox
-from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.audio.networks import devices as _devices
-from dancedata.building import signals as audio_units
 from dancedata.building.fields.music import MusicField
 from dancedata.building.signals import SignalId
-from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid, WindowSpec
 from dancedata.files.regular_file import sha256_file
@@ -136,21 +131,3 @@ def test_settings_that_change_numbers_are_in_the_key(tiny: SimpleNamespace, chan
     assert _key(feature) != _key(other)
     elsewhere = replace(feature, weights=Path("/other"), device="cuda:1", batch_size=7)
     assert _key(feature) == _key(elsewhere)
-
-
-def test_the_next_song_is_decoded_in_another_thread(monkeypatch: pytest.MonkeyPatch, tiny: SimpleNamespace) -> None:
-    threads: list[str] = []
-
-    def load(_path: Path) -> AudioSignal:
-        threads.append(threading.current_thread().name)
-        return AudioSignal(np.zeros(10, np.float32), 44100)
-
-    monkeypatch.setattr("dancedata.music.signal.load_audio", load)
-    audio_units.decode_ahead(Path("a"))
-    audio_units.decoded(Path("a"))
-    assert len(threads) == 1
-    assert threads[0].startswith("decode-ahead")
-    audio_units.decoded(Path("b"))
-    assert threads[1:] == [threading.current_thread().name]
-    assert _field(Jukebox(weights=tiny.folder)).load_ahead is not None
-    assert MusicField("librosa35", FPS, Librosa35()).load_ahead is None

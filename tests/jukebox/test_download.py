@@ -1,9 +1,7 @@
-"""Downloads from a server on localhost that cuts connections, lacks ranges, changes the file, or lies."""
+"""Downloads from a server that cuts connections, lacks ranges, lies, or answers what no server should."""
 
 import hashlib
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -13,180 +11,193 @@ import pytest
 from dancedata.audio.jukebox import fetch
 from dancedata.audio.jukebox.weights.download import FILES, RemoteFile
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
+from dancedata.files.locks import file_lock
 from tests.messages import raises_message
+from tests.remote.servers import Fault, Handler, Server, cut, serving, status
 
 DATA = np.random.default_rng(0).bytes(3_000_000)
+OK = b"HTTP/1.1 200 OK\r\n"
 
 
-def _remote(name: str = "a.bin", data: bytes = DATA) -> RemoteFile:
-    return RemoteFile(name, len(data), hashlib.sha256(data).hexdigest())
+def _remote(name: str = "a.bin", size: int | None = len(DATA), **more: Any) -> RemoteFile:
+    return RemoteFile(name, size, **{"sha256": hashlib.sha256(DATA).hexdigest(), **more})
 
 
-class _Server(ThreadingHTTPServer):
-    """Serves DATA under every name; its attributes choose its faults."""
-
-    daemon_threads = True
-
-    def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
-        self.data = DATA
-        self.cut_after: list[int] = []  # bytes of the body of the next answers, each followed by a closed connection
-        self.ranges = True
-        self.shift = 0
-        self.length = True
-        self.status: list[int] = []
-        self.asked: list[str | None] = []
-
-    def handle_error(self, *_: object) -> None:
-        """Print nothing: lost clients are part of the tests."""
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server_address[1]}/models/"
+UNKNOWN = _remote(size=None, max_size=4_000_000)
 
 
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+def raw(data: bytes) -> Fault:
+    """Send these bytes in place of an answer, and close."""
 
-    def log_message(self, *_: object) -> None:
-        pass
+    def answer(handler: Handler, _: bytes) -> bool:
+        handler.wfile.write(data)
+        handler.close_connection = True
+        return True
 
-    def do_GET(self) -> None:
-        server, wanted = self.server, self.headers.get("Range")
-        server.asked.append(wanted)
-        if server.status:
-            self.send_error(server.status.pop(0))
-            return
-        start = int(wanted.removeprefix("bytes=").removesuffix("-")) if wanted and server.ranges else 0
-        if start >= len(server.data):
-            self.send_error(416)
-            return
-        self.send_response(206 if start else 200)
-        if start:
-            start -= server.shift
-            self.send_header("Content-Range", f"bytes {start}-{len(server.data) - 1}/{len(server.data)}")
-        body = server.data[start:]
-        if server.length:
-            self.send_header("Content-Length", str(len(body)))
-        self.end_headers()
-        self.wfile.write(body[: server.cut_after.pop(0)] if server.cut_after else body)
-        self.close_connection = True
+    return answer
+
+
+def without_end(handler: Handler, _: bytes) -> bool:
+    handler.wfile.write(OK + b"\r\n")
+    while True:
+        handler.wfile.write(bytes(1 << 16))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("models")
+    (folder / "a.bin").write_bytes(DATA)
+    return folder
 
 
 @pytest.fixture
-def server() -> Iterator[_Server]:
-    with _Server() as running:
-        thread = threading.Thread(target=running.serve_forever, args=(0.01,))
-        thread.start()
+def server(folder: Path) -> Iterator[Server]:
+    with serving(Server(folder)) as running:
         yield running
-        running.shutdown()
-        thread.join()
 
 
-def _fetch(out: Path, source: object, file: RemoteFile | None = None, **more: Any) -> Path:
-    (path,) = fetch(out, str(source), accept_licence=True, files=[file or _remote()], wait_s=0, **more)
+def _fetch(out: Path, source: Server | Path | str, file: RemoteFile | None = None, **more: Any) -> Path:
+    source = source.url if isinstance(source, Server) else str(source)
+    (path,) = fetch(out, source, accept_licence=True, files=[file or _remote()], wait_s=0, **more)
     return path
+
+
+def _ranges(server: Server) -> list[int]:
+    """Return the first byte that each request asked for."""
+    return [int(headers.get("Range", "bytes=0-")[6:-1]) for _, headers in server.headers]
 
 
 def _left(out: Path) -> list[str]:
     return sorted(p.name for p in out.iterdir() if not p.name.endswith(".lock"))
 
 
-def test_whole_file_with_progress(server: _Server, tmp_path: Path) -> None:
+def test_whole_file_with_progress(server: Server, tmp_path: Path) -> None:
     seen: list[tuple[str, int, int | None]] = []
-    path = _fetch(tmp_path / "new", server.url, progress=lambda *what: seen.append(what))
+    path = _fetch(tmp_path / "new", server, progress=lambda *what: seen.append(what))
     assert path.read_bytes() == DATA
     assert _left(tmp_path / "new") == ["a.bin"]
     assert seen[-1] == ("a.bin", len(DATA), len(DATA))
     # The second time the file is checked and nothing is requested.
-    _fetch(tmp_path / "new", server.url)
+    _fetch(tmp_path / "new", server)
     path.write_bytes(b"x")
     with raises_message(SourceError, "differs", where="a.bin"):
-        _fetch(tmp_path / "new", server.url)
-    assert len(server.asked) == 1
+        _fetch(tmp_path / "new", server)
+    assert len(server.headers) == 1
 
 
-def test_resumes_after_a_lost_connection(server: _Server, tmp_path: Path) -> None:
-    server.cut_after = [1_000_000, 0, 500_000]
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
-    first, *begins = (int((wanted or "bytes=0-")[6:-1]) for wanted in server.asked)
+def test_resumes_after_a_lost_connection(server: Server, tmp_path: Path) -> None:
+    server.fault("a.bin", cut(1_000_000), cut(0), cut(500_000))
+    assert _fetch(tmp_path, server).read_bytes() == DATA
     # What a connection has sent of its last 16 KiB is asked for again.
-    assert [first, *(round(begin, -5) for begin in begins)] == [0, 1_000_000, 1_000_000, 1_500_000]
+    assert [round(begin, -5) for begin in _ranges(server)] == [0, 1_000_000, 1_000_000, 1_500_000]
 
 
-def test_a_partial_download_of_another_program_stays(server: _Server, tmp_path: Path) -> None:
+def test_a_partial_download_of_another_program_stays(server: Server, tmp_path: Path) -> None:
     for name in ("a.bin.part", ".a.bin.lock"):
         (tmp_path / name).write_bytes(b"mine")
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+    assert _fetch(tmp_path, server).read_bytes() == DATA
     names = sorted(path.name for path in tmp_path.iterdir())
     assert names == [".a.bin.lock", "a.bin", "a.bin.part"]
     assert all((tmp_path / name).read_bytes() == b"mine" for name in names if name != "a.bin")
 
 
-def test_gives_up_but_keeps_the_partial_file(server: _Server, tmp_path: Path) -> None:
-    server.cut_after = [700_000, 0, 0, 0, 0]
+def test_gives_up_but_keeps_the_partial_file(server: Server, tmp_path: Path) -> None:
+    server.fault("a.bin", cut(700_000), *[cut(0)] * 3)
     with pytest.raises(SourceError, match=r"failed; found .*IncompleteRead.*; \d{6} bytes downloaded"):
-        _fetch(tmp_path, server.url, attempts=3)
+        _fetch(tmp_path, server, attempts=3)
     assert _left(tmp_path) == [".dancedata-a.bin.part"]
-    server.cut_after = []
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
-    assert server.asked[-1] not in (None, "bytes=0-")
+    server.fault("a.bin")
+    assert _fetch(tmp_path, server).read_bytes() == DATA
+    assert _ranges(server)[-1] > 0
     assert _left(tmp_path) == ["a.bin"]
 
 
 @pytest.mark.parametrize(
-    "faults",
-    [{"status": [503, 500]}, {"ranges": False, "cut_after": [1_000_000]}, {"length": False},
-     {"length": False, "cut_after": [1000]}],
+    ("ranges", "answers"),
+    [(True, [status(503), status(500)]), (False, [cut(1_000_000)]), (True, [raw(OK + b"\r\n" + DATA)]),
+     (True, [raw(OK + b"\r\n" + DATA[:1000])])],
     ids=["temporary", "no ranges", "no length", "no length, cut"],
 )  # fmt: skip
-def test_faults_that_pass(server: _Server, tmp_path: Path, faults: dict[str, Any]) -> None:
-    vars(server).update(faults)
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+def test_faults_that_pass(server: Server, tmp_path: Path, ranges: bool, answers: list[Fault]) -> None:
+    server.ranges = ranges
+    server.fault("a.bin", *answers)
+    assert _fetch(tmp_path, server).read_bytes() == DATA
     assert _left(tmp_path) == ["a.bin"]
 
 
 @pytest.mark.parametrize(
-    ("faults", "word", "asked"),
+    ("answers", "word"),
     [
-        ({"status": [404]}, r"models/a\.bin: .* found 404", 1),
-        ({"shift": 5, "cut_after": [1_000_000]}, r"asked for bytes from .*, got 'bytes ", 2),
+        ([status(404)], r"a\.bin: .* found 404"),
+        (
+            [cut(1_000_000), raw(b"HTTP/1.1 206 x\r\nContent-Range: bytes 5-9/10\r\n\r\n")],
+            "asked for bytes from .*, got",
+        ),
     ],
 )
-def test_faults_that_stay(server, tmp_path, faults, word, asked):
-    vars(server).update(faults)
+def test_faults_that_stay(server: Server, tmp_path: Path, answers: list[Fault], word: str) -> None:
+    server.fault("a.bin", *answers)
     with raises_message(SourceError, word):
-        _fetch(tmp_path, server.url, attempts=2)
-    assert len(server.asked) == asked
+        _fetch(tmp_path, server, attempts=2)
+    assert len(server.headers) == len(answers)
 
 
-def test_a_part_of_another_file_is_found_by_the_hash(server: _Server, tmp_path: Path) -> None:
-    (tmp_path / ".dancedata-a.bin.part").write_bytes(b"other")
+def test_a_part_of_another_file_is_found_by_the_hash_and_a_whole_one_only_checked(
+    server: Server, tmp_path: Path
+) -> None:
+    part = tmp_path / ".dancedata-a.bin.part"
+    part.write_bytes(b"other")
     with raises_message(SourceError, "differs"):
-        _fetch(tmp_path, server.url)
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
-
-
-def test_complete_part_is_only_checked(server: _Server, tmp_path: Path) -> None:
-    (tmp_path / ".dancedata-a.bin.part").write_bytes(DATA)
-    assert _fetch(tmp_path, server.url).read_bytes() == DATA
+        _fetch(tmp_path, server)
+    part.write_bytes(DATA)
+    assert _fetch(tmp_path, server).read_bytes() == DATA
 
 
 @pytest.mark.parametrize(
-    ("size", "sha256", "faults", "word", "left"),
+    ("file", "answers", "word", "left"),
     [
-        (7, _remote().sha256, {}, "another file; found 3000000 bytes; allowed: 7 bytes", []),
-        (len(DATA), "0" * 64, {}, "renamed", [".dancedata-a.bin.mismatch"]),
+        (_remote(size=7), [], "another file; found 3000000 bytes; allowed: 7 bytes", []),
+        (_remote(sha256="0" * 64), [], "renamed", [".dancedata-a.bin.mismatch"]),
         # Without a stated length and size the hash tells.
-        (None, _remote().sha256, {"length": False, "cut_after": [1000]}, "differs", []),
+        (_remote(size=None), [raw(OK + b"\r\n" + DATA[:1000])], "differs", []),
+        (_remote(), [without_end], "another file; found more than that; allowed: 3000000 bytes", []),
+        (UNKNOWN, [without_end], "another file; found more than that; allowed: at most 4000000 bytes", []),
+        (UNKNOWN, [raw(OK + b"Content-Length: 4000001\r\n\r\n")], "4000001 bytes; allowed: at most 4000000", []),
     ],
 )
-def test_another_file_is_set_aside(server, tmp_path, size, sha256, faults, word, left):
-    vars(server).update(faults)
+def test_another_file_is_set_aside(server, tmp_path, file, answers, word, left):
+    server.fault("a.bin", *answers)
     with raises_message(SourceError, word):
-        _fetch(tmp_path, server.url, RemoteFile("a.bin", size, sha256))
+        _fetch(tmp_path, server, file)
     assert _left(tmp_path) == left
     assert all((tmp_path / name).read_bytes() == DATA for name in left)
+
+
+@pytest.mark.parametrize("length", [b"abc", b"-5", b"1e9", b"9" * 5000, b"3000000, 3000000", b"\xff", b""])
+def test_invalid_lengths_are_not_believed(server: Server, tmp_path: Path, length: bytes) -> None:
+    server.fault("a.bin", raw(OK + b"Content-Length: " + length + b"\r\n\r\n" + DATA))
+    assert _fetch(tmp_path, server, attempts=1).read_bytes() == DATA
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [b"", b"HTTP/9.9 abc\r\n\r\n", b"HTTP/1.1 99999999999 x\r\n\r\n",
+     b"HTTP/1.1 404 \x1b[2J\x9b" + b"x" * 60_000 + b"\r\n\r\n", OK + b"x" * 70_000 + b"\r\n\r\n",
+     OK + b"Transfer-Encoding: chunked\r\n\r\nzzz\r\n", b"HTTP/1.1 302 x\r\nLocation: file:///etc/passwd\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: ftp://127.0.0.1/x\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://127.0.0.1:abc/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://[/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: http://\xff\xfe\x01/\r\n\r\n",
+     b"HTTP/1.1 302 x\r\nLocation: /\xe9 \x0b\r\n\r\n", b"HTTP/1.1 206 x\r\nContent-Range: \x1b[2J\r\n\r\n",
+     b"HTTP/1.1 416 x\r\n\r\n"],
+)  # fmt: skip
+def test_invalid_answers(server: Server, tmp_path: Path, answer: bytes) -> None:
+    server.fault("a.bin", raw(answer))
+    with pytest.raises(SourceError) as error:
+        _fetch(tmp_path, server, attempts=1)
+    text = str(error.value)
+    assert text.replace("\n", "").isprintable()
+    assert len(text) < 800
 
 
 def test_no_server_listens(tmp_path: Path) -> None:
@@ -194,16 +205,14 @@ def test_no_server_listens(tmp_path: Path) -> None:
         _fetch(tmp_path, "http://127.0.0.1:9/", attempts=2)
 
 
-def test_from_a_folder(tmp_path: Path) -> None:
-    (tmp_path / "from").mkdir()
-    (tmp_path / "from" / "a.bin").write_bytes(DATA)
-    assert _fetch(tmp_path / "to", tmp_path / "from").read_bytes() == DATA
-    (tmp_path / "from" / "a.bin").write_bytes(DATA[:-1])
-    with raises_message(SourceError, "differs", where="from/a.bin"):
-        _fetch(tmp_path / "to2", tmp_path / "from")
-    assert (tmp_path / "from" / "a.bin").exists()
-    with raises_message(SourceError, r"a\.bin", where="from/b.bin"):
-        _fetch(tmp_path / "to2", tmp_path / "from", _remote("b.bin"))
+def test_from_a_folder(folder: Path, tmp_path: Path) -> None:
+    assert _fetch(tmp_path / "to", folder).read_bytes() == DATA
+    with raises_message(SourceError, r"a\.bin", where="b.bin"):
+        _fetch(tmp_path / "to2", folder, _remote("b.bin"))
+    (tmp_path / "a.bin").write_bytes(DATA[:-1])
+    with raises_message(SourceError, "differs", where="a.bin"):
+        _fetch(tmp_path / "to2", tmp_path)
+    assert (tmp_path / "a.bin").exists()
 
 
 @pytest.mark.parametrize("source", ["ftp://example.org/x", "/no/such/folder", "file:///etc"])
@@ -212,7 +221,7 @@ def test_other_sources(tmp_path: Path, source: str) -> None:
         _fetch(tmp_path, source)
 
 
-def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
+def test_licence_comes_first(server: Server, tmp_path: Path) -> None:
     shown: list[str] = []
 
     def ask(text: str) -> bool:
@@ -223,25 +232,24 @@ def test_licence_comes_first(server: _Server, tmp_path: Path) -> None:
         with raises_message(UsageError, "accepted"):
             fetch(tmp_path / "out", server.url, accept_licence=answer, files=[_remote()])
     assert "Noncommercial" in shown[0]
-    assert server.asked == []
+    assert server.headers == []
     assert not (tmp_path / "out").exists()
 
 
-def test_two_programs_at_once(server: _Server, tmp_path: Path) -> None:
-    from dancedata.files.locks import file_lock
-
+def test_two_programs_at_once(server: Server, tmp_path: Path) -> None:
     with file_lock(tmp_path / ".dancedata-a.bin.lock"), raises_message(UsageError, "fetching", where="a.bin"):
-        _fetch(tmp_path, server.url)
+        _fetch(tmp_path, server)
 
 
-def test_disk_that_cannot_be_written(server: _Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disk_that_cannot_be_written(server: Server, tmp_path: Path) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
     with pytest.raises(DanceDataError, match=r"a\.bin: .* cannot be written; found .*No space left.* GB are free"):
-        _fetch(tmp_path, server.url, progress=full)
+        _fetch(tmp_path, server, progress=full)
 
 
-def test_the_real_files() -> None:
+def test_the_real_files_are_bounded() -> None:
     assert [f.name for f in FILES] == ["vqvae.pth.tar", "prior_level_2.pth.tar"]
     assert all(len(f.sha256) == 64 for f in FILES)
+    assert [file.limit < 20_000_000 for file in FILES if file.size is None] == [True]

@@ -1,6 +1,5 @@
 """The recipe feature: EDGE's windows, whole songs, precision and weights fixed by a build."""
 
-import shutil
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,7 +13,6 @@ pytest.importorskip("torch")
 import dancedata
 from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.feature import ENVIRONMENT, Jukebox
-from dancedata.audio.jukebox.weights.folder import PRIOR_FILE
 from dancedata.core.audio_signal import AudioSignal, pcm16
 from dancedata.core.errors import DanceDataError, DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -127,21 +125,3 @@ def test_invalid_audio_is_refused(feature: Jukebox, song: AudioSignal) -> None:
         feature.n_rows(1, 44100, FrameGrid.of("30000/1001"))
     with raises_message(UsageError, "batch_size"):
         Jukebox(layer=0)
-
-
-def test_weights_that_change_during_a_build_are_an_error(tiny, song, tmp_path):
-    folder = tmp_path / "weights"
-    shutil.copytree(tiny.folder, folder)
-    resolved = Jukebox(weights=folder, layer=LAYER, device="cpu").resolved(sha256_file)
-    with open(folder / PRIOR_FILE, "ab") as file:
-        file.write(b"another")
-    with pytest.raises(SourceError, match="the weights have changed"):
-        resolved.extract_windows(song, np.array([0]), 22050, FPS, 30)
-
-
-@pytest.mark.parametrize("value", [65520.0, -65520.0, np.nan])
-def test_values_beyond_float16_are_never_stored(feature: Jukebox, value: float) -> None:
-    rows = np.array([[1.0, 65500.0]], np.float32)
-    assert np.isfinite(feature._stored(rows)).all()
-    with raises_message(DataError, "float16", reason="overflow"):
-        feature._stored(np.array([[1.0, value]], np.float32))

@@ -12,7 +12,7 @@ pytest.importorskip("safetensors")
 
 import torch
 
-from dancedata.audio.jukebox import JukeboxEncoder, convert
+from dancedata.audio.jukebox import JukeboxEncoder
 from dancedata.audio.jukebox.network.memory import block_bytes, clip_bytes, fixed_bytes
 from dancedata.audio.jukebox.network.tensors import POSITIONS
 from dancedata.audio.jukebox.weights.loading import load_conditioning, open_openai
@@ -105,16 +105,8 @@ def test_half_precision(golden: SimpleNamespace, precision: str, bound: float) -
         assert 0 < rms / expected.std() <= bound
 
 
-@pytest.mark.parametrize("batch_size", [1, 2, 5])
-def test_batches_of_mixed_lengths(golden: SimpleNamespace, encoder: JukeboxEncoder, batch_size: int) -> None:
-    found = _frames(encoder, [_codes(golden, c) for c in CLIPS], batch_size)
-    for clip, features in zip(CLIPS, found, strict=True):
-        assert np.abs(features[6] - golden.expected[clip]["final"]).max() <= TOLERANCE
-
-
-@pytest.mark.parametrize("layers", [(6,), (3, 1), (2, 1, 6, 3)])
-def test_any_layers_in_any_order(golden: SimpleNamespace, layers: tuple[int, ...]) -> None:
-    # jukemirlib returns only the first of layers that do not ascend.
+def test_layers_in_any_order(golden: SimpleNamespace) -> None:
+    layers = (2, 1, 6, 3)  # jukemirlib returns only the first of layers that do not ascend.
     found = _encoder(golden, layers=layers).activations(_codes(golden, "short"))
     assert tuple(found) == layers
     rows = golden.expected["short"].get("act_index", slice(None))
@@ -122,16 +114,7 @@ def test_any_layers_in_any_order(golden: SimpleNamespace, layers: tuple[int, ...
         assert np.abs(found[layer][rows] - golden.expected["short"][f"act_{layer}"]).max() <= TOLERANCE
 
 
-def test_converted(golden: SimpleNamespace, encoder: JukeboxEncoder, tmp_path) -> None:
-    convert(golden.folder, tmp_path / "converted", 6)
-    again = JukeboxEncoder(tmp_path / "converted", layers=(1, 2, 3, 6), device="cpu", precision="fp32")
-    codes = again.encode(*golden.audio("odd"))
-    np.testing.assert_array_equal(codes, golden.expected["odd"]["z"])
-    for layer, expected in encoder.activations(codes).items():
-        np.testing.assert_array_equal(again.activations(codes)[layer], expected)
-
-
-@pytest.mark.parametrize("resident", [0, 1, 3, 5])
+@pytest.mark.parametrize("resident", [0, 3])
 @pytest.mark.parametrize("precision", ["fp32", "fp16"])
 def test_blocks_on_the_host(golden: SimpleNamespace, encoder: JukeboxEncoder, resident: int, precision: str) -> None:
     config, dtype = golden.config, {"fp32": torch.float32, "fp16": torch.float16}[precision]
