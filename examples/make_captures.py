@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dancedata.core.audio_signal import wav_bytes
-from dancedata.core.motion import Motion, grounded
+from dancedata.core.ground import grounded
+from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder.example import MIXAMO_NAMES
 from dancedata.formats.bvh.write import write_bvh

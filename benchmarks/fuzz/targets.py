@@ -215,7 +215,7 @@ def _read_file_names(path: Path) -> None:
 def _show(folder: Path) -> None:
     """Print what `info --clips`, `info --json` and `check` print."""
     from dancedata.building.describe import describe_clips, describe_problems, describe_store, store_json
-    from dancedata.core.text import json_text
+    from dancedata.core.tables import json_text
     from dancedata.store import verify_store
 
     _require_plain(describe_problems(folder, verify_store(folder)))

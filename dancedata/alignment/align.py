@@ -15,8 +15,10 @@ from dancedata.alignment.rhythm import OffsetGroup, Search, find_offsets, found_
 from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.rejects import left_out_lines, missing_music, relative_to
-from dancedata.core.text import counted, csv_cell, listed, table
+from dancedata.core.left_out import left_out_lines
+from dancedata.core.rejects import missing_music, relative_to
+from dancedata.core.tables import csv_cell, table
+from dancedata.core.text import counted, listed
 from dancedata.files.cache_files import running
 from dancedata.files.csv_report import csv_text, require_new_csv, write_csv
 from dancedata.kernel import DATASET_FILE, Cache, Progress, RecipeLike, chosen_recipe, jobs_of, scan_folder

@@ -7,10 +7,10 @@ from typing import ClassVar, Literal
 from dancedata.augment._parameters import require_number, require_seed, spatial_of
 from dancedata.core.draw import Draw
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, moved, moved_bounds, moved_rows
 from dancedata.core.plugins import CopyAugmentation, Float32Array, SampleAugmentation, SampleField
 from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.rotations import Float64Array
-from dancedata.core.spatial import Placement, moved
 from dancedata.core.typing import override
 
 
@@ -53,7 +53,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         self, rows: Float32Array, field: SampleField, draw: Draw, about: Float64Array | None = None
     ) -> Float32Array:
         spatial = spatial_of(field)
-        return rows if spatial is None else spatial.moved(rows, field.columns, self._shift(draw))
+        return rows if spatial is None else moved_rows(spatial, rows, field.columns, self._shift(draw))
 
     @override
     def scaler_bounds(
@@ -62,7 +62,7 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
         spatial = spatial_of(field)
         if spatial is None:
             return low, high
-        return spatial.scaler_bounds(low, high, field.columns, turns=False, shift_m=self.max_m)
+        return moved_bounds(spatial, low, high, field.columns, turns=False, shift_m=self.max_m)
 
     def _shift(self, draw: Draw) -> Placement:
         radius, angle = self.max_m * math.sqrt(draw.uniform()), draw.uniform(0.0, 2 * math.pi)

@@ -12,11 +12,12 @@ from dancedata.building.left_out import NOTED, reasons
 from dancedata.core.clip import Reject
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.implausible import describe_implausible
+from dancedata.core.left_out import left_out_lines
 from dancedata.core.licence import Licence
 from dancedata.core.quality import OF_CLIPS, REPAIRED
-from dancedata.core.rejects import left_out_lines
+from dancedata.core.tables import table
 from dancedata.core.terms import clips_by_terms, terms_text
-from dancedata.core.text import counted, listed, shown, size_text, table
+from dancedata.core.text import counted, listed, shown, size_text
 from dancedata.files.addresses import path_text
 from dancedata.store import Store, open_store
 from dancedata.store.clip_columns import CLIP_COLUMNS

@@ -10,7 +10,7 @@ from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, StoreError
 from dancedata.core.plugins import Dataset
 from dancedata.core.quality import OF_CLIPS
-from dancedata.core.rejects import BY_CHOICE, left_out_lines
+from dancedata.core.rejects import BY_CHOICE
 from dancedata.core.text import counted, shown
 from dancedata.store import Store
 
@@ -54,6 +54,8 @@ def require_no_rejects(
 
 
 def _report(problem: str, rejects: Sequence[Reject], scan: Scan) -> str:
+    from dancedata.core.left_out import left_out_lines
+
     left_out = left_out_lines(rejects, details=True)
     lines = [f"  {line}" if line.startswith(" ") else f"  - {line}" for line in left_out]
     notes = [f"  - {note}" for note in scan.notes]

@@ -28,9 +28,11 @@ from dancedata.core.arguments import Overrides
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import SourceError, StoreError, UsageError
 from dancedata.core.implausible import describe_implausible
+from dancedata.core.left_out import left_out_lines
 from dancedata.core.quality import IMPLAUSIBLE
-from dancedata.core.rejects import left_out_lines, reject_on_error, relative_to
-from dancedata.core.text import counted, listed, shown, size_text, table
+from dancedata.core.rejects import reject_on_error, relative_to
+from dancedata.core.tables import table
+from dancedata.core.text import counted, listed, shown, size_text
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
 from dancedata.recipes.recipe import Recipe

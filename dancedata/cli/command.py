@@ -17,7 +17,7 @@ from dancedata.cli.options import HELP, About, parameters_of, read_values
 from dancedata.cli.terminal import say
 from dancedata.core.errors import DanceDataError, StoreError, UsageError, unwritable_name
 from dancedata.core.plugin_files import load_plugins
-from dancedata.core.text import json_text
+from dancedata.core.tables import json_text
 from dancedata.core.version import __version__
 from dancedata.execution.arithmetic import adopt
 

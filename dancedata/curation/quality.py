@@ -12,10 +12,12 @@ import numpy as np
 
 from dancedata.core.arguments import Overrides, folder_of
 from dancedata.core.clip import Reject
+from dancedata.core.left_out import left_out_lines
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import Dataset
-from dancedata.core.rejects import left_out_lines, relative_to
-from dancedata.core.text import counted, csv_cell, shown, table
+from dancedata.core.rejects import relative_to
+from dancedata.core.tables import csv_cell, table
+from dancedata.core.text import counted, shown
 from dancedata.curation.annotators import Faults
 from dancedata.curation.scores import MEASURES, Score, score_motion
 from dancedata.curation.spans import Span

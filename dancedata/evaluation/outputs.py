@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import csv_cell, json_text
+from dancedata.core.tables import csv_cell, json_text
 from dancedata.evaluation.report import Report
 from dancedata.evaluation.tables import latex, markdown
 from dancedata.files.atomic import write_text

@@ -13,7 +13,8 @@ from dancedata.core.dance import MusicBeats
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load, package_version
 from dancedata.core.sample_id import SampleId
-from dancedata.core.text import counted, listed, shown, table
+from dancedata.core.tables import table
+from dancedata.core.text import counted, listed, shown
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic

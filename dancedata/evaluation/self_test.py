@@ -10,7 +10,8 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Dataset
 from dancedata.core.registry import FEATURES
-from dancedata.core.text import counted, listed, shown, table
+from dancedata.core.tables import table
+from dancedata.core.text import counted, listed, shown
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.options import Inputs

@@ -17,7 +17,8 @@ from typing import Any
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.grid import as_fraction, as_rate
 from dancedata.core.segments import CLIP_END, MAX_JOINT, Layer, Segment
-from dancedata.core.text import csv_cell, csv_text, quoted, shown
+from dancedata.core.tables import csv_cell, csv_text
+from dancedata.core.text import quoted, shown
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 

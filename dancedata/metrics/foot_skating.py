@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from dancedata.core.dance import Dance, Undefined, checked_joints
-from dancedata.core.motion import ground_height
+from dancedata.core.ground import ground_height
 from dancedata.core.plugins import Better, Metric
 from dancedata.core.registry import METRICS
 from dancedata.core.rotations import Float64Array

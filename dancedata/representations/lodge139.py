@@ -6,7 +6,7 @@ from typing import ClassVar
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
-from dancedata.representations._six_d import SmplX6D
+from dancedata.representations._smplx_6d import SmplX6D
 
 
 @REPRESENTATIONS.register("lodge139")

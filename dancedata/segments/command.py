@@ -8,7 +8,8 @@ from typing import Any
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import ENGLISH, Lexicon, with_mirrored_words
-from dancedata.core.text import counted, listed, table
+from dancedata.core.tables import table
+from dancedata.core.text import counted, listed
 from dancedata.files.addresses import local_folder
 from dancedata.files.atomic import atomic_file
 from dancedata.files.segment_files import write_segment_file

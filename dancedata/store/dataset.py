@@ -19,7 +19,6 @@ from dancedata.files.addresses import Origin, local_folder, origin_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_columns import ClipRecord
-from dancedata.store.clip_view import Clip, Clips
 from dancedata.store.dataset_json import REBUILD, field_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.motion_fields import sample_field
@@ -27,12 +26,14 @@ from dancedata.store.normalize import Scaler
 from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE, Field
 from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.segment_queries import SegmentQueries
-from dancedata.store.stats import train_quantiles
+from dancedata.store.window_list import IntArray
 
 _KINDS = ("minmax", "zscore", "zscore_grouped")
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from dancedata.store.clip_view import Clip, Clips
 
 
 def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), mapped: bool = True) -> Store:
@@ -160,11 +161,16 @@ class Store(SegmentQueries):
         rows = range(self._tables.n_clips)
         chosen = rows if split is None else rows[self._rows_of_split(split).clips]
         if not where:
-            return Clips(self, chosen)
+            return self._clips(chosen)
         keep = np.ones(len(rows), dtype=np.bool_)
         for name, values in require_where(self, where).items():
             keep &= clips_with(self._tables, name, values)
-        return Clips(self, np.flatnonzero(keep[chosen.start : chosen.stop]) + chosen.start)
+        return self._clips(np.flatnonzero(keep[chosen.start : chosen.stop]) + chosen.start)
+
+    def _clips(self, rows: range | IntArray) -> Clips:
+        from dancedata.store.clip_view import Clips  # readers of windows need none
+
+        return Clips(self, rows)
 
     @property
     def origin(self) -> Origin | None:
@@ -184,6 +190,8 @@ class Store(SegmentQueries):
         """
         f = self.field(field)
         self._require_statistics(f, "quantiles")
+        from dancedata.store.train_rows import train_quantiles
+
         return train_quantiles(self, f, q)
 
     def free_columns(self) -> tuple[FreeColumn, ...]:
@@ -212,7 +220,7 @@ class Store(SegmentQueries):
 
     def __getitem__(self, clip_id: str) -> Clip:
         """Return a clip by id, ``ds["ID"]["edge151"]`` are its rows of a field; UsageError with the closest id."""
-        return Clip.of(self, self._tables.record(self._row(clip_id)))
+        return self._clips(range(row := self._row(clip_id), row + 1))[0]
 
     def __contains__(self, clip_id: object) -> bool:
         """Return whether there is a clip of this id."""

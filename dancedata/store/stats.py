@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from functools import partial
-from hashlib import sha256
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +10,6 @@ import numpy.typing as npt
 
 from dancedata.core.codebook import Codebook
 from dancedata.store.normalize import Scaler
-from dancedata.store.row_queries import RowQueries
 from dancedata.store.schema import Field, StoreHeader
 from dancedata.store.shard_plan import ShardPlan
 from dancedata.store.window_list import IntArray
@@ -21,8 +18,6 @@ from dancedata.store.window_list import IntArray
 _MOST_COUNTS = 65_536
 #: Rows of a clip that are read at a time.
 _ROWS = 1 << 12
-#: Values in memory at a time, of quantiles.
-_VALUES = 1 << 24
 
 
 class Block(NamedTuple):
@@ -62,7 +57,7 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
         result["note"] = "there are no train windows, so there are no statistics and no scaler"
     for f in header.fields if train else ():
         length, shards = header.grid.rows(header.length, of=f.grid), (_windows_and_rows(plan, f) for plan in train)
-        numbers = row_stats(f, _rows(covered(shards, length), partial(_read, out, train, f)))
+        numbers = row_stats(f, repeated(covered(shards, length), partial(_read, out, train, f)))
         result["fields"] |= {f.name: numbers} if numbers else {}
     return result
 
@@ -70,48 +65,6 @@ def compute_stats(out: Path, header: StoreHeader, plans: Sequence[ShardPlan]) ->
 def row_stats(f: Field, rows: Iterable[npt.NDArray[Any]]) -> dict[str, Any]:
     """Return the entry of a field by blocks of its rows (n, D), n > 0; empty without any."""
     return _column_stats(rows, f.columns.width) if f.codebook is None else _code_stats(rows, f.codebook)
-
-
-def train_masks(store: RowQueries, f: Field) -> Iterator[tuple[int, npt.NDArray[np.bool_]]]:
-    """Yield the numbers of the shards of train, and which of their rows of a field windows cover."""
-    length, splits = store.grid.rows(store._tables.window_length, of=f.grid), store._description.splits
-    for number, (starts, n_rows, _) in enumerate(train_rows(store, f, hashed=False) if "train" in splits else ()):
-        [block] = covered([(starts, n_rows, [(number, 0, n_rows)])], length)
-        yield splits["train"].shards.start + number, block.counts > 0
-
-
-def train_quantiles(store: RowQueries, f: Field, q: Sequence[float]) -> npt.NDArray[np.float64]:
-    """Return quantiles of the columns of a field over its `train_rows`, (len(q), D), by linear interpolation."""
-    readers, length = store._shards("train"), store.grid.rows(store._tables.window_length, of=f.grid)
-    blocks = covered(train_rows(store, f), length)
-    step = max(1, _VALUES // max(1, sum(int(block.counts.sum()) for block in blocks)))
-    parts = []
-    for left in range(0, f.columns.width, step):
-        rows = _rows(blocks, lambda k, first, n: readers[k].rows(f.name, first, n))
-        values = np.concatenate([part[:, left : left + step] for part in rows]) + np.float64(0)  # no -0.0
-        parts.append(np.quantile(values, q, axis=0, overwrite_input=True))
-    return np.concatenate(parts, axis=1)
-
-
-def train_rows(store: RowQueries, f: Field, *, hashed: bool = True) -> Iterator[ShardRows]:
-    """Yield the shards of train for `covered`; with `hashed`, equal timelines of several shards have the same key."""
-    tables, train = store._tables, store._rows_of_split("train")
-    has_rows = tables.has_rows(f)[tables.window_clip[train.windows]]
-    clips = tables.window_clip[train.windows][has_rows]
-    starts = tables.rows_of(f, store.grid)[train.windows][has_rows]
-    spans = tables.spans[f.name]
-    timelines = None if spans.offset is None else spans.first - spans.offset
-    of_shard, clip_shard = (tables.shard_of(k) - train.shards.start for k in (clips, np.arange(tables.n_clips)))
-    for number, reader in enumerate(store._shards("train")):
-        n_rows = reader.layout(f.name).n_rows
-        keyed: list[KeyedRows] = [(number, 0, n_rows)]
-        if timelines is not None and hashed:
-            begins = np.unique(timelines[clip_shard == number]).tolist()
-            keyed = [
-                (sha256(reader.rows(f.name, first, end - first).tobytes()).digest(), first, end - first)
-                for first, end in pairwise([*begins, n_rows])
-            ]
-        yield starts[of_shard == number], n_rows, keyed
 
 
 def _read(out: Path, plans: Sequence[ShardPlan], f: Field, shard: int, first: int, n: int) -> npt.NDArray[Any]:
@@ -131,7 +84,7 @@ def _windows_and_rows(plan: ShardPlan, f: Field) -> ShardRows:
     return starts[has_rows[plan.windows[0]]], n_rows, keyed
 
 
-def _rows(blocks: Sequence[Block], read: ReadRows) -> Iterator[npt.NDArray[Any]]:
+def repeated(blocks: Sequence[Block], read: ReadRows) -> Iterator[npt.NDArray[Any]]:
     """Yield rows (n, D), n > 0, each as often as it counts: those of a clip alone, at most _ROWS stored ones."""
     for block in blocks:
         for begin in range(0, len(block.counts), _ROWS):

@@ -18,8 +18,8 @@ from dancedata.store.schema import ALIGNMENT, FORMAT, TABLES_FILE, Field
 from dancedata.store.segments import QUALITY
 from dancedata.store.shard_plan import SHARED
 from dancedata.store.shard_reader import ShardReader
-from dancedata.store.stats import train_masks
 from dancedata.store.tables import Tables
+from dancedata.store.train_rows import train_masks
 from dancedata.store.window_list import WindowList
 from dancedata.store.windowing import locate_windows
 

@@ -15,7 +15,8 @@ import numpy as np
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import UsageError
 from dancedata.core.hashing import sha256_bytes
-from dancedata.core.text import counted, json_text
+from dancedata.core.tables import json_text
+from dancedata.core.text import counted
 from dancedata.files.atomic import require_free
 from dancedata.files.page_files import save_page
 from dancedata.kernel import ClipRecord, Store, open_store

@@ -30,6 +30,7 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, moved, moved_rows, require_roles
 from dancedata.core.plugins import (
     Augmentation,
     CopyAugmentation,
@@ -54,7 +55,6 @@ from dancedata.core.registry import (
 )
 from dancedata.core.rejects import BY_CHOICE
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.spatial import Placement, moved
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.regular_file import sha256_file
 from dancedata.testing.building_checks import check_annotator, check_field, check_rule, check_transform
@@ -136,13 +136,11 @@ def _check_spatial(representation: Any, motion: Motion, array: npt.NDArray[Any])
     """Check that columns that are turned and shifted are those of the motion that is turned and shifted."""
     if representation.spatial is None:
         return
-    representation.spatial.check(representation.columns)
+    require_roles(representation.spatial, representation.columns)
     by = Placement(turn_rad=1.2, x_m=0.4, z_m=-0.7)
     wanted = representation.encode(moved(motion, by), contact_rule_of(representation))
-    moved_rows = representation.spatial.moved(array, representation.columns, by)
-    require(
-        bool(np.abs(moved_rows - wanted).max() < 1e-5), "`spatial` turns columns as `encode` turns with the motion"
-    )
+    rows = moved_rows(representation.spatial, array, representation.columns, by)
+    require(bool(np.abs(rows - wanted).max() < 1e-5), "`spatial` turns columns as `encode` turns with the motion")
 
 
 def check_contact_rule(cls: type[Any]) -> None:

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from dancedata.core.clip import Reject, Window
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
+from dancedata.core.placement import centroid, root_place
 from dancedata.core.sample_id import safe_name
 from dancedata.core.sample_steps import Augment
-from dancedata.core.spatial import centroid
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.store.clip_columns import FREE
@@ -348,6 +348,6 @@ class GroupReader(BatchReader):
         """Return the places of roots in the first row, (P, 3); None where columns hold none, or are not known."""
         field = next(candidate for candidate in self._augmenter.fields if candidate.name == name)
         spatial = None if field.representation is None else field.representation.spatial
-        places = [] if spatial is None else [spatial.root(of_dancer[0], field.columns) for of_dancer in rows]
+        places = [] if spatial is None else [root_place(spatial, of_dancer[0], field.columns) for of_dancer in rows]
         roots = [place for place in places if place is not None]
         return np.stack(roots) if roots else None

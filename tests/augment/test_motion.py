@@ -21,11 +21,12 @@ from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, moved, moved_rows, require_roles
 from dancedata.core.plugins import SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.spatial import Placement, Spatial, moved
+from dancedata.core.spatial import Spatial
 from dancedata.testing.examples import FPS, contact_rule_of, example_fields, random_motion
 from tests.messages import raises_message
 
@@ -77,9 +78,9 @@ def test_joints_of_a_moved_motion_are_the_moved_joints(angle: float, x: float, z
 def test_moved_columns_are_those_of_the_moved_motion(name: str) -> None:
     made = REPRESENTATIONS.get(name)()
     for by in (Placement(), Placement(2.0), Placement(0, 0.3, -0.2), Placement(-1.1, -1.5, 2.5)):
-        found = made.spatial.moved(encoded(name), made.columns, by)
+        found = moved_rows(made.spatial, encoded(name), made.columns, by)
         np.testing.assert_allclose(found, encoded(name, by), atol=2e-6)
-    still = made.spatial.moved(encoded(name), made.columns, Placement())
+    still = moved_rows(made.spatial, encoded(name), made.columns, Placement())
     np.testing.assert_array_equal(still, encoded(name))
 
 
@@ -88,13 +89,13 @@ def test_directions_turn_and_do_not_shift() -> None:
 
     columns = Columns((Group("velocity", 6, "m/s"), Group("speed", 1, "m/s")))
     rows = np.array([[1, 2, 0, 0, 0, 3, 5]], np.float32)
-    found = Spatial("y", {"velocity": "direction", "speed": "unchanged"}).moved(
-        rows, columns, Placement(np.pi / 2, 9)
+    found = moved_rows(
+        Spatial("y", {"velocity": "direction", "speed": "unchanged"}), rows, columns, Placement(np.pi / 2, 9)
     )
     np.testing.assert_allclose(found, [[0, 2, -1, 3, 0, 0, 5]], atol=1e-6)
     for roles in ({"velocity": "direction"}, {"velocity": "direction", "speed": "place"}):
         with raises_message(UsageError, "speed"):
-            Spatial("y", roles).check(columns)
+            require_roles(Spatial("y", roles), columns)
 
 
 @few

@@ -18,8 +18,9 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, nearest
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import self_hash
+from dancedata.core.left_out import left_out_lines
 from dancedata.core.registry import DATASETS
-from dancedata.core.rejects import BY_CHOICE, left_out_lines
+from dancedata.core.rejects import BY_CHOICE
 from dancedata.music.signal import load_audio
 from dancedata.store import Store
 from tests.commands import as_json, run

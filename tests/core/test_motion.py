@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from dancedata.core.bodies import SMPLX22, SMPLX52
 from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion, ground_height, grounded
+from dancedata.core.ground import ground_height, grounded
+from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
 from tests.messages import raises_message
 

@@ -11,7 +11,8 @@ import pytest
 
 from dancedata.core.clip import Reject, Scan
 from dancedata.core.errors import DataError, SourceError, closest, did_you_mean
-from dancedata.core.text import is_unicode, json_text, printable, shown
+from dancedata.core.tables import json_text
+from dancedata.core.text import is_unicode, printable, shown
 from dancedata.store import Problem
 
 HOSTILE = "a\x1b[2J\x9b1m\u202e\n\r\x00\udcff\ud800\U000e0001é舞　\u00a0z"

@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion, grounded
+from dancedata.core.ground import grounded
+from dancedata.core.motion import Motion
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import Skeleton
 from dancedata.testing.examples import contact_rule_of

@@ -17,8 +17,8 @@ from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, moved, moved_bounds, moved_rows, require_roles
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.aistpp import AistPP
 from dancedata.representations import _humanml as humanml
 from dancedata.representations.humanml263 import HUMANML22, Humanml263
@@ -90,11 +90,11 @@ def test_columns_do_not_depend_on_place_and_direction(by: Placement) -> None:
     np.testing.assert_allclose(MADE.encode(moved(motion, by)), wanted, rtol=0, atol=1e-5)
     spatial = MADE.spatial
     assert spatial is not None
-    spatial.check(MADE.columns)
-    np.testing.assert_array_equal(spatial.moved(wanted, MADE.columns, by), wanted)
+    require_roles(spatial, MADE.columns)
+    np.testing.assert_array_equal(moved_rows(spatial, wanted, MADE.columns, by), wanted)
     low, high = wanted.min(axis=0).astype(float), wanted.max(axis=0).astype(float)
     for bound, covered in zip(
-        (low, high), spatial.scaler_bounds(low, high, MADE.columns, turns=True, shift_m=1), strict=True
+        (low, high), moved_bounds(spatial, low, high, MADE.columns, turns=True, shift_m=1), strict=True
     ):
         np.testing.assert_array_equal(covered, bound)
 

@@ -14,8 +14,8 @@ from dancedata.core.bodies import MOTORICA21
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, moved
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.spatial import Placement, moved
 from dancedata.datasets.motorica.motion import load_motion, write_recording
 from dancedata.representations.lda61 import Lda61
 from dancedata.testing.examples import random_motion

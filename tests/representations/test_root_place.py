@@ -9,9 +9,9 @@ import pytest
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import Placement, centroid, moved, moved_rows
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.spatial import Placement, centroid, moved
 from dancedata.representations.root_place import RootPlace
 from dancedata.synthetic import synthesise_motion
 from tests.messages import raises_message
@@ -55,7 +55,7 @@ def test_pairwise_distances_stay_under_one_change_of_the_group(pair: list[Motion
     mirrored = [PLACE.columns.mirror.apply(r) for r in rows]
     about = centroid(rows[:, 0, :3])
     assert PLACE.spatial is not None
-    turned = [PLACE.spatial.moved(r, PLACE.columns, Placement(2.0, 0.4, -1.0), about) for r in rows]
+    turned = [moved_rows(PLACE.spatial, r, PLACE.columns, Placement(2.0, 0.4, -1.0), about) for r in rows]
     for changed in (mirrored, turned):
         after = np.linalg.norm(changed[1][:, :3] - changed[0][:, :3], axis=-1)
         np.testing.assert_allclose(after, distance, atol=1e-6)
@@ -63,7 +63,7 @@ def test_pairwise_distances_stay_under_one_change_of_the_group(pair: list[Motion
     # As the motion itself, turned and shifted.
     whole = moved(pair[0], Placement(2.0, 0.4, -1.0))
     np.testing.assert_allclose(
-        PLACE.spatial.moved(rows[0], PLACE.columns, Placement(2.0, 0.4, -1.0)), PLACE.encode(whole), atol=2e-6
+        moved_rows(PLACE.spatial, rows[0], PLACE.columns, Placement(2.0, 0.4, -1.0)), PLACE.encode(whole), atol=2e-6
     )
 
 

@@ -14,7 +14,7 @@ import pytest
 from dancedata.building.describe import describe_clips, describe_problems, describe_store, store_json
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.core.hashing import self_hash
-from dancedata.core.text import json_text
+from dancedata.core.tables import json_text
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store, verify_store
 from dancedata.testing.stores import random_fields, write_random_store

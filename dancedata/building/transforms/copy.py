@@ -15,11 +15,11 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.placement import centroid
 from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.rotations import Float64Array
 from dancedata.core.segments import Segment
 from dancedata.core.sided_words import mirrored_segment
-from dancedata.core.spatial import centroid
 from dancedata.core.typing import override
 from dancedata.files.documents import content_hashes, document_of
 

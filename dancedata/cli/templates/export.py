@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from dancedata.core.errors import UsageError
-from dancedata.core.text import csv_cell
+from dancedata.core.tables import csv_cell
 from dancedata.exports.base.job import EXPORTS, Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_field
 from dancedata.files.atomic_folder import AtomicFolder

@@ -20,7 +20,8 @@ from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import FOUND, SPLIT_ORDER, ClipRef, ColumnValue, check_name
 from dancedata.core.errors import DataError, SourceError, StoreError, closest, did_you_mean
 from dancedata.core.motion import Motion
-from dancedata.core.text import counted, csv_text, quoted, shown
+from dancedata.core.tables import csv_text
+from dancedata.core.text import counted, quoted, shown
 from dancedata.datasets.files import existing
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.manifest_values import (

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.core.text import counted, csv_cell, listed, shown
+from dancedata.core.tables import csv_cell
+from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.folder.propose import propose
 from dancedata.files.atomic import write_text
 from dancedata.files.regular_file import read_regular

@@ -21,7 +21,8 @@ import numpy as np
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError
-from dancedata.core.text import counted, csv_cell, listed, shown
+from dancedata.core.tables import csv_cell
+from dancedata.core.text import counted, listed, shown
 from dancedata.datasets.files import require_folder
 from dancedata.datasets.folder.facts import GUESS, Declared
 from dancedata.datasets.folder.load import Reading, bvh_facts, describe, load_motion

@@ -12,7 +12,8 @@ from typing import Any, Self, TypeAlias
 from dancedata.core.audio_signal import AUDIO_SUFFIXES, MUSIC_FOLDERS
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import as_fraction
-from dancedata.core.text import csv_text, listed, quoted
+from dancedata.core.tables import csv_text
+from dancedata.core.text import listed, quoted
 from dancedata.files.listing import best_audio, group_by_stem
 from dancedata.kernel import Store
 
