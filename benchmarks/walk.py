@@ -351,6 +351,7 @@ def parts() -> dict[str, Trip]:
 WAYS = {
     "a batch": ("dancedata.torch.batch_reader", "BatchReader.__call__", "plan"),
     "the input of an evaluation": ("dancedata.evaluation.evaluate", "evaluate_inputs", "inputs"),
+    "the music of an evaluation": ("dancedata.evaluation.evaluate", "evaluate_inputs", "music"),
     "a store into the report": ("dancedata.pages.write", "write_report", "store"),
     "a source into a scan": ("dancedata.datasets.published", "PublishedDataset.scan", "source"),
 }

@@ -11,7 +11,6 @@ from dancedata.core.text import listed, shown
 from dancedata.evaluation.protocol import MotionRule, Protocol, Role
 from dancedata.kernel import Sample, Store
 from dancedata.scene.inputs.clip import ClipInput, GroupClip, StoreClip
-from dancedata.scene.inputs.songs import MusicSources
 from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_readers
 
 
@@ -19,7 +18,6 @@ from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_r
 class ClipSet:
     """Clips that are measured together.
 
-    `music`: Sources of beats; None: no metric takes them.
     `store`: Dataset that they are from; None for others.
     `left_out`: Clips of the dataset that are not measured, and why.
     `samples`: The samples of the dataset that the motion stands for, by the ids of clips.
@@ -31,7 +29,6 @@ class ClipSet:
     source: str
     role: Role
     store: Store | None = None
-    music: MusicSources | None = None
     scaler_sha256: str = ""
     left_out: tuple[tuple[str, str], ...] = ()
     samples: Mapping[str, Sample] = field(default_factory=dict)

@@ -1,15 +1,17 @@
 """From the inputs of an evaluation to its report."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.measuring import MeasuredSet, measure_clips
-from dancedata.evaluation.music import Resources
+from dancedata.evaluation.measuring import MeasuredClip, measure_clips
+from dancedata.evaluation.music import ClipMusic, MusicPlans, Resources, read_beats
 from dancedata.evaluation.options import EvaluationOptions, Inputs
-from dancedata.evaluation.pool import Pool, measured_pool, save_pool
+from dancedata.evaluation.pool import Pool, pool_of, save_pool
+from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report, report_of
 from dancedata.kernel import Cache, Executor, Progress, start_workers
 
@@ -19,6 +21,7 @@ _TOLERANCE_S = 0.1
 
 def evaluate_inputs(
     inputs: Inputs,
+    music: MusicPlans,
     *,
     jobs: int = 1,
     cache: Path | None = None,
@@ -31,40 +34,50 @@ def evaluate_inputs(
     root = Cache.at(cache)
     folder = inputs.clip_set.folder
     with start_workers(jobs, root, folder, {"numpy", "scipy"}, backend=backend, scheduler=scheduler) as workers:
-        return root.retry_lost(lambda cache: _report(Resources(cache, workers, progress), inputs), progress)
+        return root.retry_lost(lambda cache: _report(Resources(cache, workers, progress), inputs, music), progress)
 
 
-def _report(resources: Resources, inputs: Inputs) -> Report:
-    protocol, clip_set = inputs.protocol, inputs.clip_set
-    measured = measure_clips(resources, protocol, clip_set, inputs.numbers)
+def _report(resources: Resources, inputs: Inputs, music: MusicPlans) -> Report:
+    protocol, clip_set, truth, numbers = inputs.protocol, inputs.clip_set, inputs.truth, inputs.numbers
+    beats, problems = read_beats(resources, music[0])
+    measured = measure_clips(resources, protocol, clip_set, numbers, beats)
     if clip_set.nothing_matched is not None:
         raise clip_set.nothing_matched
-    pool = measured_pool(resources, protocol, inputs.pool, inputs.pool_numbers)
+    pool = _pool(resources, protocol, inputs.pool, inputs.pool_numbers)
     if inputs.save_pool is not None and pool is not None:
         save_pool(inputs.save_pool, protocol, pool)
-    if clip_set.music is not None and not any(clip.fps for clip in measured.clips):
-        raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(measured.problems))
-    truth = None if inputs.truth is None else measure_clips(resources, protocol, inputs.truth, inputs.numbers)
+    if music[0] is not None and not any(clip.fps for clip in measured.clips):
+        raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
+    of_truth: list[MeasuredClip] = []
+    if truth is not None:
+        of_truth = measure_clips(resources, protocol, truth, numbers, read_beats(resources, music[1])[0]).clips
     report = report_of(
         protocol, measured.clips, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
-        numbers=inputs.numbers, left_out=[*clip_set.left_out, *((r.clip, r.detail) for r in measured.rejects)],
-        warnings=[*clip_set.warnings, *measured.problems, *_short_music(measured)], matched=clip_set.matched,
-        truth=() if truth is None else truth.clips, truth_source="" if inputs.truth is None else inputs.truth.source,
-        in_pool=_in_pool(inputs), dataset=inputs.dataset, cache=resources.cache,
+        numbers=numbers, left_out=[*clip_set.left_out, *((r.clip, r.detail) for r in measured.rejects)],
+        warnings=[*clip_set.warnings, *problems, *_short_music(measured.clips, beats)], matched=clip_set.matched,
+        truth=of_truth, truth_source="" if truth is None else truth.source, in_pool=_in_pool(inputs),
+        dataset=inputs.dataset, cache=resources.cache,
     )  # fmt: skip
-    return replace(report, inputs=clip_set.clips, music=measured.music)
+    return replace(report, inputs=clip_set.clips, music=beats)
+
+
+def _pool(
+    resources: Resources, protocol: Protocol, pool: ClipSet | Pool | None, numbers: Sequence[int]
+) -> Pool | None:
+    """Return a pool that was read from a file, or measure its clips."""
+    if not isinstance(pool, ClipSet):
+        return pool
+    measured = measure_clips(resources, protocol, pool, numbers)
+    return pool_of(protocol, measured.clips, pool.source, pool.scaler_sha256)
 
 
 def pool_for(request: EvaluationOptions, root: Cache, *, jobs: int = 1) -> Pool | None:
     """Measure or read the pool of a request; None if its protocol needs none, or none exists."""
     progress = Progress(quiet=True)
     pool, numbers = request.pool_input()
-
-    def measured(cache: Cache) -> Pool | None:
-        resources = Resources(cache, Executor(jobs), progress)
-        return measured_pool(resources, request.protocol, pool, numbers)
-
-    return root.retry_lost(measured, progress)
+    return root.retry_lost(
+        lambda cache: _pool(Resources(cache, Executor(jobs), progress), request.protocol, pool, numbers), progress
+    )
 
 
 def _in_pool(inputs: Inputs) -> int:
@@ -78,7 +91,7 @@ def _in_pool(inputs: Inputs) -> int:
     return sum(clip.clip in ids for clip in pool.clips)
 
 
-def _short_music(measured: MeasuredSet) -> list[str]:
-    ends = {clip: music.end_s for clip, music in measured.music.items()}
-    short = [m.id for m in measured.clips if (end := ends.get(m.id)) is not None and m.end_s > end + _TOLERANCE_S]
+def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:
+    ends = {clip: of_clip.end_s for clip, of_clip in music.items()}
+    short = [m.id for m in measured if (end := ends.get(m.id)) is not None and m.end_s > end + _TOLERANCE_S]
     return [f"the music ends before the motion of {counted(len(short), 'clip')}: {listed(short)}"] if short else []

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.music import ClipMusic, Resources, clip_music
+from dancedata.evaluation.music import ClipMusic, Resources
 from dancedata.evaluation.protocol import Measure, MotionRule, Protocol, Role
 from dancedata.files.documents import document_of
 from dancedata.kernel import Cache, run_units
@@ -196,21 +197,24 @@ def _each(of: Callable[[Float64Array], Float64Array], joints: Float64Array) -> F
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSet:
-    """The numbers of a set, its clips without numbers, beats by the ids of clips, and problems in words."""
+    """The numbers of a set, and its clips without numbers."""
 
     clips: list[MeasuredClip]
     rejects: list[Reject]
-    music: Mapping[str, ClipMusic]
-    problems: list[str]
 
 
-def measure_clips(resources: Resources, protocol: Protocol, clip_set: ClipSet, numbers: Sequence[int]) -> MeasuredSet:
-    """Find the music of clips, and measure them.
+def measure_clips(
+    resources: Resources,
+    protocol: Protocol,
+    clip_set: ClipSet,
+    numbers: Sequence[int],
+    music: Mapping[str, ClipMusic] = MappingProxyType({}),
+) -> MeasuredSet:
+    """Measure clips with their music, by the ids of clips.
 
     DataError "nothing_left" if no clip can be measured; StoreError if a dataset has other bytes than the build wrote.
     """
     cache, role = resources.cache, clip_set.role
-    music, problems = clip_music(resources, protocol, clip_set)
     if clip_set.store is not None:
         read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
         clip_set.store.require_intact(read, sha256=cache.file_sha256)
@@ -240,7 +244,7 @@ def measure_clips(resources: Resources, protocol: Protocol, clip_set: ClipSet, n
         raise DataError(
             "no clip can be measured", reason="nothing_left", where=clip_set.source, found=rejects[0].detail
         )
-    return MeasuredSet(measured, rejects, music, problems)
+    return MeasuredSet(measured, rejects)
 
 
 def measure_clip(

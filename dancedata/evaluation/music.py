@@ -1,10 +1,10 @@
 """Beats of the music of clips: of the caller, of music files, or of a dataset."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +17,15 @@ from dancedata.core.plugins import AudioFeature
 from dancedata.core.registry import FEATURES
 from dancedata.core.text import listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol, Role
+from dancedata.evaluation.protocol import MusicRule, Pieces, Protocol
 from dancedata.kernel import (
     Cache,
-    Clip,
     Executor,
     Field,
     Music,
     MusicField,
     Progress,
+    Sample,
     SignalId,
     Store,
     identify_audio,
@@ -33,7 +33,7 @@ from dancedata.kernel import (
     song_rows,
 )
 from dancedata.scene.inputs.clip import ClipInput
-from dancedata.scene.inputs.songs import Song
+from dancedata.scene.inputs.songs import MusicSources
 
 #: Rate of beats where neither the protocol nor a store states one.
 _DEFAULT = FrameGrid.of(30)
@@ -93,31 +93,95 @@ class ClipMusic:
         return [str(self.beats.grid), self.beats.frames.tolist(), pieces, *(b.seconds.tolist() for b in read)]
 
 
-def clip_music(resources: Resources, protocol: Protocol, clip_set: ClipSet) -> tuple[dict[str, ClipMusic], list[str]]:
-    """Return beats by the id of a clip, and problems in words."""
-    rule, role, sources = protocol.music, clip_set.role, clip_set.music
-    if rule is None or sources is None:
-        return {}, []
-    clips = clip_set.clips
-    music = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
-    problems: list[str] = []
-    if sources.files:
-        without = [clip for clip in clips if clip.id not in music]
-        computed, problems = song_beats(resources, protocol, rule, role, without, sources.files)
-        music |= computed
+class SongPlace(NamedTuple):
+    """A music file, the tempo of its song, and its second at the clip's frame 0."""
+
+    path: Path
+    tempo_bpm: float | None
+    start: Fraction
+
+
+class StoredPlace(NamedTuple):
+    """A clip of a dataset with the field that has its beats, and the second of its music at the clip's frame 0."""
+
+    store: Store
+    field: str
+    clip: str
+    start: Fraction
+
+
+@dataclass(frozen=True, eq=False)
+class MusicPlan:
+    """Where the beats of clips are, by the ids of clips; nothing is read yet, and the first that has them counts.
+
+    `stated`: Beats of the caller.
+    `field`: What computes the beats of `files`; None without any.
+    `problems`: What is doubtful, in words.
+    """
+
+    rule: MusicRule
+    stated: Mapping[str, ClipMusic]
+    field: MusicField | None
+    files: Mapping[str, SongPlace]
+    stored: Mapping[str, StoredPlace]
+    problems: tuple[str, ...]
+
+
+#: Plans of the clips, and of the real dances beside them; None where no metric takes music.
+MusicPlans = tuple[MusicPlan | None, MusicPlan | None]
+
+
+def music_plan(protocol: Protocol, clip_set: ClipSet, sources: MusicSources) -> MusicPlan | None:
+    """Return where the beats of clips are, without reading them; None for a protocol without music."""
+    rule, pieces = protocol.music, protocol.pieces(clip_set.role)
+    if rule is None:
+        return None
+    stated = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
+    clips = [clip for clip in clip_set.clips if clip.id not in stated]
+    field = _music_field(protocol.name, rule, pieces) if sources.files else None
+    files = {
+        clip.id: SongPlace(sources.files[clip.music], clip.tempo_bpm if rule.tempo else None, clip.audio_start)
+        for clip in clips
+        if clip.music in sources.files
+    }
+    stored: dict[str, StoredPlace] = {}
     for store in (clip_set.store, sources.like):
-        without = [clip for clip in clips if clip.id not in music]
-        if store is not None and without:
-            lacking = replace(clip_set, clips=tuple(without))
-            stored = stored_beats(store, rule, protocol.pieces(role), lacking, resources.cache.file_sha256)
-            problems += about_slices(store, rule) if stored else []
-            music |= stored
-    silent = sorted({clip.music for clip in clips if clip.id in sources.songs and clip.id not in music})
-    if silent and not sources.files:
-        problems.append(f"no beats of songs that --music names: {listed(silent)}")
-    if not music:
-        problems.append(_no_music(rule))
-    return music, problems
+        if store is not None:
+            lacking = [clip for clip in clips if clip.id not in stored]
+            stored |= _stored_places(store, rule, pieces, lacking, clip_set.samples, sources.songs)
+    problems = []
+    if field is None:
+        silent = {clip.music for clip in clips if clip.id in sources.songs and clip.id not in stored}
+        problems += [f"no beats of songs that --music names: {listed(sorted(silent))}"] if silent else []
+    else:
+        missing = {clip.music or clip.id for clip in clips} - set(sources.files)
+        problems += [f"no music file for {listed(sorted(missing))}"] if missing else []
+    if field is not None and field.windows is not None and (beside := [clip for clip in files if files[clip].start]):
+        problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
+        files = {clip: place for clip, place in files.items() if clip not in beside}
+    return MusicPlan(rule, stated, field, files, stored, tuple(problems))
+
+
+def read_beats(resources: Resources, plan: MusicPlan | None) -> tuple[dict[str, ClipMusic], list[str]]:
+    """Return the beats of a plan by the id of a clip, and problems in words.
+
+    StoreError if shards have other bytes than the build wrote.
+    """
+    if plan is None:
+        return {}, []
+    music, problems = dict(plan.stated), list(plan.problems)
+    if plan.field is not None:
+        computed, unreadable = song_beats(resources, plan.field, plan.files)
+        music |= computed
+        problems += unreadable
+    places = {clip: place for clip, place in plan.stored.items() if clip not in music}
+    for store in dict.fromkeys(place.store for place in places.values()):
+        read = {place.clip for place in places.values() if place.store is store}
+        store.require_intact(read, sha256=resources.cache.file_sha256)
+        problems += about_slices(store, plan.rule)
+    stored = {of: music_of(*of) for of in dict.fromkeys(place[:3] for place in places.values())}
+    music |= {clip: stored[place[:3]].from_second(place.start) for clip, place in places.items()}
+    return music, problems if music else [*problems, _no_music(plan.rule)]
 
 
 def _beats_of(clip: str, beats: Any, protocol: Protocol) -> MusicBeats:
@@ -142,63 +206,47 @@ def _no_music(rule: MusicRule) -> str:
 
 
 def song_beats(
-    resources: Resources,
-    protocol: Protocol,
-    rule: MusicRule,
-    role: Role,
-    clips: Sequence[ClipInput],
-    files: Mapping[str, Path],
+    resources: Resources, field: MusicField, files: Mapping[str, SongPlace]
 ) -> tuple[dict[str, ClipMusic], list[str]]:
-    """Compute the beats of songs that have a file; return them by the id of the clip, and problems in words."""
-    field = _music_field(protocol, rule, role)
-    clips_with_file = [clip for clip in clips if clip.music in files]
-    missing = sorted({clip.music or clip.id for clip in clips} - set(files))
-    problems = [f"no music file for {listed(missing)}"] if missing else []
-    paths = sorted({files[clip.music] for clip in clips_with_file})
-    calls = [(resources.cache, path) for path in paths]
+    """Compute the beats of music files; return them by the id of the clip, and problems in words."""
+    cache, jobs, progress = resources.cache, resources.jobs, resources.progress
+    paths = sorted({place.path for place in files.values()})
     identified = run_units(
-        identify_audio, calls, jobs=resources.jobs, label="decoding music", progress=resources.progress
+        identify_audio, [(cache, path) for path in paths], jobs=jobs, label="decoding music", progress=progress
     )
-    signals = dict(zip(paths, identified, strict=True))
-    beside = [clip.id for clip in clips_with_file if clip.audio_start and field.windows is not None]
-    if beside:
-        problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
-    timelines = {
-        clip.id: (clip, *signal.timeline(clip.audio_start, field.grid))
-        for clip in clips_with_file
-        if clip.id not in beside and isinstance(signal := signals[files[clip.music]], SignalId)
-    }
-    songs = {
-        clip_id: Music(signal, bpm=clip.tempo_bpm if rule.tempo else None)
-        for clip_id, (clip, signal, _) in timelines.items()
-    }
-    distinct = list(dict.fromkeys(songs.values()))
-    rows = song_rows(resources.cache, field, distinct, jobs=resources.jobs, progress=resources.progress)
-    rejects = {row.detail: row for of_song in rows.values() for row in of_song if isinstance(row, Reject)}
+    signals = {path: of for path, of in zip(paths, identified, strict=True) if isinstance(of, SignalId)}
+    songs: dict[str, Music] = {}
+    rows: dict[str, int] = {}
+    for clip, place in files.items():
+        if place.path in signals:
+            signal, rows[clip] = signals[place.path].timeline(place.start, field.grid)
+            songs[clip] = Music(signal, bpm=place.tempo_bpm)
+    by_song = song_rows(cache, field, list(dict.fromkeys(songs.values())), jobs=jobs, progress=progress)
+    rejects = {row.detail: row for of_song in by_song.values() for row in of_song if isinstance(row, Reject)}
     beats = {
         song: ClipMusic.of_rows(of_song[0], field) if field.windows is None else _by_piece(of_song, field)
-        for song, of_song in rows.items()
+        for song, of_song in by_song.items()
         if of_song and not any(isinstance(row, Reject) for row in of_song)
     }
-    problems += [reject.detail for reject in (*signals.values(), *rejects.values()) if isinstance(reject, Reject)]
+    problems = [reject.detail for reject in (*identified, *rejects.values()) if isinstance(reject, Reject)]
     return {
-        clip: beats[song].from_row(timelines[clip][2], field.grid) for clip, song in songs.items() if song in beats
+        clip: beats[song].from_row(rows[clip], field.grid) for clip, song in songs.items() if song in beats
     }, problems
 
 
-def _music_field(protocol: Protocol, rule: MusicRule, role: Role) -> MusicField:
+def _music_field(protocol: str, rule: MusicRule, pieces: Pieces) -> MusicField:
     name, grid = rule.features[0], rule.grid or _DEFAULT
     if name not in FEATURES.names():
-        raise UsageError(f"the beats of {protocol.name} are from the audio feature {name}, which is not installed",
+        raise UsageError(f"the beats of {protocol} are from the audio feature {name}, which is not installed",
                          found=f"features {', '.join(FEATURES.names())}",
                          fix="take the beats from a dataset that has the field, or leave the music out")  # fmt: skip
     feature: AudioFeature = FEATURES.make(name, {})
     if not rule.by_piece:
         return MusicField(feature.name, grid, feature)
-    length, stride = protocol.pieces(role).frames(grid)
+    length, stride = pieces.frames(grid)
     if length is None or stride is None:
         raise UsageError(
-            f"{protocol.name}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
+            f"{protocol}: music by pieces needs pieces", fix="set by_piece of the protocol's music to False"
         )
     return MusicField(feature.name, grid, feature, windows=WindowSpec(length, stride, grid))
 
@@ -210,55 +258,42 @@ def _by_piece(rows: Sequence[Any], field: MusicField) -> ClipMusic:
     return ClipMusic(MusicBeats.of([], field.grid), by_piece=by_piece)
 
 
-def stored_beats(
+def _stored_places(
     store: Store,
     rule: MusicRule,
     pieces: Pieces,
-    clip_set: ClipSet,
-    sha256: Callable[[Path], str],
-) -> dict[str, ClipMusic]:
-    """Return the beats that a store has for clips, by their ids; empty if it has no field of the protocol.
+    clips: Sequence[ClipInput],
+    samples: Mapping[str, Sample],
+    songs: Mapping[str, str],
+) -> dict[str, StoredPlace]:
+    """Return where a store has beats of clips, by their ids; empty if it has no field of the protocol.
 
     A clip of the store, or a sample of one, has its own beats. One that is not in the store, or whose song the caller
-    names as another one, has those of the longest clip with its song. StoreError if shards have other bytes than the
-    build wrote, by `sha256` of files.
+    names as another one, has those of the longest clip with its song.
     """
-    songs = {} if clip_set.music is None else clip_set.music.songs
     name = beat_field(store, rule, pieces)
     if name is None:
         return {}
-    records = _records(store)
+    originals = [c for c in store if not c.source]
+    records = {c.group: c for c in reversed(originals) if c.group} | {c.id: c for c in originals}
     # A clip that only names a song begins with it, so rows of a clip that begins later in the song do not fit.
-    whole = [c for c in store if c.music and not (c.source or c.slice_of or c.audio_start)]
+    whole = [c for c in originals if c.music and not (c.slice_of or c.audio_start)]
     longest = {c.music: c.id for c in sorted(whole, key=lambda c: (c.n_frames, c.id))}
-    sources: dict[str, tuple[str, Fraction]] = {}
-    for clip in clip_set.clips:
-        sample, song = clip_set.samples.get(clip.id), songs.get(clip.id)
+    places = {}
+    for clip in clips:
+        sample, song = samples.get(clip.id), songs.get(clip.id)
         record = records.get(clip.clip) if sample is None or sample.store is not store else sample.clip
-        if record is not None and song in (None, record.music) and not _is_placed(song):
-            sources[clip.id] = record.id, clip.audio_start - record.audio_start
+        if record is not None and song in (None, record.music) and getattr(song, "start", None) is None:
+            places[clip.id] = StoredPlace(store, name, record.id, clip.audio_start - record.audio_start)
         elif clip.music in longest:
-            sources[clip.id] = longest[clip.music], clip.audio_start
-    store.require_intact({source for source, _ in sources.values()}, sha256=sha256)
-    read = {s: music_of(store, name, s) for s in dict.fromkeys(s for s, _ in sources.values())}
-    return {clip: read[s].from_second(begin) for clip, (s, begin) in sources.items()}
+            places[clip.id] = StoredPlace(store, name, longest[clip.music], clip.audio_start)
+    return places
 
 
 def music_of(store: Store, field: str, clip: str) -> ClipMusic:
     """Return the beats that a field has of a clip."""
     first, rows = store[clip].rows_within(field)
     return ClipMusic.of_rows(rows, store.field(field)).from_row(-first, store.field(field).grid)
-
-
-def _is_placed(song: str | None) -> bool:
-    """Return whether the caller states where a clip begins in its song."""
-    return isinstance(song, Song) and song.start is not None
-
-
-def _records(store: Store) -> dict[str, Clip]:
-    """Return the clips of a store by id, and of each group the first one by the group's; no copies."""
-    clips = [c for c in store if not c.source]
-    return {c.group: c for c in reversed(clips) if c.group} | {c.id: c for c in clips}
 
 
 def beat_field(store: Store, rule: MusicRule, pieces: Pieces) -> str | None:

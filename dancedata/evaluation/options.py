@@ -17,6 +17,7 @@ from dancedata.core.plugins import Representation
 from dancedata.core.registry import METRICS, REPRESENTATIONS
 from dancedata.core.text import counted, listed, quoted, shown
 from dancedata.evaluation.clips import ClipSet, named_reader, store_clips, truth_of
+from dancedata.evaluation.music import MusicPlans, music_plan
 from dancedata.evaluation.pool import Pool, check_target, load_pool
 from dancedata.evaluation.protocol import ROLES, Protocol, Role
 from dancedata.evaluation.report import LABELS
@@ -113,9 +114,7 @@ class EvaluationOptions:
         """Return the clips, the pool and the music; UsageError if one cannot be read as the options state."""
         if self.save_pool is not None:
             check_target(self.save_pool, self.protocol)
-        numbers, rules = self.numbers, self.protocol
-        takes_music = rules.music is not None and any(rules.measures[n].metric.needs_music for n in numbers)
-        music = replace(self.music, like=self.like) if takes_music else None
+        numbers = self.numbers
         # A pool that is saved has the metrics that this report leaves out, too.
         pool, pool_numbers = self.pool_input(numbers if self.save_pool is None else None)
         if self.save_pool is not None and pool is None:
@@ -132,17 +131,33 @@ class EvaluationOptions:
         if self.body is not None and store is None and _are_columns(clip_set.clips):
             raise UsageError("a body applies only to joint positions, and these files hold columns",
                              where=clip_set.source, found=f"body {self.body}", fix="leave it out")  # fmt: skip
-        clip_set, real = self._named(clip_set, music), store or self.like
+        clip_set, real = self._named(clip_set), store or self.like
         return Inputs(
-            protocol=rules, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
+            protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
             truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
             dataset="" if real is None else real.reader_name,
         )  # fmt: skip
 
-    def _named(self, clip_set: ClipSet, music: MusicSources | None) -> ClipSet:
+    @property
+    def music_sources(self) -> MusicSources | None:
+        """Sources of beats; None: no metric that is computed takes them."""
+        rules = self.protocol
+        takes_music = rules.music is not None and any(rules.measures[n].metric.needs_music for n in self.numbers)
+        return replace(self.music, like=self.like) if takes_music else None
+
+    def music_plans(self, inputs: Inputs) -> MusicPlans:
+        """Return where the beats of the clips are, and those of the real dances beside them."""
+        sources = self.music_sources
+        if sources is None:
+            return None, None
+        of_dataset = MusicSources(files=sources.files, like=sources.like)
+        truth = None if inputs.truth is None else music_plan(self.protocol, inputs.truth, of_dataset)
+        return music_plan(self.protocol, inputs.clip_set, sources), truth
+
+    def _named(self, clip_set: ClipSet) -> ClipSet:
         """Return clips with what their names say."""
         named = named_clips(clip_set.clips, self.music, self.like or clip_set.store)
-        clip_set = replace(clip_set, clips=named.clips, samples=named.samples, music=music)
+        clip_set, music = replace(clip_set, clips=named.clips, samples=named.samples), self.music_sources
         if self.like is None or clip_set.store is not None:
             return clip_set
         nothing = None
@@ -161,16 +176,15 @@ class EvaluationOptions:
         like = self.like
         if like is None or clip_set.role == "truth" or clip_set.store is not None:
             return None
-        music = None if clip_set.music is None else MusicSources(files=self.music.files, like=like)
         if clip_set.samples and self.split is None:
             clips = truth_of(clip_set.samples, self.protocol, self.field)
             samples = {str(replace(of.id, take=0)): of for of in clip_set.samples.values()}
-            return ClipSet(clips, f"the same dances of {like.path.name}", clip_set.role, like, music, samples=samples)
+            return ClipSet(clips, f"the same dances of {like.path.name}", clip_set.role, like, samples=samples)
         split = self.split or ("test" if "test" in like.splits else None)
         truth = self._clip_set(like, split, "truth")
         songs = {clip.music for clip in clip_set.clips}
         to_them = tuple(clip for clip in truth.clips if clip.music in songs)
-        return replace(truth, clips=to_them or truth.clips, music=music)
+        return replace(truth, clips=to_them or truth.clips)
 
     def pool_input(self, numbers: Iterable[int] | None = None) -> tuple[ClipSet | Pool | None, list[int]]:
         """Return the pool, by default that of --like or of the dataset itself, and the measures that need one."""

@@ -15,9 +15,7 @@ from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted, quoted, shown
 from dancedata.core.version import __version__
-from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.measuring import MeasuredClip, measure_clips
-from dancedata.evaluation.music import Resources
+from dancedata.evaluation.measuring import MeasuredClip
 from dancedata.evaluation.protocol import Protocol
 from dancedata.files.atomic import write_bytes
 from dancedata.files.documents import document_of
@@ -79,16 +77,6 @@ class Pool:
                 found=f"{self.fps} frames per second in the pool, {fps} in the set",
                 fix="generate at the rate of the pool, or build the pool at that of the set",
             )
-
-
-def measured_pool(
-    resources: Resources, protocol: Protocol, pool: ClipSet | Pool | None, numbers: Sequence[int]
-) -> Pool | None:
-    """Return a pool that was read from a file, or measure its clips."""
-    if not isinstance(pool, ClipSet):
-        return pool
-    measured = measure_clips(resources, protocol, pool, numbers).clips
-    return pool_of(protocol, measured, pool.source, pool.scaler_sha256)
 
 
 def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, scaler: str = "") -> Pool:

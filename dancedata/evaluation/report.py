@@ -18,10 +18,10 @@ from dancedata.core.text import counted, listed, shown
 from dancedata.core.version import __version__
 from dancedata.evaluation.measuring import MeasuredClip, measure_pose
 from dancedata.evaluation.music import ClipMusic
-from dancedata.evaluation.pool import Pool, one_rate, rows_of
+from dancedata.evaluation.pool import Pool, one_rate
 from dancedata.evaluation.protocol import Protocol
-from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text, scores_of
-from dancedata.evaluation.verdicts import Circumstances, judged, same_n_of
+from dancedata.evaluation.scores import DRAWS, Score, describe_outcome, number_text
+from dancedata.evaluation.verdicts import judged_scores
 from dancedata.kernel import Cache
 from dancedata.scene.inputs.clip import ClipInput, MemoryClip
 from dancedata.scene.poses import Pose
@@ -290,29 +290,10 @@ def report_of(
     fps = one_rate(ordered, source)
     if pool is not None:
         pool.require(protocol, fps)
-    figures = [p.values for p in protocol.published if p.what == "ground truth" and p.dataset in ("", dataset)]
-    published = {name: value for values in figures for name, value in values.items()}
-    doubt = next((m.doubt for m in ordered if m.doubt), "")
-    scores: list[Score] = []
-    of_scores: list[str] = []
-    for number in range(len(protocol.measures)) if numbers is None else numbers:
-        metric = protocol.measures[number].metric
-        rows, of_pool = rows_of(ordered, number, metric), None if pool is None else pool.rows.get(number)
-        of_metric, messages = scores_of(metric, rows, of_pool, draws=draws)
-        of_truth: list[Score] = []
-        if truth:
-            alone = 0 if metric.needs_pool else draws  # of real dances, a distance is shown without an interval
-            of_truth, _ = scores_of(metric, rows_of(truth, number, metric), of_pool, draws=alone)
-        same_n = {}
-        if pool is not None and metric.needs_pool and number in pool.rows:
-            same_n = same_n_of(pool, number, metric, len(np.unique(rows.clips)), len(rows.rows), cache)
-        circumstances = Circumstances(
-            metric=metric, rows=rows, pool=of_pool, generated=role == "generated",
-            truth={score.name: score for score in of_truth}, same_n=same_n, in_pool=in_pool,
-            pool_of_all=protocol.pool_split == "all", doubt=doubt, draws=draws,
-        )  # fmt: skip
-        scores += [judged(replace(s, published=published.get(s.name)), circumstances) for s in of_metric]
-        of_scores += messages
+    scores, of_scores = judged_scores(
+        protocol, ordered, truth, pool, generated=role == "generated", draws=draws, numbers=numbers, in_pool=in_pool,
+        dataset=dataset, cache=cache,
+    )  # fmt: skip
     return Report(
         protocol=protocol,
         role=role,
@@ -320,14 +301,14 @@ def report_of(
         matched=matched,
         recordings=len({m.clip for m in ordered}),
         truth_source=truth_source if truth else "",
-        scores=tuple(scores),
+        scores=scores,
         clips=tuple(m.id for m in ordered),
         pieces=sum(len(m.cuts) for m in ordered),
         fps=fps,
         seconds=lengths_of([s for m in ordered for s in m.seconds]),
         pool=None if pool is None else pool.to_json(),
         left_out=tuple(left_out),
-        warnings=(*warnings, *dict.fromkeys(of_scores), *_same_as(ordered, truth)),
+        warnings=(*warnings, *of_scores, *_same_as(ordered, truth)),
         notes=(*sorted({note for m in ordered for note in m.notes}), *protocol.notes),
         per_clip=tuple(per_clip_rows(protocol, ordered)),
         versions={"dancedata": __version__, **{name: package_version(name) for name in ("numpy", "scipy")}},

@@ -165,9 +165,10 @@ def evaluate(
         clamp=clamp, fps=fps, up=up, unit=unit, body=body, music=MusicSources.of(music), metrics=tuple(metrics),
         intervals=intervals, save_pool=folder_of(save_pool),
     )  # fmt: skip
+    inputs = request.inputs()
     return evaluate_inputs(
-        request.inputs(), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend, scheduler=scheduler,
-        progress=Progress(quiet=not progress),
+        inputs, request.music_plans(inputs), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
+        scheduler=scheduler, progress=Progress(quiet=not progress),
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from dancedata.core.tables import table
 from dancedata.core.text import counted, listed, shown
 from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.evaluate import evaluate_inputs
+from dancedata.evaluation.music import music_plan
 from dancedata.evaluation.options import Inputs
 from dancedata.evaluation.protocol import PROTOCOLS, PaperResult, Protocol, protocol_named
 from dancedata.evaluation.report import LABELS, Report
@@ -122,12 +123,13 @@ def self_test(
             continue
         numbers = list(range(len(tested.measures)))
         pool_numbers = [number for number in numbers if tested.measures[number].metric.needs_pool]
-        clip_set = _clip_set(reader, truth, source, MusicSources(files=_music_files(tested, truth)))
+        clip_set = _clip_set(reader, truth, source)
+        music = music_plan(tested, clip_set, MusicSources(files=_music_files(tested, truth)))
         inputs = Inputs(
             protocol=tested, clip_set=clip_set, numbers=numbers, draws=DRAWS if intervals else 0, dataset=reader.name,
             pool=_clip_set(reader, everything, source) if pool_numbers else None, pool_numbers=pool_numbers,
         )  # fmt: skip
-        reports.append((evaluate_inputs(inputs, **how), published))
+        reports.append((evaluate_inputs(inputs, (music, None), **how), published))
     return SelfTest(reader.name, str(source), tuple(reports), tuple(skipped))
 
 
@@ -140,14 +142,14 @@ def _with(reader: Dataset, **values: str) -> Dataset:
         return reader
 
 
-def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path, music: MusicSources | None = None) -> ClipSet:
+def _clip_set(reader: Dataset, refs: Sequence[ClipRef], source: Path) -> ClipSet:
     clips = [
         DatasetClip(
             id=ref.id, music=ref.music, tempo_bpm=ref.tempo_bpm, audio_start=ref.audio_start, dataset=reader, ref=ref
         )
         for ref in refs
     ]
-    return ClipSet(tuple(clips), str(source), "truth", music=music)
+    return ClipSet(tuple(clips), str(source), "truth")
 
 
 def _music_files(protocol: Protocol, refs: Sequence[ClipRef]) -> dict[str, Path]:

@@ -1,6 +1,6 @@
 """Verdicts: whether a score means something, and if not, why."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -12,9 +12,19 @@ from dancedata.core.hashing import sha256_bytes
 from dancedata.core.plugins import Metric
 from dancedata.core.rotations import Float64Array
 from dancedata.core.text import counted
-from dancedata.evaluation.measuring import STAGE, metric_key
-from dancedata.evaluation.pool import MetricRows, Pool
-from dancedata.evaluation.scores import MAX_VECTORS, SameN, Score, Why, describe_outcome, number_text, summary_of
+from dancedata.evaluation.measuring import STAGE, MeasuredClip, metric_key
+from dancedata.evaluation.pool import MetricRows, Pool, rows_of
+from dancedata.evaluation.protocol import Protocol
+from dancedata.evaluation.scores import (
+    MAX_VECTORS,
+    SameN,
+    Score,
+    Why,
+    describe_outcome,
+    number_text,
+    scores_of,
+    summary_of,
+)
 from dancedata.kernel import Cache
 from dancedata.metrics.intervals import MIN_CLIPS
 
@@ -53,6 +63,46 @@ class Circumstances:
     pool_of_all: bool
     doubt: str
     draws: int
+
+
+def judged_scores(
+    protocol: Protocol,
+    measured: Sequence[MeasuredClip],
+    truth: Sequence[MeasuredClip],
+    pool: Pool | None,
+    *,
+    generated: bool,
+    draws: int,
+    numbers: Sequence[int] | None = None,
+    in_pool: int = 0,
+    dataset: str = "",
+    cache: Cache | None = None,
+) -> tuple[tuple[Score, ...], list[str]]:
+    """Return the scores of clips with their verdicts, and warnings; for the arguments see `report.report_of`."""
+    figures = [p.values for p in protocol.published if p.what == "ground truth" and p.dataset in ("", dataset)]
+    published = {name: value for values in figures for name, value in values.items()}
+    doubt = next((m.doubt for m in measured if m.doubt), "")
+    scores: list[Score] = []
+    warnings: list[str] = []
+    for number in range(len(protocol.measures)) if numbers is None else numbers:
+        metric = protocol.measures[number].metric
+        rows, of_truth = (rows_of(clips, number, metric) for clips in (measured, truth))
+        of_pool = None if pool is None else pool.rows.get(number)
+        of_metric, messages = scores_of(metric, rows, of_pool, draws=draws)
+        real: list[Score] = []
+        if truth:
+            alone = 0 if metric.needs_pool else draws  # of real dances, a distance is shown without an interval
+            real, _ = scores_of(metric, of_truth, of_pool, draws=alone)
+        same_n = {}
+        if pool is not None and metric.needs_pool and number in pool.rows:
+            same_n = same_n_of(pool, number, metric, len(np.unique(rows.clips)), len(rows.rows), cache)
+        circumstances = Circumstances(
+            metric=metric, rows=rows, pool=of_pool, generated=generated, truth={score.name: score for score in real},
+            same_n=same_n, in_pool=in_pool, pool_of_all=protocol.pool_split == "all", doubt=doubt, draws=draws,
+        )  # fmt: skip
+        scores += [judged(replace(s, published=published.get(s.name)), circumstances) for s in of_metric]
+        warnings += messages
+    return tuple(scores), list(dict.fromkeys(warnings))
 
 
 def judged(score: Score, of: Circumstances) -> Score:

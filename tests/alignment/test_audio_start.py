@@ -24,7 +24,7 @@ from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS, FEATURES
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.clips import ClipSet, store_clips
-from dancedata.evaluation.music import Resources, clip_music
+from dancedata.evaluation.music import Resources, music_plan, read_beats
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.execution.cache import Cache
 from dancedata.execution.progress import Progress
@@ -206,8 +206,8 @@ def test_beats_of_music_files_are_counted_from_frame_0(tmp_path, cache, build, s
     protocol = PROTOCOLS.get("dancedata")()
     clips, _ = store_clips(store, protocol)
     for name, files in (("store", {}), ("files", {"m": tmp_path / "source" / "a.wav"})):
-        clip_set = ClipSet(clips, "out", "truth", store, MusicSources(files=files))
-        music, _ = clip_music(resources, protocol, clip_set)
+        plan = music_plan(protocol, ClipSet(clips, "out", "truth", store), MusicSources(files=files))
+        music, _ = read_beats(resources, plan)
         found[name] = music["a"].beats.seconds
     within = found["files"][found["files"] < SECONDS - 0.1]
     np.testing.assert_allclose(within, found["store"][found["store"] < SECONDS - 0.1], atol=1e-9)

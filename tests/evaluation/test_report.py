@@ -143,7 +143,7 @@ def test_only_beats_without_music() -> None:
 
 
 def test_a_pool_that_cannot_be_written_is_refused_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("dancedata.evaluation.pool.measure_clips", None)  # would be called
+    monkeypatch.setattr("dancedata.evaluation.evaluate.measure_clips", None)  # would be called
     for path, message in ((tmp_path / "a.txt", "a pool is an .npz file"), (tmp_path / "x" / "p.npz", "the folder")):
         with pytest.raises(UsageError, match=message):
             dancedata.evaluate(dances(), fps=30, pool=dances(), save_pool=path)
