@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -12,17 +12,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from dancedata.core.errors import UsageError
-from dancedata.core.packages import require
 from dancedata.core.text import listed
 from dancedata.core.typing import override
-from dancedata.exports.base.job import Export, ExportJob, Missing, field_json
+from dancedata.exports.base.job import Export, ExportJob, Missing
 from dancedata.exports.base.needs import needs_fields, needs_music_from_start
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     from dancedata.core.clip import Window
-    from dancedata.files.atomic_folder import AtomicFolder
     from dancedata.kernel import Clip, Field
 
     Sample = tuple[Clip, Window | None]
@@ -181,7 +179,7 @@ class SampleExport(Export):
         missing = needs_fields(job, self.fields)
         if len(set(self.fields)) < len(self.fields):
             missing.append(Missing("fields has a name twice", "name each once"))
-        taken = [name for name in self._table(job).fields if name in self._table(job).facts]
+        taken = [name for name in self.table(job).fields if name in self.table(job).facts]
         if taken:
             others = [name for name in job.store.fields if name not in taken]
             fix = f"name the other fields, {listed(others)}; or build with another name, such as {taken[0]}.rows"
@@ -195,43 +193,5 @@ class SampleExport(Export):
         return self.fields or tuple(job.store.fields)
 
     def table(self, job: ExportJob) -> SampleTable:
-        """Return the samples; MissingPackageError without pyarrow."""
-        require("parquet", what=f"--to {self.name}")
-        return self._table(job)
-
-    def _table(self, job: ExportJob) -> SampleTable:
+        """Return the samples."""
         return SampleTable(job, self.fields or tuple(job.store.fields), self.samples == "clips")
-
-    def write_shards(
-        self, job: ExportJob, folder: AtomicFolder, form: str, write: Callable[[SampleTable, Any, list[Sample]], None]
-    ) -> dict[str, int]:
-        """Write the files of all splits, named by `form`, and index.json; return the rows of each file."""
-        table, rows = self.table(job), dict[str, int]()
-        for split in job.store.splits:
-            shards = table.shards(split, self.shard_mb)
-            for k, samples in enumerate(job.each(f"files of {split}", shards)):
-                name = form.format(split=split, k=k, n=len(shards))
-                with folder.open_file(name) as file:
-                    write(table, file, samples)
-                rows[name] = len(samples)
-        self.write_index(job, folder, rows)
-        return rows
-
-    def guide_rows(self, job: ExportJob) -> str:
-        """Return what READMEs of tables say of a row."""
-        return (
-            f"A row is one of the {self.samples}. Columns of {self.table(job).fields[0]} and other fields hold its "
-            "rows, not normalised; `index.json` has the name of every column of a field, its rate, axes, statistics "
-            "and scaler.\n\n"
-        )
-
-    def write_index(self, job: ExportJob, folder: AtomicFolder, rows: Mapping[str, int]) -> None:
-        """Write index.json: rows of every file, and columns, rates, axes, statistics and scalers of the fields."""
-        store, axes = job.store, {name: job.store.field(name).axes for name in job.store.fields}
-        statistics = store.stats.get("fields", {})
-        fields = {
-            name: field_json(job, name, axes=axes.get(name), statistics=statistics.get(name))
-            for name in self.table(job).fields
-        }
-        entry = {"layout": 1, "samples": self.samples, "fps": str(store.grid), "skeleton": store.skeleton.to_json()}
-        folder.write_json("index.json", {**entry, "rows": dict(rows), "fields": fields})

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from dancedata.core.packages import require
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.exports._samples import SampleExport, SampleTable, require_size
-from dancedata.exports.base.job import EXPORTS, ExportJob
+from dancedata.exports.base.job import EXPORTS, ExportJob, field_json
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from dancedata.exports._samples import Sample
     from dancedata.files.atomic_folder import AtomicFolder
@@ -42,7 +43,16 @@ class Parquet(SampleExport):
     def write(self, job: ExportJob, folder: AtomicFolder) -> None:
         from dancedata.formats.hub_head import unnamed_splits  # reads HDF5, which listing plug-ins need not
 
-        self.write_shards(job, folder, "data/{split}-{k:05d}-of-{n:05d}.parquet", self._write_rows)
+        require("parquet", what="--to parquet")
+        table, rows = self.table(job), dict[str, int]()
+        for split in job.store.splits:
+            shards = table.shards(split, self.shard_mb)
+            for k, samples in enumerate(job.each(f"files of {split}", shards)):
+                name = f"data/{split}-{k:05d}-of-{len(shards):05d}.parquet"
+                with folder.open_file(name) as file:
+                    self._write_rows(table, file, samples)
+                rows[name] = len(samples)
+        self._write_index(job, folder, rows)
         unnamed = unnamed_splits(job.store.splits)
         if unnamed:
             folder.note(
@@ -61,7 +71,9 @@ class Parquet(SampleExport):
     def guide(self, job: ExportJob) -> str:
         split, field, first = job.store.splits[0], self.table(job).fields[0], next(iter(self.table(job).facts))
         width = job.store.field(field).columns.width
-        return self.guide_rows(job) + (
+        return (
+            f"A row is one of the {self.samples}. Columns of {field} and other fields hold its rows, not normalised; "
+            "`index.json` has the name of every column of a field, its rate, axes, statistics and scaler.\n\n"
             "```python\nfrom datasets import load_dataset\n\n"
             f'{split} = load_dataset("parquet", data_files="data/{split}-*.parquet", split="train")\n'
             f'rows = {split}.with_format("numpy")[0]["{field}"]  # (L, {width})\n```\n\n'
@@ -70,6 +82,15 @@ class Parquet(SampleExport):
             f'for batch in file.iter_batches(64, columns=["{first}", "{field}"]):\n'
             "    print(batch.num_rows)\n```\n"
         )
+
+    def _write_index(self, job: ExportJob, folder: AtomicFolder, rows: Mapping[str, int]) -> None:
+        store, statistics = job.store, job.store.stats.get("fields", {})
+        fields = {
+            name: field_json(job, name, axes=store.field(name).axes, statistics=statistics.get(name))
+            for name in self.table(job).fields
+        }
+        entry = {"layout": 1, "samples": self.samples, "fps": str(store.grid), "skeleton": store.skeleton.to_json()}
+        folder.write_json("index.json", {**entry, "rows": dict(rows), "fields": fields})
 
     def _write_rows(self, table: SampleTable, file: Any, samples: Sequence[Sample]) -> None:
         writer: Any = import_module("pyarrow.parquet").ParquetWriter(

@@ -54,7 +54,7 @@ class WebDataset(SampleExport):
         index: dict[str, int] = {}
         for split in job.store.splits:
             clips: list[tuple[Clip, Window | None]] = [(clip, None) for clip in job.clips(split)]
-            samples = clips if self.samples == "clips" else self._table(job).samples(split)
+            samples = clips if self.samples == "clips" else self.table(job).samples(split)
             index |= self._shards(job, folder, split, samples)
         fields = {name: field_json(job, name) for name in self.reads(job)}
         folder.write_json("index.json", {"shards": index, "fields": fields})

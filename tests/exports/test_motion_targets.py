@@ -2,9 +2,7 @@
 
 import io
 import json
-import lzma
 import tarfile
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +13,8 @@ import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
-from dancedata.core.segments import Segment
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.load import Reading, load_motion
-from dancedata.datasets.motorica.labels import LAYER, read_chunk
-from dancedata.exports.motorica_pp import chunk_labels
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store, StoredClip, open_store, write_store
 from dancedata.store.schema import StoreHeader
@@ -34,7 +29,6 @@ DOCUMENT: dict[str, Any] = {
     "windows": {"length_s": 5, "stride_s": 0.5},
     "motion": {"edge151": {}, "humanml263": {}, "joints": {}},
 }
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "data"
 #: Facts that a file's layout does not state.
 ANY = Reading(Declared(), Declared())
 
@@ -328,39 +322,3 @@ def test_captions_as_humanml3ds_loader_reads_them(worded: Path, tmp_path: Path) 
         assert all(len(token.split("/")) == 2 for token in tokens.split(" "))
         assert float(start) <= float(end)
         assert caption
-
-
-def test_chunks_of_labels(worded: Path, tmp_path: Path) -> None:
-    dancedata.export(worded, "motorica-pp", tmp_path / "out", progress=False)
-    files = sorted(path.name for path in (tmp_path / "out" / "sliced_labels").iterdir())
-    assert files[0] == "amass_poses_chunk0_M_label.json"
-    chunk, mirrored = (
-        json.loads((tmp_path / "out" / "sliced_labels" / f"amass_poses_chunk0{m}_label.json").read_text())
-        for m in ("", "_M")
-    )
-    assert (chunk["fps"], chunk["length"]) == (30, 150)
-    assert [(s["start"], s["end"], s["label"]) for s in chunk["segments"]] == [
-        (0, 30, ""), (30, 60, "turn"), (60, 150, ""),
-    ]  # fmt: skip
-    assert mirrored["segments"][1]["description"] == "The dancer's right turn"
-    first = read_chunk(tmp_path / "out" / "sliced_labels" / "own_chunk0_label.json")[0]
-    assert first.texts == ("steps left # twice", "waves")
-    with raises_message(StoreError, "motorica-pp", where="out"):
-        dancedata.export(worded, "motorica-pp", tmp_path / "no", progress=False, layer="moves")
-
-
-def test_chunks_as_streams_code_cuts_them() -> None:
-    stream = json.loads(lzma.decompress((GOLDEN / "crowd" / "stream.json.xz").read_bytes()))
-    moves = [(0, 40), (41, 119), (120, 120), (126, 189), (190, 269)]
-    segments = [
-        Segment(
-            LAYER, Fraction(start, 30), Fraction(end + 1, 30), f"move {k}",
-            (f"step {k} with the left hand",), data={"genre": "popping"},
-        )
-        for k, (start, end) in enumerate(moves)
-    ]  # fmt: skip
-    windows = stream["label_segment_to_windows"]["windows"]
-    assert len(windows) == 5
-    for window in windows:
-        chunk = window.pop("chunk")
-        assert chunk_labels(segments, 30 * chunk, "") == window

@@ -1,4 +1,4 @@
-"""parquet and hf-datasets: rows are the dataset's bit for bit, as pyarrow and Hugging Face's datasets read them."""
+"""parquet: rows are the dataset's bit for bit, as pyarrow and Hugging Face's datasets read them."""
 
 import json
 from dataclasses import replace
@@ -137,13 +137,12 @@ def test_the_card_is_what_hubs_read(path: Path, store: Store, tmp_path: Path) ->
     assert "CC BY-NC 4.0" in (tmp_path / "out/LICENCE.txt").read_text()
 
 
-@pytest.mark.parametrize("target", ["parquet", "hf-datasets"])
-def test_a_field_with_the_name_of_a_column_is_refused(target: str, tmp_path: Path) -> None:
+def test_a_field_with_the_name_of_a_column_is_refused(tmp_path: Path) -> None:
     fields = random_fields({"edge151": 151}, {"music": 3})
     made = write_random_store(tmp_path / "store", fields=fields, clips={"train": 1})
     with raises_message(StoreError, "column of facts", where="store"):
-        dancedata.export(made.path, target, tmp_path / "out", progress=False)
-    dancedata.export(made.path, target, tmp_path / "out", progress=False, fields=("edge151",))
+        dancedata.export(made.path, "parquet", tmp_path / "out", progress=False)
+    dancedata.export(made.path, "parquet", tmp_path / "out", progress=False, fields=("edge151",))
 
 
 @pytest.fixture
@@ -181,29 +180,9 @@ def test_load_dataset_reads_parquet(path: Path, store: Store, tmp_path: Path, hf
     hf_equal(hf.load_dataset("parquet", data_files=files, cache_dir=cache), store)
 
 
-def test_load_from_disk_maps_what_is_written(path: Path, store: Store, tmp_path: Path, hf: Any) -> None:
-    dancedata.export(path, "hf-datasets", tmp_path / "out", progress=False, shard_mb=0.5)
-    data = hf.load_from_disk(str(tmp_path / "out"), keep_in_memory=False)
-    hf_equal(data, store)
-    assert len(data["train"].cache_files) > 1
-    assert all(Path(file["filename"]).is_relative_to(tmp_path / "out") for file in data["train"].cache_files)
-    assert (data["val"].info.license, data["val"].info.citation) == ("CC BY-NC 4.0", "Ann et al.")
-    one, two = (hf.load_from_disk(str(tmp_path / "out"))["train"]._fingerprint for _ in range(2))
-    assert one == two
-
-
-def test_load_from_disk_of_clips(path: Path, store: Store, tmp_path: Path, hf: Any) -> None:
-    dancedata.export(path, "hf-datasets", tmp_path / "out", progress=False, samples="clips", fields=("half",))
-    rows = hf.load_from_disk(str(tmp_path / "out"))["train"].with_format("numpy")
-    for row in rows:
-        equal_bits(row["half"].astype(np.float16), store[row["id"]]["half"])
-
-
 def test_names_of_splits_that_datasets_does_not_take(tmp_path: Path, hf: Any) -> None:
-    """A split that datasets has no name for is written as parquet, with a note, and refused by hf-datasets."""
+    """A split that datasets has no name for is written, with a note."""
     dataset = make(tmp_path, {"train": 2, "cross-modal": 2})
-    with raises_message(StoreError, "cross-modal", where="store"):
-        dancedata.export(dataset, "hf-datasets", tmp_path / "refused", progress=False)
     done = dancedata.export(dataset, "parquet", tmp_path / "out", progress=False)
     assert "cross-modal" in done.notes[0]
     files = {"test": str(tmp_path / "out/data/cross-modal-*.parquet")}
@@ -217,7 +196,7 @@ def test_refusals(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         with raises_message(UsageError, r"export\.parquet"):
             dancedata.export(path, "parquet", tmp_path / "out", progress=False, **keys)
     with raises_message(StoreError, r"librosa35\.60", where="store"):
-        dancedata.export(path, "hf-datasets", tmp_path / "out", progress=False, fields=("edge",))
+        dancedata.export(path, "parquet", tmp_path / "out", progress=False, fields=("edge",))
     monkeypatch.setattr("dancedata.core.packages._is_installed", lambda module: False)
     with pytest.raises(MissingPackageError, match="--to parquet needs pyarrow"):
         dancedata.export(path, "parquet", tmp_path / "out", progress=False)
