@@ -1,7 +1,7 @@
 """Jukebox embeddings: memory and time, against transformers 4.57 on a CPU, and by themselves on a GPU.
 
     python benchmarks/jukebox.py --peer PYTHON        PYTHON has torch and transformers 4.57 (5.x dropped the model)
-    python benchmarks/jukebox.py --device cuda        random weights at real size; writes 9.3 GB under --work
+    python benchmarks/jukebox.py --device cuda        random weights at real size
     python benchmarks/jukebox.py                      memory of the real model by accounting, nothing else
 
 The peer comparison uses a mid-size random model (width 1024, depth 24, layer 22, the real VQ-VAE) and a 5-s clip.
@@ -23,6 +23,7 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 MIDDLE = {"width": 1024, "depth": 24, "heads": 8, "attn_width": 256, "mlp_width": 1024}
 MIDDLE_LAYER = 22
@@ -301,21 +302,24 @@ def on_device(work: Path, device: str, size: str, batches: list[int]) -> None:
     import torch
 
     from dancedata.audio.jukebox import JukeboxConfig, JukeboxEncoder
-    from dancedata.testing.jukebox import TINY
+    from dancedata.audio.jukebox.weights.folder import SIZES_FILE
+    from dancedata.audio.jukebox.weights.loading import Checkpoint
+    from dancedata.testing.jukebox import TINY, RandomSource
 
     config = {"real": JukeboxConfig(), "middle": JukeboxConfig(**MIDDLE), "tiny": TINY}[size]
     layer = {"real": 66, "middle": MIDDLE_LAYER, "tiny": TINY.depth}[size]
-    folder = work / f"converted-{size}"
-    if not (folder / "jukebox.json").exists():
-        _random_converted(folder, config, layer)
+    folder = work / f"random-{size}"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SIZES_FILE).write_text(json.dumps(config.to_json()))
+    source = RandomSource(config, layer)
     cuda = torch.device(device).type == "cuda"
     if cuda:
         torch.zeros(1, device=device)
         print(torch.cuda.get_device_name(device))
     base, start = resident_mb(), time.perf_counter()
-    # The peak so far is that of writing the random weights; loading is measured from here.
     reset_peak()
-    encoder = JukeboxEncoder(folder, device=device, max_codes=CODES)
+    with patch("dancedata.audio.jukebox.encoder.open_openai", lambda *_: Checkpoint(source, source)):
+        encoder = JukeboxEncoder(folder, layers=(layer,), device=device, max_codes=CODES)
     load = time.perf_counter() - start
     host = (peak_mb() - base) / 1e3
     print(f"{size} model, layer {layer}, {encoder.precision}: loaded in {load:.1f} s")
@@ -371,16 +375,6 @@ def _matmul_rate(device: Any, precision: str) -> float:
             torch.cuda.synchronize()
         best = min(best, time.perf_counter() - start)
     return 2 * n**3 / best
-
-
-def _random_converted(folder: Path, config: Any, layer: int) -> None:
-    """Write a converted checkpoint of random weights, one block in memory at a time."""
-    from dancedata.audio.jukebox.conversion import write_converted
-    from dancedata.audio.jukebox.weights.loading import Checkpoint
-    from dancedata.testing.jukebox import RandomSource
-
-    source = RandomSource(config, layer)
-    write_converted(Checkpoint(source, source), folder, config, layer, {"random": "weights"})
 
 
 if __name__ == "__main__":

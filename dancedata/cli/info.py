@@ -96,10 +96,8 @@ def _recipe(what: str) -> Iterator[tuple[dict[str, Any], list[str]]]:
 def _weights(folder: Path) -> Iterator[tuple[dict[str, Any], list[str]]]:
     """Yield where the weights in a folder come from."""
     from dancedata.audio.hf.model_folder import PROVENANCE
-    from dancedata.audio.jukebox.weights.folder import DESCRIPTION_FILE
     from dancedata.files.strict_json import read_json
 
-    for name in (PROVENANCE, DESCRIPTION_FILE):
-        if (folder / name).is_file():
-            about = read_json(folder / name, 1 << 20)
-            yield about, [f"{key}: {value}" for key, value in about.items() if isinstance(value, str | int)]
+    if (folder / PROVENANCE).is_file():
+        about = read_json(folder / PROVENANCE, 1 << 20)
+        yield about, [f"{key}: {value}" for key, value in about.items() if isinstance(value, str | int)]

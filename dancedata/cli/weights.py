@@ -26,7 +26,7 @@ def are_weights(what: str, out: Path | None) -> bool:
 
 
 def pull_weights(what: str, out: Path, *, accept_licence: bool, progress: bool) -> Output:
-    """Fetch weights into a folder: of Jukebox those for layer 66."""
+    """Fetch weights into a folder."""
     model = _MODEL.fullmatch(what)
     if model:
         return _model(model[1], model[2], out)
@@ -48,7 +48,7 @@ def _model(name: str, revision: str | None, out: Path) -> Output:
 
 
 def _jukebox(what: str, out: Path, *, accept_licence: bool, progress: bool) -> Output:
-    from dancedata.audio.jukebox import convert, fetch
+    from dancedata.audio.jukebox import fetch
     from dancedata.audio.jukebox.weights.download import OPENAI_URL
 
     def agreed(licence: str) -> bool:
@@ -56,21 +56,15 @@ def _jukebox(what: str, out: Path, *, accept_licence: bool, progress: bool) -> O
         asked = sys.stdin.isatty() and not accept_licence
         return typer.confirm("Do you agree? (--accept-licence answers yes)", err=True) if asked else accept_licence
 
-    is_folder = Path(what).is_dir()
-    if not (is_folder or what == "jukebox" or what.startswith(("http:", "https:"))):
+    if not (Path(what).is_dir() or what == "jukebox" or what.startswith(("http:", "https:"))):
         raise UsageError(
             "no such weights", found=what, allowed="jukebox, a folder or address of its files, hf://MODEL@SHA"
         )
-    files = Path(what) if is_folder else out.with_name(f"{out.name}-openai")
-    if not is_folder:
-        fetch(files, OPENAI_URL if what == "jukebox" else what, accept_licence=agreed,
-              progress=_Lines() if progress else None)  # fmt: skip
-    converted = convert(files, out)
-    n_bytes = sum(size for size, _ in converted.files.values())
-    about = {"path": str(out), "layer": converted.layer, "bytes": n_bytes, "source": dict(converted.source)}
-    text = f"{out}: layer {converted.layer}, {len(converted.files)} files, {n_bytes / 1e9:.2f} GB"
-    kept = "" if is_folder else f"\nnote: OpenAI's own files are in {files}; only other layers need them"
-    return Output(lambda: about, lambda: text + kept)
+    address = OPENAI_URL if what == "jukebox" else what
+    files = fetch(out, address, accept_licence=agreed, progress=_Lines() if progress else None)
+    n_bytes = sum(path.stat().st_size for path in files)
+    about = {"path": str(out), "files": [path.name for path in files], "bytes": n_bytes}
+    return Output(lambda: about, lambda: f"{out}: {len(files)} files, {n_bytes / 1e9:.2f} GB")
 
 
 class _Lines:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 #: Modules of each extra that are imported.
 MODULES = {
     "torch": ("torch",),
-    "jukebox": ("torch", "accelerate", "safetensors", "requests"),
+    "jukebox": ("torch", "accelerate", "requests"),
     "hf": ("torch", "transformers", "accelerate", "safetensors", "huggingface_hub"),
     "beats": ("torch", "safetensors"),
     "dask": ("dask", "distributed"),

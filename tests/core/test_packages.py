@@ -40,7 +40,6 @@ COMMANDS = {
     "jukebox": [
         ["features", "SONG", "--field", "jukebox", "--out", "out"],
         ["build", *TINY, "--out", "out", "--set", 'audio={"jukebox": {"weights": "x"}}'],
-        ["pull", ".", "--out", "out"],
     ],
     "beats": [
         ["build", *TINY, "--out", "out", "--set", 'audio={"beats": {"source": "beat_this", "weights": "x"}}'],

@@ -25,7 +25,6 @@ import pytest
 
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import entries, prune, verify_cache
-from dancedata.files.regular_file import sha256_file
 from dancedata.store import open_store
 
 SONG_S = 0.2
@@ -364,33 +363,4 @@ def test_verifying(slow: Any, hunter: Hunter, cache_kills: int):
             damaged = damage(cache)
         known = state_of(cache)
     check()
-    assert leftovers(slow) == []
-
-
-@pytest.mark.nightly
-def test_converting(slow: Any, hunter: Hunter, tmp_path: Path, hashes: Any):
-    for package in ("torch", "accelerate", "safetensors"):
-        pytest.importorskip(package)
-    from dancedata.testing.jukebox import random_checkpoint
-
-    weights, out = tmp_path / "weights", tmp_path / "converted" / "out"
-    random_checkpoint(weights)
-    code = "import sys; from dancedata.audio.jukebox import convert; convert(sys.argv[1], sys.argv[2], 4)"
-    convert = [sys.executable, "-c", code, weights, out]
-    longest = undisturbed(convert, slow.environment)
-    wanted = hashes(out)
-    shutil.rmtree(out)
-    out.mkdir()
-    (out / "notes.txt").write_text("somebody's")
-    notes = {"notes.txt": sha256_file(out / "notes.txt")}
-    while hunter.kills.total() < 30:
-        ended = hunter.run("convert", convert, longest, NO_WORKERS)
-        if (out / "jukebox.json").exists():
-            assert hashes(out) == wanted | notes
-            for name in wanted:
-                (out / name).unlink()
-        assert not ended or not (out / "jukebox.json").exists()
-    undisturbed(convert, slow.environment)
-    assert hashes(out) == wanted | notes
-    assert beside(out) == set()
     assert leftovers(slow) == []

@@ -17,7 +17,6 @@ from dancedata.core.lazy import lazy_names
 
 if TYPE_CHECKING:
     from dancedata.audio.jukebox.config import JukeboxConfig as JukeboxConfig
-    from dancedata.audio.jukebox.conversion import convert as convert
     from dancedata.audio.jukebox.encoder import JukeboxEncoder as JukeboxEncoder
     from dancedata.audio.jukebox.encoder import JukeboxOverflowError as JukeboxOverflowError
     from dancedata.audio.jukebox.weights.download import fetch as fetch
@@ -28,7 +27,6 @@ else:  # type checkers take the imports above, and so find misspelt names
         __name__,
         {
             "audio.jukebox.config": "JukeboxConfig",
-            "audio.jukebox.conversion": "convert",
             "audio.jukebox.encoder": "JukeboxEncoder JukeboxOverflowError",
             "audio.jukebox.weights.download": "fetch",
             "audio.jukebox.weights.folder": "checkpoint_sha256",

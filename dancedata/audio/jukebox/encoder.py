@@ -22,10 +22,9 @@ from dancedata.audio.jukebox.clips import (
     resampling_matrix,
 )
 from dancedata.audio.jukebox.config import require_layers
-from dancedata.audio.jukebox.conversion import open_checkpoint
 from dancedata.audio.jukebox.network import memory
-from dancedata.audio.jukebox.weights.folder import config_of, highest_layer
-from dancedata.audio.jukebox.weights.loading import load_encoder, load_prior
+from dancedata.audio.jukebox.weights.folder import config_of
+from dancedata.audio.jukebox.weights.loading import load_encoder, load_prior, open_openai
 from dancedata.audio.networks.devices import (
     Batches,
     compute_dtype,
@@ -51,8 +50,8 @@ class JukeboxEncoder:
     Parameters
     ----------
     folder
-        With OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, or written by `convert`. Only the tensors that the
-        layers need are read. Files of another network have its sizes beside them, in sizes.json.
+        With OpenAI's vqvae.pth.tar and prior_level_2.pth.tar; only the tensors that the layers need are read. Files
+        of another network have its sizes beside them, in sizes.json.
     layers
         From 1 on, any subset in any order. Default: 66, or the highest that the folder has.
     device
@@ -85,9 +84,10 @@ class JukeboxEncoder:
         memory_budget: int | None = None,
     ) -> None:
         folder = Path(folder)
-        self.config, highest = config_of(folder), highest_layer(folder)
+        self.config = config_of(folder)
+        highest = self.config.depth
         self.layers = require_layers((min(_DEFAULT_LAYER, highest),) if layers is None else layers, highest)
-        checkpoint = open_checkpoint(folder, max(self.layers))
+        checkpoint = open_openai(folder, self.config)
         self.device = require_device(device)
         self.precision = resolve_precision(precision, self.device)
         self.max_codes = require_max_codes(max_codes, self.config)

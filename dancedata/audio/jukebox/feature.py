@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from dancedata.audio.jukebox.clips import n_frames, prepare
 from dancedata.audio.jukebox.config import JukeboxConfig, require_layers
-from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of, highest_layer
+from dancedata.audio.jukebox.weights.folder import checkpoint_sha256, config_of
 from dancedata.audio.networks.feature import NetworkFeature, Precision
 from dancedata.core.audio_signal import AudioSignal, pcm16, resampled_length
 from dancedata.core.columns import Columns, Group
@@ -49,7 +49,7 @@ class Jukebox(NetworkFeature):
     Attributes
     ----------
     weights
-        Folder with OpenAI's two files, or a converted one. Default: $DANCEDATA_JUKEBOX.
+        Folder with OpenAI's two files. Default: $DANCEDATA_JUKEBOX.
     weights_sha256
         Hash that identifies the weights. A build fills it in; if it is given, the weights must match.
     layer
@@ -106,7 +106,7 @@ class Jukebox(NetworkFeature):
         folder = self.weights_path()
         device = self.checked_device()
         sha256 = self.checked_hash(hash_file)
-        require_layers((self.layer,), highest_layer(folder))
+        require_layers((self.layer,), config_of(folder).depth)
         precision: Any = resolve_precision(self.precision, device)
         return replace(self, weights=folder, weights_sha256=sha256, precision=precision)
 

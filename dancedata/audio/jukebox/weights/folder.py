@@ -1,9 +1,7 @@
 """Facts about a folder of weights, read without torch: the sizes of its network, its layers, its hashes."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from dancedata.audio.jukebox.config import JukeboxConfig
 from dancedata.core.errors import SourceError, UsageError
@@ -27,53 +25,10 @@ LICENCE = (
 )
 #: Sizes of a network other than the 5b model, in the folder of its weights.
 SIZES_FILE = "sizes.json"
-#: Marks a converted folder, see `conversion`.
-DESCRIPTION_FILE = "jukebox.json"
-FORMAT = 1
-
-
-@dataclass(frozen=True)
-class Description:
-    """The content of a converted folder's jukebox.json; `files` are sizes and hashes by name."""
-
-    config: JukeboxConfig
-    layer: int
-    files: Mapping[str, tuple[int, str]]
-    source: Mapping[str, str]
-
-
-def is_converted(folder: Path) -> bool:
-    """Return whether a folder was written by `convert`."""
-    return (folder / DESCRIPTION_FILE).exists()
-
-
-def read_description(folder: Path) -> Description:
-    """Read jukebox.json; SourceError if it is missing, damaged, or of another format version."""
-    path = folder / DESCRIPTION_FILE
-    try:
-        data: Any = read_json(path, MAX_JSON_BYTES)
-        if data["format"] != FORMAT:
-            raise SourceError("the converted checkpoint has another format version", where=path, found=data["format"],
-                              allowed=FORMAT)  # fmt: skip
-        files = {name: (int(entry["bytes"]), str(entry["sha256"])) for name, entry in data["files"].items()}
-        config = JukeboxConfig.from_json(data["config"])
-        return Description(config, int(data["layer"]), files, {str(k): str(v) for k, v in data["source"].items()})
-    except OSError as error:
-        raise SourceError(
-            "not a finished conversion of a Jukebox checkpoint",
-            where=folder,
-            found=f"no readable {DESCRIPTION_FILE}",
-            fix=f"convert with `dancedata pull FOLDER --out DIR`; it writes {DESCRIPTION_FILE} last",
-        ) from error
-    except (ValueError, KeyError, TypeError, AttributeError, UsageError) as error:
-        raise SourceError("the description of a converted checkpoint is damaged", where=path, found=shown(error),
-                          fix="convert again") from error  # fmt: skip
 
 
 def config_of(folder: Path) -> JukeboxConfig:
-    """Return the sizes of a folder's network: from jukebox.json or sizes.json, else those of the real model."""
-    if is_converted(folder):
-        return read_description(folder).config
+    """Return the sizes of a folder's network: from sizes.json, else those of the real model."""
     path = folder / SIZES_FILE
     if not path.exists():
         return JukeboxConfig()
@@ -83,21 +38,14 @@ def config_of(folder: Path) -> JukeboxConfig:
         raise SourceError("the sizes of the network cannot be read", where=path, found=shown(error)) from error
 
 
-def highest_layer(folder: Path) -> int:
-    """Return the last layer that the weights in a folder are sufficient for."""
-    return read_description(folder).layer if is_converted(folder) else config_of(folder).depth
-
-
 def checkpoint_sha256(folder: Path | str, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
-    """Return the SHA-256 of OpenAI's two files, by name, also for a folder converted from them.
+    """Return the SHA-256 of OpenAI's two files, by name.
 
     `hash_file`: Returns the SHA-256 of a file.
     Raises SourceError: A file is missing, it is a Hugging Face model, or the files are not OpenAI's and no
         sizes.json says so.
     """
     folder = Path(folder)
-    if is_converted(folder):
-        return dict(read_description(folder).source)
     refuse_hugging_face(folder)
     missing = [name for name in (VQVAE_FILE, PRIOR_FILE) if not (folder / name).is_file()]
     if missing:

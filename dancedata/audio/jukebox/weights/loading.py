@@ -69,11 +69,10 @@ class VqEncoder:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """Sources of the two networks; `trimmed` ones have only the rows that are needed."""
+    """Sources of the two networks."""
 
     vqvae: TensorSource
     prior: TensorSource
-    trimmed: bool = False
 
 
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
@@ -95,7 +94,7 @@ def load_encoder(checkpoint: Checkpoint, config: JukeboxConfig, device: torch.de
     """Load the level-2 encoder and its codebook, as fp32."""
     specs = tensors.vqvae_tensors(config)
     source = checkpoint.vqvae
-    require_tensors(source, specs, trimmed=checkpoint.trimmed)
+    require_tensors(source, specs)
     return VqEncoder(config, {s.name: source.read(s.name, s.rows).to(device, torch.float32) for s in specs})
 
 
@@ -110,7 +109,7 @@ def load_prior(
 ) -> Prior:
     """Load the blocks of `placement`, and tables for up to `max_codes` codes."""
     source, n_blocks, length = checkpoint.prior, len(placement.resident), padded_length(config, max_codes)
-    require_tensors(source, tensors.prior_tensors(config, n_blocks, length), trimmed=checkpoint.trimmed)
+    require_tensors(source, tensors.prior_tensors(config, n_blocks, length))
     start, positions = load_conditioning(source, config, length)
     code_table = source.read(tensors.CODES, config.codebook_size).float()
     blocks = []

@@ -1,4 +1,4 @@
-"""Sources of tensors: one interface for torch files and folders of safetensors."""
+"""Tensors of torch files, read one at a time."""
 
 import os
 from collections import OrderedDict
@@ -119,49 +119,6 @@ _STAND_INS: list[Any] = [
 ]  # fmt: skip
 
 
-class SafetensorsSource:
-    """Safetensors files of a folder; one is open at a time, so that little memory is mapped."""
-
-    def __init__(self, path: Path, files: Iterable[str]) -> None:
-        self.path = path
-        self._homes: dict[str, str] = {}
-        tensors: dict[str, torch.Tensor] = {}
-        self._open_name = ""
-        self._open_file: Any = None
-        for file in files:
-            opened = self._opened(file)
-            # An open safetensors file is not a dict.
-            for name in opened.keys():  # noqa: SIM118
-                part = opened.get_slice(name)
-                self._homes[name] = file
-                dtype = _SAFETENSORS_DTYPES.get(part.get_dtype(), torch.uint8)
-                tensors[name] = torch.empty(part.get_shape(), dtype=dtype, device="meta")
-        self.tensors: Mapping[str, torch.Tensor] = tensors
-
-    def read(self, name: str, rows: int) -> torch.Tensor:
-        """Read the leading rows into separate memory, in the stored type."""
-        part: torch.Tensor = self._opened(self._homes[name]).get_slice(name)[:rows]
-        # A slice may be a view of the mapped file.
-        return part.clone()
-
-    def _opened(self, file: str) -> Any:
-        from safetensors import SafetensorError, safe_open
-
-        if file != self._open_name:
-            self._open_name, self._open_file = "", None
-            try:
-                self._open_file = safe_open(self.path / file, framework="pt", device="cpu")
-            except (OSError, SafetensorError) as error:
-                raise SourceError("a file of the converted checkpoint cannot be read", where=self.path / file,
-                                  found=shown(error),
-                                  fix="copy the folder again, or convert again") from error  # fmt: skip
-            self._open_name = file
-        return self._open_file
-
-
-_SAFETENSORS_DTYPES = {"F16": torch.float16, "BF16": torch.bfloat16, "F32": torch.float32}
-
-
 def open_torch_file(path: Path) -> TorchFile:
     """Open a torch file of either format; SourceError if it does not exist, is of neither, or is damaged."""
     if not path.is_file():
@@ -169,8 +126,7 @@ def open_torch_file(path: Path) -> TorchFile:
             "a file of the Jukebox checkpoint is missing",
             where=path,
             found=sorted(p.name for p in path.parent.iterdir())[:10] if path.parent.is_dir() else "no such folder",
-            fix="get it with `dancedata pull jukebox`, from OpenAI, a mirror or another folder; "
-            "where a conversion was stopped, convert again",
+            fix="get it with `dancedata pull jukebox`, from OpenAI, a mirror or another folder",
         )
     return TorchFile(path)
 
@@ -185,21 +141,14 @@ def _model(loaded: Any, path: Path) -> Mapping[str, Any]:
     return {str(name).removeprefix("module."): tensor for name, tensor in model.items()}
 
 
-def require_tensors(source: TensorSource, specs: Iterable[TensorSpec], *, trimmed: bool = False) -> None:
-    """Check that a source has these tensors.
-
-    `trimmed`: The source has only the needed rows, as a converted checkpoint does. More are accepted.
-    Raises SourceError: Tensors are missing, or have another shape or a type that is not floating-point; the first ten
-        are named.
-    """
+def require_tensors(source: TensorSource, specs: Iterable[TensorSpec]) -> None:
+    """Raise SourceError unless tensors are there, floating-point and of their shape; the first ten are named."""
     problems = []
     for spec in specs:
         if spec.name not in source.tensors:
             problems.append(f"{spec.name} is missing")
             continue
         shape, dtype = tuple(source.tensors[spec.name].shape), source.tensors[spec.name].dtype
-        if trimmed and shape[1:] == spec.shape[1:] and spec.rows <= shape[0] <= spec.shape[0]:
-            shape = spec.shape
         if shape != spec.shape:
             problems.append(f"{spec.name} has shape {shown(shape)}, not {spec.shape}")
         elif dtype not in _FLOATING:
