@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import numpy as np
 import pytest
 
 from dancedata.core.audio_signal import wav_bytes
+from dancedata.core.registry import DATASETS
+from tests.conftest import Once
 from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL
 
 SEED = 7
@@ -65,10 +68,21 @@ def empty_copy(tmp_path: Path) -> AistCopy:
 
 
 @pytest.fixture
-def source(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    """The example of the module's READER; the path has a space and letters beyond ASCII."""
-    request.module.READER().make_example(tmp_path / "мой dänce")
-    return tmp_path / "мой dänce"
+def example(once: Once, tmp_path: Path) -> Callable[[str], Path]:
+    """Return a function that copies the example of a dataset into a path with a space and letters beyond ASCII."""
+
+    def copy(name: str) -> Path:
+        made = once(f"{name}-example", lambda folder: DATASETS.get(name)().make_example(folder / "source"))
+        return shutil.copytree(made / "source", tmp_path / "мой dänce")
+
+    return copy
+
+
+@pytest.fixture
+def source(request: pytest.FixtureRequest, example: Callable[[str], Path]) -> Path:
+    """The example of the test's parameter `name`, or of the module's READER."""
+    named = "name" in request.fixturenames
+    return example(request.getfixturevalue("name") if named else request.module.READER.name)
 
 
 @pytest.fixture

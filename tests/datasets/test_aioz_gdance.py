@@ -146,6 +146,8 @@ def test_nan_in_one_dancer(source: Path) -> None:
     assert len(load_dancers(path, [0, 2])) == 2
     with raises_message(DataError, "root_trans", where="-Ab_cdEf123_02_187_367.pkl, frame 7", reason="nan"):
         load_dancers(path, [0, 1])
+    with raises_message(DataError, "dancer", where="-Ab_cdEf123_02_187_367.pkl", reason="missing_dancer"):
+        load_dancers(path, [3])
 
 
 @pytest.mark.parametrize(
@@ -166,11 +168,6 @@ def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str,
     scan = AiozGdance().scan(source)
     assert rejects(scan, reason) == [DASH]
     assert DASH not in {clip.group for clip in scan.clips}
-
-
-def test_no_such_dancer(source: Path) -> None:
-    with raises_message(DataError, "dancer", where="-Ab_cdEf123_01_0_180.pkl", reason="missing_dancer"):
-        load_dancers(pickle_of(source, DASH), [2])
 
 
 @pytest.mark.parametrize("numpy_2", [False, True])

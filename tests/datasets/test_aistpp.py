@@ -1,6 +1,5 @@
 """The dataset reader aist++: layouts, split files, the ignore list, what is left out and why, motion files."""
 
-import pickle
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
@@ -41,34 +40,20 @@ def test_official_layout(official: Any) -> None:
     assert "Clips: 1 train, 1 val, 1 test; left out: 1 ignored, 1 unassigned." in scan.notes
 
 
-@pytest.mark.parametrize("below", ["", "edge_aistpp/"])
-def test_edge_layout(empty_copy: Any, below: str) -> None:
+def test_edge_layout(empty_copy: Any) -> None:
+    """As EDGE leaves it when it has sliced its data."""
     for name in (TRAIN, TEST):
-        empty_copy.motion(name, folder=f"{below}motions")
-        empty_copy.song(f"{below}wavs/{name}.wav")
+        empty_copy.motion(name, folder="edge_aistpp/motions")
+        empty_copy.song(f"edge_aistpp/wavs/{name}.wav")
+        empty_copy.motion(name, folder=f"{name[-1]}/motions")
+    empty_copy.names("edge_aistpp/lists/crossmodal_val.txt", TRAIN)
     scan = AistPP().scan(empty_copy.root)
     assert scan.layout == "edge"
     assert [clip.audio_path.name for clip in scan.clips if clip.audio_path] == [f"{TRAIN}.wav", f"{TEST}.wav"]
     assert scan.rejects == ()
-    assert f"one audio file per sequence in {below}wavs/" in notes(scan)
-
-
-def test_folder_above_with_music_and_lists_next_to_it(empty_copy: Any) -> None:
-    empty_copy.motion(TRAIN, folder="aist_plusplus_final/motions")
-    empty_copy.song("music/mBR2.wav")
-    empty_copy.names("splits/crossmodal_val.txt", TRAIN)
-    scan = AistPP().scan(empty_copy.root)
-    assert splits(scan) == {TRAIN: "val"}
-    assert "aist_plusplus_final/motions/*.pkl" in scan.notes[0]
-
-
-def test_after_edge_has_sliced_its_data(empty_copy: Any) -> None:
-    for folder in ("edge_aistpp", "train", "test"):
-        empty_copy.motion(TRAIN, folder=f"{folder}/motions")
-    empty_copy.song(f"edge_aistpp/wavs/{TRAIN}.wav")
-    scan = AistPP().scan(empty_copy.root)
-    assert scan.clips[0].motion_path.parent.parent.name == "edge_aistpp"
-    assert "Not read: test/, train/" in notes(scan)
+    assert "one audio file per sequence in edge_aistpp/wavs/" in notes(scan)
+    assert "Not read: 2/, 8/" in notes(scan)
+    assert splits(AistPP(split_dir="lists").scan(empty_copy.root)) == {TRAIN: "val"}
 
 
 def test_mixed_music_own_file_wins(official: Any) -> None:
@@ -90,23 +75,6 @@ def test_music_folders_and_extensions(empty_copy: Any, file: str) -> None:
     scan = AistPP().scan(empty_copy.root)
     assert scan.clips[0].audio_path == path
     assert scan.rejects == ()
-
-
-def test_missing_music(official: Any) -> None:
-    (official.root / "wavs" / "mBR2.wav").unlink()
-    scan = AistPP().scan(official.root)
-    assert rejects(scan, "missing_music") == [TRAIN]
-    assert rejects(scan, "unassigned") == [UNASSIGNED], "one reason a clip"
-    kept = AistPP(music="optional").scan(official.root)
-    assert kept.clips[0].audio_path is None
-    assert "1 clip kept without music" in notes(kept)
-
-
-def test_missing_motion_from_split_files(official: Any) -> None:
-    absent = "gBR_sBM_cAll_d04_mBR2_ch09"
-    official.names("splits/crossmodal_train.txt", TRAIN, absent, IGNORED, "gJB_sBM_cAll_d07_mJB3_ch01")
-    scan = AistPP().scan(official.root)
-    assert rejects(scan, "missing_motion") == [absent], "not the ignored one"
 
 
 def test_missing_motion_from_the_mapping(official: Any) -> None:
@@ -173,15 +141,6 @@ def test_real_folder(shared: Path) -> None:
     assert len(AistPP().scan(shared / "realdata" / "aistpp").clips) == 0
 
 
-def test_example(tmp_path: Path) -> None:
-    reader = AistPP()
-    reader.make_example(tmp_path / "example")
-    scan = reader.scan(tmp_path / "example")
-    assert 2 <= len(scan.clips) <= 4
-    assert all(300 <= reader.load(clip).n_frames <= 400 for clip in scan.clips)
-    assert "synthetic" in notes(scan)
-
-
 def test_split_files_alone_decide(official: Any) -> None:
     official.names("splits/crossmodal_test.txt", TRAIN)
     scan = AistPP().scan(official.root)
@@ -192,7 +151,7 @@ def test_split_files_alone_decide(official: Any) -> None:
 
 
 def test_split_file_as_windows_saves_it(official: Any) -> None:
-    text = f"\ufeff# mine\r\n{TRAIN}\r\n\r\n  {TRAIN} \r\n{VAL}"
+    text = f"\ufeff{TRAIN}\r\n# mine\r\n\r\n  {TRAIN} \r\n{VAL}"
     official.write("splits/crossmodal_train.txt", text.encode())
     scan = AistPP().scan(official.root)
     assert splits(scan) == {TRAIN: "train", VAL: "train"}
@@ -213,31 +172,21 @@ def test_split_dir(official: Any, absolute: bool) -> None:
     assert splits(reader.scan(official.root)) == {TEST: "val"}
 
 
-def test_split_dir_in_the_folder_below(empty_copy: Any) -> None:
-    empty_copy.motion(TRAIN, folder="aist_plusplus_final/motions")
-    empty_copy.names("aist_plusplus_final/lists/crossmodal_val.txt", TRAIN)
-    reader = AistPP(split_dir="lists", music="optional")
-    assert splits(reader.scan(empty_copy.root)) == {TRAIN: "val"}
-
-
 @pytest.mark.parametrize(
     ("keys", "word", "where"),
     [
         ({"split": "min"}, r"min_val\.txt", "мой dänce 舞/splits"),
         ({"split_dir": "nowhere"}, r"NAME_val\.txt", "мой dänce 舞/nowhere"),
         ({"split_dir": "lists"}, r"crossmodal_val\.txt", "мой dänce 舞/lists"),
+        ({"split": "mine"}, r"mine_val\.txt", "no folder splits/ in the source"),
     ],
 )
 def test_no_such_split(official: Any, keys: dict[str, Any], word: str, where: str) -> None:
-    official.names("splits/mine_train.txt", TEST)
+    if keys != {"split": "mine"}:
+        official.names("splits/mine_train.txt", TEST)
     official.write("lists/other.txt", b"")
     with raises_message(SourceError, word, where=where):
         AistPP(**keys).scan(official.root)
-
-
-def test_no_split_folder(official: Any) -> None:
-    with raises_message(SourceError, r"mine_val\.txt", where="no folder splits/ in the source"):
-        AistPP(split="mine").scan(official.root)
 
 
 def test_clip_in_two_splits(official: Any) -> None:
@@ -262,20 +211,12 @@ def test_ignore_list_of_the_source_replaces_the_shipped_one(official: Any, file:
     scan = AistPP().scan(official.root)
     assert rejects(scan, "ignored") == [TRAIN]
     assert f"Ignore list: {file}; 2 names, 1 of them among the motion files found." in scan.notes
-
-
-def test_two_ignore_lists(official: Any) -> None:
+    assert rejects(AistPP(ignore="none").scan(official.root), "ignored") == []
     official.names("ignore_list.txt", TRAIN)
     official.names("splits/ignore_list.txt", TEST)
     scan = AistPP().scan(official.root)
     assert rejects(scan, "ignored") == [TRAIN]
     assert "not used: splits/ignore_list.txt" in notes(scan)
-
-
-def test_ignore_none(official: Any) -> None:
-    scan = AistPP(ignore="none").scan(official.root)
-    assert splits(scan)[IGNORED] == "train"
-    assert "Ignore list: not applied, as requested." in scan.notes
 
 
 def test_a_folder_of_lists_without_lists() -> None:
@@ -308,10 +249,7 @@ def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
     ("changes", "reason"),
     [
         ({"smpl_scaling": None}, "missing_key"),
-        ({"smpl_poses": "text"}, "bad_shape"),
         ({"smpl_poses": [[1.0], [1.0, 2.0]]}, "bad_shape"),
-        ({"smpl_poses": np.zeros((90, 72), complex)}, "bad_shape"),
-        ({"smpl_scaling": np.zeros(1)}, "bad_scaling"),
         ({"smpl_scaling": np.array([-90.0])}, "bad_scaling"),
         ({"smpl_scaling": np.array([np.nan])}, "bad_scaling"),
         ({"smpl_scaling": np.array([1e-320])}, "bad_scaling"),
@@ -321,11 +259,4 @@ def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
 def test_bad_content(official: Any, changes: dict[str, Any], reason: str) -> None:
     path = official.motion("bad one ü", **changes)
     with raises_message(DataError, "floats|frames|smpl_poses|smpl_scaling|smpl_trans", reason=reason):
-        load(AistPP(), path)
-
-
-@pytest.mark.parametrize("content", [[1, 2], None, np.zeros((3, 72))])
-def test_pickle_of_something_else(official: Any, content: Any) -> None:
-    path = official.write("motions/other.pkl", pickle.dumps(content))
-    with raises_message(DataError, "smpl_scaling", where="мой dänce 舞/motions/other.pkl", reason="broken_file"):
         load(AistPP(), path)

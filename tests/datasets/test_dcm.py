@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from dancedata.core.errors import DataError
 from dancedata.datasets._examples import dance
@@ -12,11 +11,7 @@ from dancedata.datasets.dcm import DCM, UNIT_M, content_of
 from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    DCM().make_example(tmp_path)
-    return tmp_path
+READER = DCM
 
 
 def test_scan(source: Path) -> None:

@@ -1,8 +1,10 @@
 """What can be wrong with a motion file of any published dataset: each reader names the file and the same reasons."""
 
+import io
 import json
 import pickle
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +15,7 @@ import pytest
 
 from dancedata.core.errors import DataError
 from dancedata.core.registry import DATASETS
+from tests.conftest import Once
 from tests.messages import raises_message
 
 Content = dict[str, Any]
@@ -124,19 +127,21 @@ CASES += [(name, fault, kind, *OF_COLUMNS[fault]) for name, kind in COLUMNS.item
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., tuple[Any, Any, Path]]:
+def scans() -> dict[Any, Any]:
+    return {}
+
+
+@pytest.fixture
+def first(once: Once, scans: dict[Any, Any], tmp_path: Path) -> Callable[..., tuple[Any, Any, Path]]:
     """A reader, the first clip of its example, and a copy of its motion file in a folder of its own."""
-    sources: dict[str, Path] = {}
 
     def copy(name: str, keys: Content | None = None) -> tuple[Any, Any, Path]:
         reader: Any = DATASETS.get(name)(**keys or {})
-        if name not in sources:
-            sources[name] = tmp_path_factory.mktemp("мой dänce")
-            reader.make_example(sources[name])
-        ref = reader.scan(sources[name]).clips[0]
-        path = tmp_path_factory.mktemp("copy") / ref.motion_path.name
-        path.write_bytes(ref.motion_path.read_bytes())
-        return reader, ref, path
+        source = once(f"{name}-example", lambda folder: reader.make_example(folder / "source")) / "source"
+        if (name, str(keys)) not in scans:
+            scans[name, str(keys)] = reader.scan(source).clips[0]
+        ref = scans[name, str(keys)]
+        return reader, ref, Path(shutil.copy(ref.motion_path, tmp_path))
 
     return copy
 
@@ -169,13 +174,15 @@ def test_broken_files(first: Any, name: str, data: bytes) -> None:
         load(reader, ref, path)
 
 
-@pytest.mark.parametrize("name", KINDS)
-def test_pickles_that_run_code_are_refused(first: Any, name: str, unpickled_marker: Any) -> None:
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("in_array", [False, True])
+def test_pickles_that_run_code_are_refused(first: Any, name: str, in_array: bool, unpickled_marker: Any) -> None:
     reader, ref, path = first(name)
     marker, attack = unpickled_marker
-    path.write_bytes(attack())
-    with raises_message(
-        DataError, re.escape(path.name), reason="unsafe_pickle" if path.suffix == ".pkl" else "broken_file"
-    ):
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "|O", "fortran_order": False, "shape": ()})
+    is_read = path.suffix == (".npy" if in_array else ".pkl")
+    path.write_bytes(head.getvalue() * in_array + attack())
+    with raises_message(DataError, re.escape(path.name), reason="unsafe_pickle" if is_read else "broken_file"):
         load(reader, ref, path)
     assert not marker.exists()

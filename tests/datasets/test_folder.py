@@ -1,7 +1,6 @@
 """The dataset reader folder: manifests, matching names, what the notes say, and builds from end to end."""
 
 import json
-import wave
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dancedata.building.check import scan_folder
+from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.clip import Scan
 from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
@@ -31,11 +31,7 @@ def put(source: Path, file: str, data: bytes = b"stand-in") -> Path:
 
 
 def put_wav(source: Path, file: str) -> None:
-    with wave.open(str(put(source, file)), "wb") as out:
-        out.setnchannels(1)
-        out.setsampwidth(2)
-        out.setframerate(8000)
-        out.writeframes(bytes(2 * 8000 * 4))
+    put(source, file, wav_bytes(np.zeros((32_000, 1), np.int16), 8000))
 
 
 def put_motion(source: Path, file: str, **more: Any) -> None:
@@ -130,13 +126,8 @@ def test_defaults_of_a_manifest(source: Path) -> None:
     assert [(c.id, c.split, c.music) for c in scan.clips] == [("a", "val", "a"), ("b", "val", "a")]
     assert any("none is given, so all 2 clips are in 'val'" in note for note in scan.notes)
     assert any("declared in the recipe" in note for note in scan.notes)
-
-
-def test_a_split_that_the_manifest_gives_is_not_called_a_default(source: Path) -> None:
     manifest(source, "motion,audio,split\ntakes/a.npz,songs/a.wav,train\n")
     assert "Splits: 1 train." in Folder(fps=30, up="y", unit="m").scan(source).notes
-    manifest(source, "motion,audio\ntakes/a.npz,songs/a.wav\n")
-    assert "Splits: none is given, so the clip is in 'train'." in Folder(fps=30, up="y", unit="m").scan(source).notes
 
 
 def test_songs_of_one_name_in_two_folders_are_two_songs(source: Path) -> None:
@@ -159,50 +150,28 @@ def test_listed_files_that_are_missing(source: Path) -> None:
 
 HEAD = "motion,audio,fps\n"
 ROW = "takes/a.npz,songs/a.wav,30\n"
+BAD_VALUES = [
+    ("up", "x"), ("unit", "km"), ("unit", "nan"), ("layout", "smplxx"), ("gender", "x"), ("tempo_bpm", "0"),
+    ("tempo_bpm", "nan"), ("tempo_bpm", "1_0"), ("split", "my split"), ("split", "../x"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        HEAD,
-        "motoin,audio\n" + ROW,
-        "motion,audio,frames_per_second\n" + ROW,
-        ROW,
-        "Motion;Audio\na.npz;a.wav\n",
-        "MOTION\tBPM\na\t100\n",
-        "motion|Audio\na|b\n",
-        "motoin files:audio\na:b\n",
+        "", HEAD, "motoin,audio\n" + ROW, "motion,audio,frames_per_second\n" + ROW, ROW,
+        "Motion;Audio\na.npz;a.wav\n", "MOTION\tBPM\na\t100\n", "motion|Audio\na|b\n",
         "motion,audio,split\ntakes/a.npz,songs/a.wav,Train\n",
-        "motion,motion,fps\n" + ROW,
-        "audio,fps\nsongs/a.wav,30\n",
-        HEAD + "takes/a.npz,songs/a.wav\n",
-        HEAD + ROW + ROW,
-        HEAD + ",songs/a.wav,30\n",
-        HEAD + "takes/a.npz,songs/a.wav,0\n",
-        HEAD + "takes/a.npz,songs/a.wav,1e999999999\n",
-        HEAD + "takes/a.npz,songs/a.wav,fast\n",
-        "motion,up\ntakes/a.npz,x\n",
-        "motion,unit\ntakes/a.npz,km\n",
-        "motion,unit\ntakes/a.npz,nan\n",
-        "motion,layout\ntakes/a.npz,smplxx\n",
-        "motion,gender\ntakes/a.npz,x\n",
-        "motion,tempo_bpm\ntakes/a.npz,0\n",
-        "motion,tempo_bpm\ntakes/a.npz,nan\n",
-        "motion,tempo_bpm\ntakes/a.npz,1_0\n",
-        "motion,split\ntakes/a.npz,my split\n",
-        "motion,split\ntakes/a.npz,../x\n",
-        "motion\nnotes.txt\n",
-        "motion,audio\ntakes/a.npz,song.mid\n",
-        'motion,audio\n"takes/a.npz,songs/a.wav\n',
-        "motion,audio\ntakes/a.npz,a\x00b.wav\n",
+        "motion,motion,fps\n" + ROW, "audio,fps\nsongs/a.wav,30\n", HEAD + "takes/a.npz,songs/a.wav\n",
+        HEAD + ROW + ROW, HEAD + ",songs/a.wav,30\n", HEAD + "takes/a.npz,songs/a.wav,0\n",
+        HEAD + "takes/a.npz,songs/a.wav,1e999999999\n", HEAD + "takes/a.npz,songs/a.wav,fast\n",
+        "motion\nnotes.txt\n", "motion,audio\ntakes/a.npz,song.mid\n", 'motion,audio\n"takes/a.npz,songs/a.wav\n',
+        "motion,audio\ntakes/a.npz,a\x00b.wav\n", "motion\ntakes/.hidden.npz\n", "id,motion\na\x07b,takes/a.npz\n",
+        "motion\n" + "x" * 5000 + ".npz\n", "motion\n" + "x" * 500 + ".npz\n",
+        *(f"motion,{column}\ntakes/a.npz,{value}\n" for column, value in BAD_VALUES),
         *(f"id,motion\n{name},takes/a.npz\n" for name in ("a/b", "a\\b", "../a", ".hidden", "..", "x" * 201)),
-        "motion\ntakes/.hidden.npz\n",
-        "id,motion\na\x07b,takes/a.npz\n",
-        "motion\n" + "x" * 5000 + ".npz\n",
-        "motion\n" + "x" * 500 + ".npz\n",
     ],
-)
+)  # fmt: skip
 def test_mistakes_in_a_manifest(source: Path, text: str) -> None:
     manifest(source, text)
     with raises_message(SourceError, "correct|folder|genre_id|starting"):
@@ -210,27 +179,19 @@ def test_mistakes_in_a_manifest(source: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "word"),
     [
-        ("nonsense", ["line 1", "not valid JSON"]),
-        ("[" * 60_000, ["line 1", "not valid JSON"]),
-        ("[" * 100_000, ["line 1", "too long"]),
-        ('{"motion": NaN}', ["NaN"]),
-        ('{"motion": "a.npz", "motion": "b.npz"}', ["duplicate key"]),
-        ("[1]", ["list"]),
-        ('{"motion": ["a.npz"]}', ["motion", "list"]),
-        ('{"motion": true}', ["bool"]),
-        ('{"motion": "a.npz", "split": {}}', ["split"]),
-        ('{"motion": "takes/a.npz"}\n\n{"motoin": 1}', ["line 3", "did you mean 'motion'"]),
-        ("9" * 5000, ["line 1"]),
+        ("nonsense", "line 1.*not valid JSON"), ("[" * 60_000, "line 1.*not valid JSON"),
+        ("[" * 100_000, "line 1.*too long"), ('{"motion": NaN}', "NaN"), ("[1]", "list"),
+        ('{"motion": "a.npz", "motion": "b.npz"}', "duplicate key"), ('{"motion": ["a.npz"]}', "motion.*list"),
+        ('{"motion": true}', "bool"), ('{"motion": "a.npz", "split": {}}', "split"), ("9" * 5000, "line 1"),
+        ('{"motion": "takes/a.npz"}\n\n{"motoin": 1}', "line 3.*did you mean 'motion'"),
     ],
-)
-def test_mistakes_in_jsonl(source: Path, text: str, words: list[str]) -> None:
+)  # fmt: skip
+def test_mistakes_in_jsonl(source: Path, text: str, word: str) -> None:
     manifest(source, text, "manifest.jsonl")
-    with pytest.raises(SourceError) as error:
+    with raises_message(SourceError, rf"manifest\.jsonl.*{word}"):
         Folder().scan(source)
-    for word in ("manifest.jsonl", *words):
-        assert word in str(error.value)
 
 
 def test_manifests_that_cannot_be_read(source: Path) -> None:
@@ -249,7 +210,8 @@ def test_no_path_leads_out_of_the_source(source: Path) -> None:
     (source / "file.npz").symlink_to(outside / "x.npz")
     (source / "round.npz").symlink_to(source / "round.npz")
     bad = ["../outside/x.npz", "takes/../../outside/x.npz", "takes/../takes/a.npz", str(outside / "x.npz")]
-    bad += ["link/x.npz", "file.npz", str(source / "takes" / "a.npz")]
+    bad += ["link/x.npz", "file.npz", str(source / "takes" / "a.npz"), "C:\\takes\\a.npz", "C:/takes/a.npz"]
+    bad += ["\\\\server\\takes\\a.npz", "..\\a.npz"]
     for path in bad:
         for row in (f"{path},songs/a.wav", f"takes/a.npz,{path.replace('npz', 'wav')}"):
             manifest(source, f"motion,audio\n{row}\n")
@@ -360,14 +322,6 @@ def test_numbers_have_one_form() -> None:
     assert Folder(unit=0.0254) == Folder(unit="0.0254")
 
 
-def test_refs_survive_the_way_to_a_worker(source: Path) -> None:
-    import pickle
-
-    manifest(source, FULL)
-    scan = Folder().scan(source)
-    assert pickle.loads(pickle.dumps(scan)) == scan
-
-
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "recipes.md"
 
 
@@ -460,12 +414,6 @@ def test_paths_of_other_systems(source: Path, name: str, written: str) -> None:
     assert clip.motion_path.is_file()
     assert clip.audio_path is not None
     assert clip.audio_path.is_file()
-
-
-@pytest.mark.parametrize("written", ["C:\\takes\\a.npz", "C:/takes/a.npz", "\\\\server\\takes\\a.npz", "..\\a.npz"])
-def test_paths_of_windows_outside_the_source(source: Path, written: str) -> None:
-    with raises_message(SourceError, "outside"):
-        Folder(music="optional").scan(manifest(source, f"motion\n{written}\n").parent)
 
 
 def test_names_in_two_unicode_forms_are_one(tmp_path: Path) -> None:

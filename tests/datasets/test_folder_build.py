@@ -15,6 +15,8 @@ from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store, verify_store
 
+READER = Folder
+
 
 def document(dataset: dict[str, Any] | None = None, **keys: Any) -> dict[str, Any]:
     return {
@@ -23,11 +25,11 @@ def document(dataset: dict[str, Any] | None = None, **keys: Any) -> dict[str, An
     }  # fmt: skip
 
 
-def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path: Path, cache: Path) -> None:
+def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(
+    source: Path, tmp_path: Path, cache: Path
+) -> None:
     """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
     readers = pytest.importorskip("dancedata.torch.windows", exc_type=ImportError)
-    source = tmp_path / "source"
-    Folder().make_example(source)
     text = (source / "manifest.csv").read_text()
     (source / "manifest.csv").write_text(text.replace(",80,", ",,").replace(",125,", ",,"))
     recipe = parse_recipe(document(motion={"edge151": {}}, audio={"librosa35": {}}))
@@ -40,10 +42,10 @@ def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(tmp_path:
 
 
 @pytest.mark.parametrize("transforms", [[], [{"slices": {"length_s": 2, "stride_s": 1}}]])
-def test_real_and_made_files_build(shared: Path, tmp_path: Path, cache: Path, transforms: list[Any]) -> None:
+def test_real_and_made_files_build(
+    shared: Path, source: Path, tmp_path: Path, cache: Path, transforms: list[Any]
+) -> None:
     """The three real BVH files and an AMASS file, two seconds windows, down to a sound store."""
-    source = tmp_path / "source"
-    Folder().make_example(source)
     rows = ["motion,audio,split,up,unit", "motions/amass_poses.npz,music/fast.wav,test,,"]
     for name, up, unit in (("rokoko_jesse_dance", "", "cm"), ("cmu_01_01", "", "cmu"), ("fair1_dab", "z", "guess")):
         shutil.copy(shared / "realdata" / "bvh" / f"{name}.bvh", source / "motions")
@@ -79,12 +81,11 @@ def _height(source: Path, out: Path, **dataset: object) -> float:
         return clip.height_m
 
 
-def test_declarations_are_part_of_the_key(tmp_path: Path) -> None:
+def test_declarations_are_part_of_the_key(example: Any, tmp_path: Path) -> None:
     """One file, one cache: another unit in the manifest, or in the recipe, is another motion."""
-    example, source = tmp_path / "example", tmp_path / "source"
-    Folder().make_example(example)
+    source = tmp_path / "source"
     source.mkdir()
-    (bvh,) = example.rglob("*.bvh")
+    (bvh,) = example("folder").rglob("*.bvh")
     shutil.copy(bvh, source / "one.bvh")
 
     def declare(unit: str) -> None:
@@ -99,10 +100,8 @@ def test_declarations_are_part_of_the_key(tmp_path: Path) -> None:
     assert _height(source, tmp_path / "recipe-inch", unit="inch") == pytest.approx(2.54 * metres, abs=1e-3)
 
 
-def test_audio_features_of_clips_that_are_kept_without_music(tmp_path: Path, cache: Path) -> None:
+def test_audio_features_of_clips_that_are_kept_without_music(source: Path, tmp_path: Path, cache: Path) -> None:
     """`music: optional` and audio features contradict each other where a clip has no music."""
-    source = tmp_path / "source"
-    Folder().make_example(source)
     lines = (source / "manifest.csv").read_text().splitlines()
     place = lines[0].split(",").index("audio")
     cells = lines[1].split(",")

@@ -92,13 +92,6 @@ def test_the_rate_is_told_by_the_music_of_most_or_asked_for(source: Path, share:
         assert rejects(IDancers().scan(source), "unknown_rate") == ["seq_001", "seq_002"]
 
 
-def test_a_broken_pickle_is_left_out_by_name(source: Path) -> None:
-    (source / "motion" / "seq_001_smpl.pkl").write_bytes(b"cos\nsystem\n(S'false'\ntR.")
-    scan = IDancers().scan(source)
-    assert rejects(scan, "unsafe_pickle") == ["seq_001"]
-    assert {clip.group for clip in scan.clips} == {"seq_002", "seq 010"}
-
-
 # ---- motion
 
 

@@ -108,13 +108,6 @@ def test_full_lists_and_no_split(source: Path) -> None:
     assert not InfiniteDance(split="all").official_split
 
 
-def test_lists_with_missing_names_and_without_a_final_newline(source: Path) -> None:
-    (source / "partition" / "All_cleandata_train.txt").write_text(f"{LIVE}\r\n\nno such clip\n{OWN}")
-    scan = InfiniteDance().scan(source)
-    assert splits(scan) == {OWN: "train", LIVE: "train", TEST: "test"}
-    assert rejects(scan, "missing_motion") == ["no such clip"]
-
-
 def test_lists_that_cannot_be_used(source: Path) -> None:
     (source / "partition" / "test_eval861.txt").write_text(f"{TEST}\n{OWN}\n")
     with raises_message(SourceError, r"All_cleandata_train\.txt", where="мой dänce/partition"):
@@ -154,12 +147,6 @@ def test_styles(source: Path) -> None:
         InfiniteDance().scan(source)
 
 
-def test_the_folder_above(source: Path) -> None:
-    (source.parent / "repo").mkdir()
-    source.rename(source.parent / "repo" / "InfiniteDanceData")
-    assert len(InfiniteDance().scan(source.parent / "repo").clips) == 3
-
-
 def test_a_fit(source: Path) -> None:
     content = fit_of(source)
     motion = load(InfiniteDance(), source / FITS_FOLDER / f"{OWN}.pkl")
@@ -197,24 +184,6 @@ def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -
         np.testing.assert_allclose(load(InfiniteDance(up=stated), path).joints(), expected, atol=1e-5)
     with raises_message(DataError, "pelvises", where="video_0001.pkl", reason="bad_axes"):
         load(InfiniteDance(up="z" if up != "z" else "y"), path)
-
-
-def test_an_axis_that_is_not_clear_is_asked_for(source: Path) -> None:
-    path = source / FITS_FOLDER / f"{OWN}.pkl"
-    lying = Rotation.from_rotvec([np.pi / 4, 0, 0])
-    change(path, global_orient=(lying * Rotation.from_rotvec(fit_of(source)["global_orient"])).as_rotvec())
-    with raises_message(DataError, "clear", where="video_0001.pkl", reason="bad_axes"):
-        load(InfiniteDance(), path)
-    assert load(InfiniteDance(up="y"), path).n_frames == 182
-
-
-def test_bad_columns(source: Path) -> None:
-    path = source / COLUMNS_FOLDER / f"{OWN}.npy"
-    columns = np.load(path)
-    columns[5, 100] = np.nan
-    np.save(path, columns)
-    with raises_message(DataError, "finite", where="video_0001.npy, frame 5, column 100", reason="nan"):
-        load_columns(path)
 
 
 def test_columns_against_infinitedances_code(shared: Path) -> None:

@@ -60,13 +60,11 @@ def test_check_reports_shared_videos(source: Path, tmp_path: Path) -> None:
     assert any("the official train and test share 1 song: BVaaaaaaaa1a" in str(problem) for problem in problems)
 
 
-def test_lists_beside_the_motion(source: Path) -> None:
-    for name in ("train", "test"):
-        (source / "splits" / f"{name}.txt").rename(source / f"{name}.txt")
-    assert len(splits(PopDanceSet().scan(source))) == 4
-
-
 def test_lists_that_cannot_be_used(source: Path) -> None:
+    (source / "splits" / "test.txt").rename(source / "test.txt")
+    (source / "splits" / "train.txt").rename(source / "train.txt")
+    assert len(splits(PopDanceSet().scan(source))) == 4
+    (source / "train.txt").rename(source / "splits" / "train.txt")
     (source / "splits" / "test.txt").write_text(FIRST)
     with raises_message(SourceError, r"train\.txt", where="мой dänce/splits"):
         PopDanceSet().scan(source)
@@ -88,6 +86,8 @@ def test_motion_stands_upright_in_metres(source: Path) -> None:
     expected = content["transl"] * content["pred_camera"] * [1, -1, -1] + [0, 1, 5]
     np.testing.assert_allclose(scaled.translation, expected, atol=1e-5)
     np.testing.assert_array_equal(scaled.rotations, motion.rotations)
+    change_pickle(path, pred_camera=None)
+    assert load(PopDanceSet(), path).n_frames == 181, "without scale it is not read"
 
 
 @pytest.mark.parametrize("shape", [(180, 24, 3), (180, 216), (180, 24, 3, 3), (180, 24, 9)])
@@ -119,12 +119,6 @@ def test_bad_files(source: Path, reason: str, make: Any) -> None:
     change_pickle(path, **make(pickle.loads(path.read_bytes())))
     with raises_message(DataError, "matrix|pred_camera", reason=reason):
         load(PopDanceSet(scale="multiply"), path)
-
-
-def test_pred_camera_is_not_read_without_scale(source: Path) -> None:
-    path = source / "motions" / f"{FIRST}.pkl"
-    change_pickle(path, pred_camera=None)
-    assert load(PopDanceSet(), path).n_frames == 181
 
 
 def test_columns_are_popdgs(shared: Path) -> None:

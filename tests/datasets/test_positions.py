@@ -50,16 +50,14 @@ def refused(call: Callable[[], Any], reason: str) -> None:
         call()
 
 
-@pytest.mark.parametrize("shape", [(72,), (66,)])
-def test_flat_positions_are_an_error_with_a_fix(read: Any, dance: Motion, shape: tuple[int, ...]) -> None:
-    refused(lambda: read(dance.joints()[:, : int(np.prod(shape)) // 3].reshape(-1, *shape)), "bad_shape")
-
-
-def test_named_positions_say_it_too(read: Any, dance: Motion) -> None:
+def test_arrays_that_are_no_rotations(read: Any, dance: Motion) -> None:
     joints = dance.joints()
+    for width in (72, 66):
+        refused(lambda width=width: read(joints.reshape(-1, 72)[:, :width]), "bad_shape")
     refused(lambda: read(keypoints3d=joints[:, :17], score=np.ones(3)), "unknown_joints")
     refused(lambda: read(poses=joints[:, :22], trans=joints[:, 0]), "bad_shape")
     refused(lambda: read(verts=np.ones((5, 4))), "missing_key")
+    refused(lambda: read(poses=np.degrees(dance.rotations), trans=dance.translation), "not_rotations")
 
 
 @pytest.mark.parametrize("unit", [1, 100, 1000])
@@ -94,10 +92,6 @@ def test_a_measured_root_in_disguise(dance: Motion) -> None:
     vectors[:, 0] = np.stack([0.1 * np.sin(5 * seconds), 2 * seconds, 0.1 * np.cos(3 * seconds)], axis=1)
     rising = np.stack([0.02 * np.cos(7 * seconds), seconds, 0.02 * np.sin(2 * seconds)], axis=1)
     require_rotations(Path("x"), "poses", vectors, rising, SMPL24.parents)
-
-
-def test_degrees(read: Any, dance: Motion) -> None:
-    refused(lambda: read(poses=np.degrees(dance.rotations), trans=dance.translation), "not_rotations")
 
 
 @settings(max_examples=60)

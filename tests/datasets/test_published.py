@@ -24,14 +24,6 @@ def reader(name: str, **keys: Any) -> Any:
     return DATASETS.get(name)(**keys)
 
 
-@pytest.fixture
-def source(tmp_path: Path, request: pytest.FixtureRequest) -> Path:
-    """The example of the test's dataset, in a path with a space and letters beyond ASCII."""
-    source = tmp_path / "мой dänce 舞"
-    reader(request.getfixturevalue("name")).make_example(source)
-    return source
-
-
 def below(source: Path, path: Path) -> str:
     return path.relative_to(source).as_posix()
 

@@ -108,17 +108,6 @@ def test_a_wrong_up_axis_of_a_bvh(bvh: Path, up: Any) -> None:
     assert "implausible_up" in [flag.kind for flag in implausible_flags(load(bvh, {"up": up}))]
 
 
-@pytest.mark.parametrize("up", ["z", "-y"])
-def test_a_wrong_up_axis_of_arrays(tmp_path: Path, up: Any) -> None:
-    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
-    path = tmp_path / "a.npz"
-    smpl(path, motion)
-    assert np.allclose(load(path, fps=60, up="y").translation, motion.translation)
-    with raises_message(DataError, "stand", where="a.npz", reason="bad_declaration"):
-        load(path, fps=60, up=up)
-    assert "implausible_up" in [flag.kind for flag in implausible_flags(load(path, {"up": up}, fps=60))]
-
-
 def test_a_body_along_an_axis_that_cannot_be_declared(tmp_path: Path) -> None:
     """No declaration of up makes it stand, so none is wrong: a flag, but the clip is read."""
     motion, path = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0], tmp_path / "a.npz"

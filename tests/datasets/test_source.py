@@ -2,38 +2,29 @@
 
 import importlib
 import os
-import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
-import numpy as np
 import pytest
-import yaml
 
-import dancedata
 from dancedata.core.bodies import SMPLX55
 from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
-from dancedata.core.plugins import Dataset
 from dancedata.core.registry import DATASETS
-from dancedata.core.resources import resource
 from dancedata.core.text import listed
 from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.files import files_by_stem, list_audio, read_names, require_choices
-from dancedata.datasets.finedance import FineDance, length_note, load_motion, motion_length, read_genre
+from dancedata.datasets.finedance import length_note, motion_length, read_genre
 from dancedata.datasets.finedance import load_motion as load_finedance
 from dancedata.datasets.folder import Folder
 from dancedata.datasets.folder.manifest import read_manifest
 from dancedata.datasets.published import Layout, LeftOut
-from dancedata.formats import arrays
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.values import open_arrays
 from dancedata.recipes.parse import load_recipe
 from tests.datasets.scans import load
 from tests.messages import raises_message
-
-PACKAGE = Path(dancedata.__file__).parent
 
 
 @pytest.mark.parametrize("name", [name for name in DATASETS.names() if name != "synthetic"])
@@ -41,43 +32,6 @@ def test_every_reader_shows_its_tree(name: str) -> None:
     reader = DATASETS.get(name).__module__.removesuffix(".reader")
     text = str(importlib.import_module(reader).__doc__)
     assert "    SOURCE/" in text
-
-
-@pytest.mark.parametrize(("name", "reader"), [("aist++", AistPP), ("finedance", FineDance), ("folder", Folder)])
-def test_registered_and_described(name: str, reader: type[Dataset]) -> None:
-    assert DATASETS.get(name) is reader
-    if reader is not Folder:
-        text = resource("manifests", f"{name.replace('+', 'p')}.yaml").read_text(encoding="utf-8")
-        manifest = yaml.safe_load(text)
-        assert (reader.licence, reader.citation) == (manifest["licence"], manifest["citation"])
-
-
-@pytest.mark.parametrize("reader", [AistPP, FineDance, Folder])
-def test_folders_that_are_not_a_source(tmp_path: Path, reader: type[Dataset]) -> None:
-    (tmp_path / "file").write_text("x")
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "empty" / ".DS_Store").write_text("x")
-    for name in ("no where", "file", "empty"):
-        with raises_message(SourceError, "source"):
-            reader().scan(tmp_path / name)
-
-
-def test_one_parser_of_npy_headers() -> None:
-    calls = ("read_magic", "read_array_header", "lib.format.read_array(", "np.load(")
-    # Templates of `dancedata init` become the code of users.
-    files = [path for path in PACKAGE.rglob("*.py") if "templates" not in path.parts]
-    using = {path.relative_to(PACKAGE).as_posix() for path in files if any(c in path.read_text() for c in calls)}
-    # The README that `export --to npz` writes shows a line for each reader.
-    assert using == {"formats/arrays.py", "exports/npz.py"}
-
-
-def test_a_finedance_file_above_the_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.save(tmp_path / "001.npy", np.zeros((5, 315), np.float32))
-    assert motion_length(tmp_path / "001.npy") == 5
-    monkeypatch.setattr(arrays, "MAX_ARRAY_BYTES", 1000)
-    with raises_message(DataError, "limit", where="001.npy", reason="too_large"):
-        load_motion(tmp_path / "001.npy", SMPLX55)
-    assert motion_length(tmp_path / "001.npy") is None
 
 
 def test_the_root_is_the_source_or_one_folder_in_it(tmp_path: Path) -> None:
@@ -174,8 +128,8 @@ def test_a_pipe_for_anything_else(pipe: Path) -> None:
         load_recipe(pipe.rename(pipe.with_suffix(".yaml")))
 
 
-def test_pipes_in_a_folder(tmp_path: Path) -> None:
-    Folder().make_example(tmp_path)
+def test_pipes_in_a_folder(example: Callable[[str], Path]) -> None:
+    tmp_path = example("folder")
     (tmp_path / "manifest.csv").unlink()
     os.mkfifo(tmp_path / "motions" / "pipe.npz")
     os.mkfifo(tmp_path / "music" / "pipe.wav")
@@ -188,8 +142,8 @@ def test_pipes_in_a_folder(tmp_path: Path) -> None:
         Folder().scan(tmp_path)
 
 
-def test_pipes_that_a_manifest_names(tmp_path: Path) -> None:
-    Folder().make_example(tmp_path)
+def test_pipes_that_a_manifest_names(example: Callable[[str], Path]) -> None:
+    tmp_path = example("folder")
     os.mkfifo(tmp_path / "a.npz")
     os.mkfifo(tmp_path / "a.wav")
     (tmp_path / "manifest.csv").write_text("motion,audio\na.npz,\nmotions/smpl.npz,a.wav\n")
@@ -218,16 +172,6 @@ def test_a_joint_whose_name_is_too_long(tmp_path: Path) -> None:
     with raises_message(DataError, "characters", where="a.bvh, line 2", reason="broken_file") as error:
         read_bvh_header(tmp_path / "a.bvh")
     assert len(str(error.value)) < 500
-
-
-def test_lists_within_lists_are_not_unfolded(tmp_path: Path) -> None:
-    rows: Any = [[0.0] * 72] * 4
-    good = {"smpl_trans": np.zeros((4, 3)), "smpl_scaling": [np.float32(90)]}
-    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": rows, **good}))
-    with raises_message(DataError, "floats", where="a.pkl, smpl_poses", reason="bad_shape"):
-        load(AistPP(), tmp_path / "a.pkl")
-    (tmp_path / "a.pkl").write_bytes(pickle.dumps({"smpl_poses": np.array(rows), **good}))
-    assert load(AistPP(), tmp_path / "a.pkl").n_frames == 4
 
 
 def test_names_in_a_message_are_cut_and_print() -> None:

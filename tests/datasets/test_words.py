@@ -8,19 +8,13 @@ import pytest
 import dancedata
 from dancedata.core.errors import SourceError, StoreError
 from dancedata.datasets.folder import Folder
-from dancedata.datasets.folder.example import write_folder
 from tests.messages import raises_message
 
+READER = Folder
 RECIPE = {
     "recipe": 1, "name": "words", "dataset": {"folder": {"fps": 30, "unit": "m", "up": "y", "language": "en"}},
     "windows": {"length_s": 2, "stride_s": 1}, "motion": {"joints": {}}, "audio": {}, "augment": {"mirror": True},
 }  # fmt: skip
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Path:
-    write_folder(tmp_path / "source")
-    return tmp_path / "source"
 
 
 def ids(source: Path) -> list[str]:
@@ -66,8 +60,8 @@ def test_changed_words_are_another_source(source: Path, tmp_path: Path, cache: P
 def test_two_files_and_partners_that_are_not_there(source: Path) -> None:
     first = ids(source)[0]
     (source / "segments.csv").write_text(f"clip,start,end,layer,other\n{first},0,1,contacts,{first}x\n")
-    with raises_message(SourceError, "amass_poses", where="source/segments.csv, line 2"):
+    with raises_message(SourceError, "amass_poses", where="мой dänce/segments.csv, line 2"):
         Folder().scan(source)
     (source / "segments.jsonl").write_text("")
-    with raises_message(SourceError, "segments", where="source"):
+    with raises_message(SourceError, "segments", where="мой dänce"):
         Folder().scan(source)
