@@ -26,12 +26,11 @@ _PLACES = "root_place"
 class Decoder:
     """A representation, and what a call and a file state of the scaling of its columns and their rate.
 
-    `field`: Name of the representation, or of the field of `like` with it.
     `file`, `grid`: What the file states of the scaling of its columns, and the rate that it states; None if it does
         not.
     """
 
-    field: str
+    field: str  # name of the representation, or of the field of `like` with it
     representation: Representation
     fps: Number | None
     like: DatasetLike

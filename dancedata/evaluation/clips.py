@@ -18,8 +18,6 @@ from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_r
 class ClipSet:
     """Clips that are measured together.
 
-    `store`: Dataset that they are from; None for others.
-    `left_out`: Clips of the dataset that are not measured, and why.
     `samples`: The samples of the dataset that the motion stands for, by the ids of clips.
     `matched`, `warnings`: How many names matched the dataset, and what is doubtful, in words.
     `nothing_matched`: The error for files of which nothing is known, where metrics take music.
@@ -28,9 +26,9 @@ class ClipSet:
     clips: tuple[ClipInput, ...]
     source: str
     role: Role
-    store: Store | None = None
+    store: Store | None = None  # dataset that they are from; None for others
     scaler_sha256: str = ""
-    left_out: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[tuple[str, str], ...] = ()  # clips of the dataset that are not measured, and why
     samples: Mapping[str, Sample] = field(default_factory=dict)
     matched: str = ""
     warnings: tuple[str, ...] = ()
@@ -167,10 +165,7 @@ def named_reader(store: Store, name: str) -> ColumnsReader:
 
 
 def reader_for(store: Store, rule: MotionRule, field: str | None) -> tuple[str, ColumnsReader]:
-    """Choose the motion field of a store to evaluate: `field`, or the first that fits the protocol.
-
-    UsageError if none fits, with the reason for each.
-    """
+    """Choose the motion field of a store to evaluate: `field`, or the first that fits the protocol."""
     candidates = motion_readers(store) if field is None else {field: named_reader(store, field)}
     # Those that every clip has come first.
     candidates = dict(sorted(candidates.items(), key=lambda item: item[0] in store.optional_fields))

@@ -58,20 +58,16 @@ class Measurement(NamedTuple):
 class MeasuredClip:
     """The numbers of a clip.
 
-    `clip`: Recording that resampling draws; several clips may share one.
-    `fps`: Rate that was measured; "" if only metrics of music are computed, and the clip has none.
-    `cuts`: First frame and length of each piece.
     `rows`: By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
         clip has none.
-    `notes`: What was changed before measuring.
     """
 
     id: str
-    clip: str
-    fps: str
-    cuts: tuple[tuple[int, int], ...]
+    clip: str  # recording that resampling draws; several clips may share one
+    fps: str  # rate that was measured; "" if only metrics of music are computed, and the clip has none
+    cuts: tuple[tuple[int, int], ...]  # first frame and length of each piece
     rows: Mapping[int, tuple[Outcome, ...] | None]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # what was changed before measuring
 
     @property
     def doubt(self) -> str:
@@ -119,11 +115,7 @@ def measure_pose(
     pose: Pose | tuple[Pose, ...],
     music: ClipMusic | None,
 ) -> dict[int, Measurement | None]:
-    """Measure a pose, or those of a group's dancers; return the result by the number of the measure.
-
-    None if it needs music and there is none. DataError if the protocol cannot measure this motion: other joints,
-    another rate.
-    """
+    """Measure a pose, or those of a group's dancers; return the result by the number of the measure."""
     if isinstance(pose, tuple):
         placed, joints, notes = _group(pose, protocol.motion)
     else:
@@ -210,10 +202,7 @@ def measure_clips(
     numbers: Sequence[int],
     music: Mapping[str, ClipMusic] = MappingProxyType({}),
 ) -> MeasuredSet:
-    """Measure clips with their music, by the ids of clips.
-
-    DataError "nothing_left" if no clip can be measured; StoreError if a dataset has other bytes than the build wrote.
-    """
+    """Measure clips with their music, by the ids of clips."""
     cache, role = resources.cache, clip_set.role
     if clip_set.store is not None:
         read = {clip_id for clip in clip_set.clips for clip_id in clip.clips}
@@ -306,10 +295,7 @@ _JOINTS = {
 
 
 def conformed(pose: Pose, rule: MotionRule) -> tuple[Pose, tuple[str, ...]]:
-    """Return the joints and the rate that a protocol measures, +Y up, and notes on what was changed.
-
-    DataError "missing_joints", "other_pelvis" or "other_rate" if it cannot measure this motion.
-    """
+    """Return the joints and the rate that a protocol measures, +Y up, and notes on what was changed."""
     placed, notes = _on(pose, rule)
     if rule.pelvis == "translation" and placed.true_pelvis:
         placed = replace(placed, joints=placed.joints - placed.rest, true_pelvis=False, motion=None)

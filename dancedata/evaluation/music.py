@@ -52,13 +52,11 @@ class Resources:
 class ClipMusic:
     """Beats of a clip's music.
 
-    `beats`: Frames from the first frame of the clip.
-    `end_s`: Length of the music that they are from, seconds; None if unknown.
     `by_piece`: For music that is analysed piece by piece: the beats of the piece that begins at a frame.
     """
 
-    beats: MusicBeats
-    end_s: float | None = None
+    beats: MusicBeats  # frames from the first frame of the clip
+    end_s: float | None = None  # length of the music that they are from, seconds; None if unknown
     by_piece: Mapping[int, MusicBeats] | None = None
 
     @classmethod
@@ -112,19 +110,14 @@ class StoredPlace(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MusicPlan:
-    """Where the beats of clips are, by the ids of clips; nothing is read yet, and the first that has them counts.
-
-    `stated`: Beats of the caller.
-    `field`: What computes the beats of `files`; None without any.
-    `problems`: What is doubtful, in words.
-    """
+    """Where the beats of clips are, by the ids of clips; nothing is read yet, and the first that has them counts."""
 
     rule: MusicRule
-    stated: Mapping[str, ClipMusic]
-    field: MusicField | None
+    stated: Mapping[str, ClipMusic]  # beats of the caller
+    field: MusicField | None  # what computes the beats of `files`; None without any
     files: Mapping[str, SongPlace]
     stored: Mapping[str, StoredPlace]
-    problems: tuple[str, ...]
+    problems: tuple[str, ...]  # what is doubtful, in words
 
 
 #: Plans of the clips, and of the real dances beside them; None where no metric takes music.
@@ -163,10 +156,7 @@ def music_plan(protocol: Protocol, clip_set: ClipSet, sources: MusicSources) -> 
 
 
 def read_beats(resources: Resources, plan: MusicPlan | None) -> tuple[dict[str, ClipMusic], list[str]]:
-    """Return the beats of a plan by the id of a clip, and problems in words.
-
-    StoreError if shards have other bytes than the build wrote.
-    """
+    """Return the beats of a plan by the id of a clip, and problems in words."""
     if plan is None:
         return {}, []
     music, problems = dict(plan.stated), list(plan.problems)

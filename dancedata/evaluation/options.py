@@ -42,20 +42,18 @@ class Inputs:
     """The inputs of an evaluation, not loaded.
 
     `numbers`, `pool_numbers`: Measures of the protocol that are computed of the set and of the pool.
-    `pool`: Clips, or the pool of a file; None: metrics that need one are not computed.
     `truth`: The dances of the dataset that generated ones are of, or to the same songs; None without a dataset.
-    `dataset`: The reader of the real dances, "" without any; only its published figures compare.
     """
 
     protocol: Protocol
     clip_set: ClipSet
     numbers: list[int]
-    pool: ClipSet | Pool | None
+    pool: ClipSet | Pool | None  # clips, or the pool of a file; None: metrics that need one are not computed
     pool_numbers: list[int]
     truth: ClipSet | None = None
     draws: int = DRAWS
     save_pool: Path | None = None
-    dataset: str = ""
+    dataset: str = ""  # the reader of the real dances, "" without any; only its published figures compare
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

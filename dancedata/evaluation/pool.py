@@ -31,23 +31,17 @@ _HEADER, _IDS, _ROWS, _CLIPS = "about", "clips", "rows_", "clip_of_rows_"
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """The numbers of a pool, for each metric of a protocol that needs one.
-
-    `rows`: (M, C) by the number of the measure.
-    `undefined`: Pieces without features, by outcome.
-    `scaler`: Hash of the scaler that its columns were normalised by; "" if they were not.
-    `clips`: (M,) number of the clip of each row, by the number of the measure.
-    """
+    """The numbers of a pool, for each metric of a protocol that needs one."""
 
     protocol: str
     version: int
     fps: str
     ids: tuple[str, ...]
-    rows: Mapping[int, Float64Array]
+    rows: Mapping[int, Float64Array]  # (M, C) by the number of the measure
     source: str
-    undefined: Mapping[str, int]
-    scaler: str
-    clips: Mapping[int, Float64Array]
+    undefined: Mapping[str, int]  # pieces without features, by outcome
+    scaler: str  # hash of the scaler that its columns were normalised by; "" if they were not
+    clips: Mapping[int, Float64Array]  # (M,) number of the clip of each row, by the number of the measure
 
     @property
     def n(self) -> int:
@@ -59,10 +53,7 @@ class Pool:
         return {"source": self.source, "clips": len(self.ids), "vectors": self.n, "undefined": dict(self.undefined)}
 
     def require(self, protocol: Protocol, fps: str, scaler: str = "") -> None:
-        """Raise UsageError unless it was measured by this protocol, in this version, at this rate, by this scaler.
-
-        A pool, or a set, whose columns were not normalised has no scaler and goes with each.
-        """
+        """Raise UsageError unless it was measured by this protocol, in this version, at this rate, by this scaler."""
         if self.scaler and scaler and self.scaler != scaler:
             raise UsageError("the columns of the pool were normalised by another scaler", where=self.source,
                              found=self.scaler, allowed=scaler, fix=_AGAIN)  # fmt: skip
@@ -98,18 +89,12 @@ def pool_of(protocol: Protocol, measured: Sequence[MeasuredClip], source: str, s
 
 @dataclass(frozen=True, eq=False)
 class MetricRows:
-    """The numbers of one metric for all pieces of a set.
+    """The numbers of one metric for all pieces of a set."""
 
-    `rows`: (N, C) numbers of the pieces that have a value.
-    `clips`: (N,) number of the clip of each.
-    `ids`: Id of each piece: the clip's, with its number after # where it has several.
-    `undefined`: Ids of pieces without a value, by outcome.
-    """
-
-    rows: Float64Array
-    clips: Float64Array
-    ids: tuple[str, ...]
-    undefined: dict[str, tuple[str, ...]]
+    rows: Float64Array  # (N, C) numbers of the pieces that have a value
+    clips: Float64Array  # (N,) number of the clip of each
+    ids: tuple[str, ...]  # id of each piece: the clip's, with its number after # where it has several
+    undefined: dict[str, tuple[str, ...]]  # ids of pieces without a value, by outcome
 
 
 def rows_of(measured: Sequence[MeasuredClip], number: int, metric: Metric) -> MetricRows:

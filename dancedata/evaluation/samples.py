@@ -20,12 +20,9 @@ _SAME = 1e-4
 
 @dataclass(frozen=True)
 class Trace:
-    """Numbers by which two samples of one name are compared.
+    """Numbers by which two samples of one name are compared."""
 
-    `motion`: (3, D) of the columns: mean, mean weighted by time, and mean square.
-    """
-
-    motion: npt.NDArray[np.float64]
+    motion: npt.NDArray[np.float64]  # (3, D) of the columns: mean, mean weighted by time, and mean square
     frames: int
     beats: tuple[int, ...] | None
 
@@ -65,10 +62,7 @@ def gather_by_torch(objects: list[Any]) -> list[Any]:
 
 
 def sample_lengths(batch: npt.NDArray[Any], names: Sequence[str], lengths: npt.NDArray[Any] | None) -> list[int]:
-    """Return the number of rows of each sample of a batch (B, L, D): `lengths` (B,), or L.
-
-    UsageError for lengths that are not such numbers, or for none where samples are padded.
-    """
+    """Return the number of rows of each sample of a batch (B, L, D): `lengths` (B,), or L."""
     if lengths is not None:
         if lengths.shape != batch.shape[:1] or not np.isin(lengths, np.arange(1, batch.shape[1] + 1)).all():
             raise UsageError(

@@ -16,10 +16,7 @@ _LATEX = {c: f"\\{c}" for c in "&%$#_{}"} | {
 
 
 def markdown(reports: Sequence[Report]) -> str:
-    """Return the scores as a Markdown table, a row a report, values with their intervals; notes have the reasons.
-
-    A score that means nothing is a dash.
-    """
+    """Return the scores as a Markdown table, a row a report, values with their intervals; notes have the reasons."""
     scores, rows = _scores(reports), []
     for report, name in zip(reports, _sources(reports), strict=True):
         values = " | ".join(_in_table(_score(report, score), " [{}, {}]", "†") for score in scores)

@@ -45,24 +45,18 @@ class Circumstances:
     """What a verdict depends on besides the score.
 
     `rows`, `pool`: Numbers of the set, and (M, C) of the pool; None without one.
-    `truth`: Scores of the real dances, by name.
-    `same_n`: Distances of as many real dances, by the name of the score.
-    `in_pool`: How many clips of the set are in the pool.
-    `pool_of_all`: Whether the protocol wants them there.
-    `doubt`: Why the scaling of columns is doubtful; "" where it is not.
-    `draws`: How many times scores were computed again for intervals, at most.
     """
 
     metric: Metric
     rows: MetricRows
     pool: Float64Array | None
     generated: bool
-    truth: Mapping[str, Score]
-    same_n: Mapping[str, SameN]
-    in_pool: int
-    pool_of_all: bool
-    doubt: str
-    draws: int
+    truth: Mapping[str, Score]  # scores of the real dances, by name
+    same_n: Mapping[str, SameN]  # distances of as many real dances, by the name of the score
+    in_pool: int  # how many clips of the set are in the pool
+    pool_of_all: bool  # whether the protocol wants them there
+    doubt: str  # why the scaling of columns is doubtful; "" where it is not
+    draws: int  # how many times scores were computed again for intervals, at most
 
 
 def judged_scores(

@@ -26,16 +26,12 @@ _SLACK = 1e-9
 
 @dataclass
 class BinCounts:
-    """Values counted in bins of equal width; values outside count in the first or the last bin.
+    """Values counted in bins of equal width; values outside count in the first or the last bin."""
 
-    `low`: Lower end of the first bin.
-    `total`: Sum of the values.
-    """
-
-    low: float
+    low: float  # lower end of the first bin
     width: float
     counts: IntArray
-    total: float = 0.0
+    total: float = 0.0  # sum of the values
 
     @classmethod
     def of(cls, low: float, high: float, width: float) -> BinCounts:
@@ -104,10 +100,7 @@ def nice_edges(low: float, high: float, least: float = 0.0) -> tuple[float, ...]
 
 
 def fine_edges(tallies: Sequence[BinCounts], beyond: float | None = None) -> tuple[float, ...]:
-    """Return borders of bins for tallies of equal bins, up to a high quantile of the widest of them.
-
-    The last bin also counts larger values. The borders reach past `beyond`.
-    """
+    """Return borders of bins for tallies of equal bins, up to a high quantile of the widest of them."""
     low, width = tallies[0].low, tallies[0].width
     high = max((t.quantile(_WITHIN) or low + width for t in tallies), default=low + width)
     high = high if beyond is None else max(high, beyond + width)
@@ -153,15 +146,12 @@ class Quantiles:
 class Histogram:
     """Counts in bins, of one or several groups.
 
-    `edges`: (B + 1,) borders.
-    `counts`: (B,) counts of each group.
-    `n`: Number of values.
     `by_split`: (B,) counts of each split; empty where `counts` has them.
     """
 
-    edges: tuple[float, ...]
-    counts: Mapping[str, list[int]]
-    n: int
+    edges: tuple[float, ...]  # (B + 1,) borders
+    counts: Mapping[str, list[int]]  # (B,) counts of each group
+    n: int  # number of values
     by_split: Mapping[str, list[int]] = field(default_factory=dict, kw_only=True)
 
 

@@ -130,19 +130,14 @@ class Tempo:
 
 @dataclass(frozen=True)
 class SongShift:
-    """Key motions against the beats of one song.
-
-    `shift_ms`: Mean offset on the circle of a beat; positive if the dance is late.
-    `strength`: Share of the phases that agree, 0 to 1.
-    `counts`: Key motions in the bins of `Music.offset_ms`.
-    """
+    """Key motions against the beats of one song."""
 
     song: str
     clips: int
     key_motions: int
-    shift_ms: float
-    strength: float
-    counts: tuple[int, ...]
+    shift_ms: float  # mean offset on the circle of a beat; positive if the dance is late
+    strength: float  # share of the phases that agree, 0 to 1
+    counts: tuple[int, ...]  # key motions in the bins of `Music.offset_ms`
 
     @property
     def is_shifted(self) -> bool:

@@ -24,13 +24,12 @@ _T = TypeVar("_T")
 class FigureSpec:
     """Numbers that figures are drawn from.
 
-    `other`: The document of the dataset it is compared with.
     `links`, `group_links`, `lists`: Address of the clips and groups that the page plays, and of its lists of a genre,
         song or dancer, for HTML.
     """
 
     numbers: Document
-    other: Document | None = None
+    other: Document | None = None  # the document of the dataset it is compared with
     links: Mapping[str, Markup] | None = None
     group_links: Mapping[str, Markup] | None = None
     lists: Mapping[str, Markup] = field(default_factory=dict)
@@ -75,10 +74,7 @@ def histogram_figure(
     *,
     of: str = "clips",
 ) -> Figure:
-    """Return a histogram of this dataset, with the other one as outline; else with a line for each split.
-
-    Values of clips that are nearly equal become a sentence. Heights are shares of `of`.
-    """
+    """Return a histogram of this dataset, with the other one as outline; else with a line for each split."""
     this, other = d.both(part)
     values = [h.distinct for h in (this, other) if isinstance(h, ClipHistogram)]
     if values and all(values):
@@ -120,10 +116,7 @@ def bar_figure(
     *,
     legend: bool = True,
 ) -> Figure:
-    """Return bars by name and group, the sums of the other dataset as outlines.
-
-    Datasets of different sizes are compared by shares: 85 of 85 windows and 756 of 756 are the same.
-    """
+    """Return bars by name and group, the sums of the other dataset as outlines."""
     this, other = d.both(part)
     totals = None if other is None else {name: sum(values.values()) for name, values in other.items()}
     names = [*this, *(name for name in totals or {} if name not in this)]

@@ -21,13 +21,11 @@ class Finding:
     """A sentence.
 
     `kind`: "good": a check that passed. "bad": an error of the dataset. "look": worth a look. "note": good to know.
-    `text`: The sentence.
-    `figure`: Key of the figure that shows it.
     """
 
     kind: str
-    text: str
-    figure: str
+    text: str  # the sentence
+    figure: str  # key of the figure that shows it
 
 
 def findings(d: Document) -> list[Finding]:

@@ -32,12 +32,8 @@ class GroupRow:
 
     `clips`, `members`, `roles`: Of its dancers, of which the source has `n_source`.
     `distance_min_m`, `distance_p50_m`, `distance_max_m`: Distances of two roots, over pairs and frames.
-    `nearest`: Clips of the two with the least distance.
-    `facing_share`: Share of frames in which two dancers look at each other, over pairs.
     `contacts`, `contact_share`: Stretches of a hand near another dancer, and the share of frames with one.
-    `collision_share`: Share of frames in which two bodies intersect.
     `intersections`: Intersecting pairs per frame, each in both orders (TIF of `intersection_frequency`).
-    `colliding`: Clips of the two that intersect in most frames; empty without.
     """
 
     group: str
@@ -51,25 +47,24 @@ class GroupRow:
     distance_min_m: float | None = None
     distance_p50_m: float | None = None
     distance_max_m: float | None = None
-    nearest: tuple[str, ...] = ()
-    facing_share: float | None = None
+    nearest: tuple[str, ...] = ()  # clips of the two with the least distance
+    facing_share: float | None = None  # share of frames in which two dancers look at each other, over pairs
     contacts: int | None = None
     contact_share: float | None = None
-    collision_share: float | None = None
+    collision_share: float | None = None  # share of frames in which two bodies intersect
     intersections: float | None = None
-    colliding: tuple[str, ...] = ()
+    colliding: tuple[str, ...] = ()  # clips of the two that intersect in most frames; empty without
 
 
 @dataclass
 class MeasuredGroups:
     """Groups that were measured, and counts over pairs and frames.
 
-    `distance`: Of two roots, metres.
     `facing`: Angles between where a dancer faces and another, degrees.
     """
 
     rows: list[GroupRow] = field(default_factory=list)
-    distance: BinCounts = field(default_factory=lambda: BinCounts.of(0, 40, 0.01))
+    distance: BinCounts = field(default_factory=lambda: BinCounts.of(0, 40, 0.01))  # of two roots, metres
     facing: BinCounts = field(default_factory=lambda: BinCounts.of(0, 180, 1))
 
     def add(self, store: Store, dancers: Sequence[Clip], pieces: Sequence[Piece], windows: int) -> None:
@@ -140,13 +135,12 @@ def _touches(together: GroupScene) -> npt.NDArray[np.bool_]:
 class Groups:
     """The groups of a dataset, without copies; empty in a dataset of single dancers.
 
-    `by_size`: Groups by number of dancers, then by split.
     `dancer_hours`, `group_hours`: Lengths of the clips of groups, and of the groups.
     `distance_m`, `facing_deg`: Distances of two roots; angles between where a dancer faces and another: over pairs
         and frames.
     """
 
-    by_size: Mapping[str, Mapping[str, int]]
+    by_size: Mapping[str, Mapping[str, int]]  # groups by number of dancers, then by split
     dancer_hours: float
     group_hours: float
     distance_m: FrameHistogram

@@ -76,25 +76,21 @@ def _cell(cell: Any, label: str, place: int) -> str:
 class Figure:
     """A figure of the page.
 
-    `key`: Its id in the page, without the prefix.
     `head`, `rows`: Its numbers, below it.
-    `legend`: Names of the groups that colours stand for, in order.
     `other`, `chance`: What dashed outlines stand for, and dotted ones; "" without them.
-    `kind`: "" for a column of the page, "wide" for the whole width.
-    `sortable`: Whether the table of its numbers is sorted by the head that is pressed.
     """
 
-    key: str
+    key: str  # its id in the page, without the prefix
     title: str
     note: str
     body: str
     head: tuple[str, ...] = ()
     rows: tuple[tuple[Any, ...], ...] = ()
-    legend: tuple[str, ...] = ()
+    legend: tuple[str, ...] = ()  # names of the groups that colours stand for, in order
     other: str = ""
     chance: str = ""
-    kind: str = ""
-    sortable: bool = False
+    kind: str = ""  # "" for a column of the page, "wide" for the whole width
+    sortable: bool = False  # whether the table of its numbers is sorted by the head that is pressed
 
     @property
     def height(self) -> float:

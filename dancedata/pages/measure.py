@@ -37,52 +37,41 @@ PROMINENT = 0.03
 class ClipNumbers:
     """Numbers of one clip; None where it has no value.
 
-    `seconds`: Length of what was measured.
     `speed`, `speed_p95`: Mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per
         second.
-    `still`: Share of frames below STILL_M_S.
     `root_extent_m`, `root_path_m`: Larger of the two horizontal extents of the root's path, and the length of the
         path.
     `floor_m`, `feet_m`, `low_m`, `high_m`: Floor, from the toes in contact (see `floor_height`); 2 % quantile of the
         heights of the feet; lowest and highest joint.
-    `turns`: Largest difference between two directions that the hips face, in full turns.
-    `sliding`: Share of the frames of feet in contact in which they slide.
     `key_motions`, `key_beat_ms`, `key_shifted_ms`: Number of key motions; their mean distance to the nearest beat,
         and to the nearest of the beats moved by half a period, milliseconds.
     `bas`, `bas_chance`: Beat alignment score and its chance level; see `BeatAlignment`.
-    `tempo_found`: 60 / median distance of beats, beats per minute.
-    `music_s`: Length of the music from the first frame on.
-    `floor_drift_m`: Largest difference of the lowest foot joints of two stretches of 2 s.
-    `below_floor_m`: Depth of the lowest joint below the floor.
-    `jerk`: Mean over joints and frames of the third derivative, metres per cubic second.
-    `bone_spread_m`: Largest range of the length of a bone, 1 to 99 %.
-    `path`: (P, 2) root on the floor, metres, relative to its first position.
     """
 
-    seconds: float = 0.0
+    seconds: float = 0.0  # length of what was measured
     speed: float | None = None
     speed_p95: float | None = None
-    still: float | None = None
+    still: float | None = None  # share of frames below STILL_M_S
     root_extent_m: float | None = None
     root_path_m: float | None = None
     floor_m: float | None = None
     feet_m: float | None = None
     low_m: float | None = None
     high_m: float | None = None
-    turns: float | None = None
-    sliding: float | None = None
+    turns: float | None = None  # largest difference between two directions that the hips face, in full turns
+    sliding: float | None = None  # share of the frames of feet in contact in which they slide
     key_motions: int = 0
     key_beat_ms: float | None = None
     key_shifted_ms: float | None = None
     bas: float | None = None
     bas_chance: float | None = None
-    tempo_found: float | None = None
-    music_s: float | None = None
-    floor_drift_m: float | None = None
-    below_floor_m: float | None = None
-    jerk: float | None = None
-    bone_spread_m: float | None = None
-    path: tuple[tuple[float, float], ...] = ()
+    tempo_found: float | None = None  # 60 / median distance of beats, beats per minute
+    music_s: float | None = None  # length of the music from the first frame on
+    floor_drift_m: float | None = None  # largest difference of the lowest foot joints of two stretches of 2 s
+    below_floor_m: float | None = None  # depth of the lowest joint below the floor
+    jerk: float | None = None  # mean over joints and frames of the third derivative, metres per cubic second
+    bone_spread_m: float | None = None  # largest range of the length of a bone, 1 to 99 %
+    path: tuple[tuple[float, float], ...] = ()  # (P, 2) root on the floor, metres, relative to its first position
 
 
 @dataclass
@@ -90,14 +79,12 @@ class SongOffsets:
     """Offsets of key motions from the beats of one song.
 
     `tally`: Milliseconds after the nearest beat.
-    `phase`: Sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``.
-    `period_s`: Sum of the beat periods of the offsets.
     """
 
     clips: int = 0
     tally: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
-    phase: complex = 0j
-    period_s: float = 0.0
+    phase: complex = 0j  # sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``
+    period_s: float = 0.0  # sum of the beat periods of the offsets
 
     def add(self, offsets: Float64Array, piece: Piece) -> None:
         """Count the key motions of a piece, seconds."""
@@ -126,14 +113,13 @@ class SongOffsets:
 class Measured:
     """A dataset's numbers: those of clips, and counts over the frames of all.
 
-    `windows`: Number of windows of each clip.
     `clips`: Numbers of each clip that is not a copy of another one; none of slices that overlap.
     `joints`, `feet`: Names of the joints whose speed is counted, and of foot joints with stored contacts.
     `contact`: Frames in contact and all frames, by foot joint, (F, 2).
     """
 
     reader: ClipReader
-    windows: Mapping[str, int]
+    windows: Mapping[str, int]  # number of windows of each clip
     clips: dict[str, ClipNumbers] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
@@ -156,10 +142,7 @@ class Measured:
 
 
 def measure(store: Store, progress: Progress | None = None) -> Measured:
-    """Measure the clips of a dataset; copies that augmentations made, and overlapping slices, are only counted.
-
-    Frames before a clip's `trim_start` are left out. Memory does not depend on the number of frames.
-    """
+    """Measure the clips of a dataset; copies that augmentations made, and overlapping slices, are only counted."""
     windows = {clip.id: store[clip.id].windows() for clip in store}
     measured = Measured(ClipReader.of(store), {clip: len(of_clip) for clip, of_clip in windows.items() if of_clip})
     measured.space = space = Space.of(store, windows)
@@ -198,20 +181,16 @@ def _clip(measured: Measured, clip: Clip, piece: Piece) -> ClipNumbers:
 class _Part:
     """A piece, measured.
 
-    `figure`: Its joints and contacts without the trim.
-    `speed`: (T - 1, J) metres per second.
-    `sliding`: Horizontal speeds of feet in contact in this frame and the next, (n,).
-    `contact`: (F, 2) frames in contact and all frames.
     `offsets`, `shifted`: Seconds from the nearest beat to each key motion; the same with beats moved by half a
         period.
     """
 
     piece: Piece
-    figure: Figure
+    figure: Figure  # its joints and contacts without the trim
     names: tuple[str, ...]
-    speed: Float64Array
-    sliding: Float64Array
-    contact: npt.NDArray[np.int64]
+    speed: Float64Array  # (T - 1, J) metres per second
+    sliding: Float64Array  # horizontal speeds of feet in contact in this frame and the next, (n,)
+    contact: npt.NDArray[np.int64]  # (F, 2) frames in contact and all frames
     facing: Float64Array
     key_motions: int
     offsets: Float64Array
@@ -241,10 +220,7 @@ class _Part:
 
 
 def physics(joints: Float64Array, rate: float, skeleton: Skeleton) -> tuple[float, float, float]:
-    """Return the drift of the floor, the jerk and the spread of bone lengths of joints (T, J, 3).
-
-    See `ClipNumbers`; 0 for pieces that are too short.
-    """
+    """Return the drift of the floor, the jerk and the spread of bone lengths of joints (T, J, 3)."""
     jerk = float(np.linalg.norm(np.diff(joints, 3, axis=0), axis=2).mean()) * rate**3 if len(joints) > 3 else 0.0
     return floor_drift(joints, rate, skeleton), jerk, bone_spread(joints, skeleton)
 

@@ -251,11 +251,7 @@ def _weighted(measured: Measured, value: ClipValue) -> float | None:
 
 
 def splits(store: Store) -> Splits:
-    """Return the songs, dancers and clips that splits share.
-
-    A song or a clip that train shares with another split is a leak; val and test may share songs, as in AIST++.
-    Songs are one by their name, by their samples, or by their sound.
-    """
+    """Return the songs, dancers and clips that splits share."""
     songs = songs_of(store.clips())
     alike = None if sound_field(store) is None else alike_songs(store, songs)
     return Splits(
@@ -279,10 +275,7 @@ def _shared(store: Store, key: Callable[[Clip], str], alike: Sequence[AlikeSongs
 
 
 def column_ranges(store: Store, name: str) -> tuple[ColumnRange, ...]:
-    """Return the range of each column of a field over the rows that train windows cover.
-
-    Empty for codes, and if no train window has rows of the field.
-    """
+    """Return the range of each column of a field over the rows that train windows cover."""
     f, stats = store.field(name), store.stats["fields"].get(name)
     if stats is None or f.codebook is not None:
         return ()

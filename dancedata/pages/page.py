@@ -209,11 +209,7 @@ def page(
     differences: Sequence[tuple[str, str]] | None = None,
     player: Player = NO_PLAYER,
 ) -> str:
-    """Return the HTML of a report.
-
-    `stills`: A pose of each of some clips: the clip and an SVG image.
-    `differences`: Kind and text of each difference from the other dataset; None: not looked for.
-    """
+    """Return the HTML of a report."""
     chapters = sections(d, chosen, columns, heat_maps)
     if d.other is not None:
         chapters.append(("differences", "Differences", _differences(d.other, differences)))

@@ -66,10 +66,7 @@ NO_PLAYER = Player()
 
 
 def clip_player(store: Store, clips: Sequence[str], folder: str, sound: PageSound | None = None) -> Player:
-    """Return the player of clips of a dataset, of whole groups for their dancers; see `scene_player`.
-
-    `clips` has one id per group.
-    """
+    """Return the player of clips of a dataset, of whole groups for their dancers; see `scene_player`."""
     if not clips:
         return NO_PLAYER
     scenes = Scenes(store)
@@ -115,11 +112,7 @@ def _payload(scenes: SceneList, item: Item, number: int) -> dict[str, Any]:
 
 
 def embedded_sound(store: Store, clips: Sequence[str], source: Path | None, *, rights: str | None) -> PageSound:
-    """Return the music of clips as Opus, mono, each exactly as long as its clip.
-
-    Raises UsageError: if the licence does not allow it and the caller does not state the right, without a source, or
-        if the source has the music of none of the clips.
-    """
+    """Return the music of clips as Opus, mono, each exactly as long as its clip."""
     notice = require_shareable(store, rights=rights)
     if source is None:
         raise UsageError("the music is needed", fix="name the folder with it: --music DIR, or source=DIR")

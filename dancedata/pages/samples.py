@@ -126,10 +126,7 @@ def _windows(store: Store, record: ClipRecord) -> list[Window]:
 
 
 def _nearest(space: Space, first: int) -> tuple[tuple[NearestPose, ...], dict[str, float]]:
-    """Return of each sample the pose farthest from train, and the median distance of its poses.
-
-    `first`: Number of the first pose of the samples.
-    """
+    """Return of each sample the pose farthest from train, and the median distance of its poses."""
     poses = np.concatenate(space.poses).astype(np.float64) if space.poses else np.zeros((0, 1))
     train = np.array([k for k, (_, split, _) in enumerate(space.pose_of) if split == "train"], dtype=np.int64)
     ours = np.arange(first, len(poses))

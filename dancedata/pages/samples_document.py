@@ -33,7 +33,6 @@ class NearestPose:
     """The pose of a sample that is farthest from all poses of train, and the pose of train nearest to it.
 
     `seconds`, `train_seconds`: Times of both in their clips.
-    `distance_m`: Rms distance over joints.
     `pose`, `train_pose`: (22, 3) joints relative to the root, turned to the front, metres.
     """
 
@@ -41,7 +40,7 @@ class NearestPose:
     seconds: float
     train_clip: str
     train_seconds: float
-    distance_m: float
+    distance_m: float  # rms distance over joints
     pose: tuple[tuple[float, ...], ...]
     train_pose: tuple[tuple[float, ...], ...]
 
@@ -62,22 +61,15 @@ class SampleRow:
 
 @dataclass(frozen=True)
 class SamplesReport:
-    """Samples of a model beside the dataset that it was trained on.
-
-    `scores`: The samples under a protocol, with the real dances beside them.
-    `outliers`: Samples with a number far above the median of the dataset's clips.
-    `nearest`: Of each sample the pose farthest from train, the farthest first.
-    `dataset`: The numbers of the dataset; its map of poses has the samples, too.
-    `clips`: Numbers of the clips of the dataset.
-    """
+    """Samples of a model beside the dataset that it was trained on."""
 
     name: str
-    scores: Scores
+    scores: Scores  # the samples under a protocol, with the real dances beside them
     rows: tuple[SampleRow, ...]
-    outliers: tuple[Outlier, ...]
-    nearest: tuple[NearestPose, ...]
-    dataset: Document
-    clips: Mapping[str, ClipNumbers]
+    outliers: tuple[Outlier, ...]  # samples with a number far above the median of the dataset's clips
+    nearest: tuple[NearestPose, ...]  # of each sample the pose farthest from train, the farthest first
+    dataset: Document  # the numbers of the dataset; its map of poses has the samples, too
+    clips: Mapping[str, ClipNumbers]  # numbers of the clips of the dataset
     path: Path | None = None
 
     def to_json(self) -> dict[str, Any]:

@@ -20,11 +20,7 @@ class ScaledGroup:
     """A group of columns and its scaler, EDGE's of the range in training.
 
     `min`, `max`: Over train windows, in the group's unit.
-    `std`: Median over columns of the standard deviation.
     `five_sigma`: Largest normalised value, without its sign, of a sample five standard deviations from the mean.
-    `largest`: The same of the rows of other splits; None without them.
-    `narrow`: Columns with a range below NARROW that is not 0.
-    `exploding`: Columns with rows of other splits beyond EXPLODES, and that value.
     """
 
     group: str
@@ -32,11 +28,11 @@ class ScaledGroup:
     width: int
     min: float
     max: float
-    std: float
+    std: float  # median over columns of the standard deviation
     five_sigma: float
-    largest: float | None
-    narrow: tuple[str, ...]
-    exploding: tuple[tuple[str, float], ...]
+    largest: float | None  # the same of the rows of other splits; None without them
+    narrow: tuple[str, ...]  # columns with a range below NARROW that is not 0
+    exploding: tuple[tuple[str, float], ...]  # columns with rows of other splits beyond EXPLODES, and that value
 
 
 def scaled_groups(store: Store, name: str) -> tuple[ScaledGroup, ...]:

@@ -32,21 +32,19 @@ class Balance:
 class StageNumbers:
     """Where dancers stand and face.
 
-    `balance`: By joint without its side: "wrist".
     `every_s`, `facing`: Width of the columns, seconds, and frames by column and direction, of 15 degrees from -180
         on; 0 is +Z, 90 is +X.
     `square_m`, `first_m`: Side of the squares of the floor, metres, and the lower corner (x, z) of the first.
     `floor`: Frames with the root in each square, by x, then z; only the part that holds all.
-    `beyond`: Frames farther than 20 m from the origin.
     """
 
-    balance: Mapping[str, Balance]
+    balance: Mapping[str, Balance]  # by joint without its side: "wrist"
     every_s: float
     facing: tuple[tuple[int, ...], ...]
     square_m: float
     first_m: tuple[float, float]
     floor: tuple[tuple[int, ...], ...]
-    beyond: int
+    beyond: int  # frames farther than 20 m from the origin
 
 
 def _counts(*shape: int) -> npt.NDArray[np.int64]:
@@ -71,13 +69,7 @@ class Stage:
         facing: Float64Array,
         seconds: Float64Array,
     ) -> None:
-        """Count the frames of a piece.
-
-        `names`, `speed`: Joints, and their speeds (T - 1, J), metres per second.
-        `root`: (T, 3) metres.
-        `facing`: (T,) direction of the left hip from the right one, radians from +X to +Z; empty where it is unknown.
-        `seconds`: (T,) time within the clip.
-        """
+        """Count the frames of a piece."""
         for name, total in zip(names, speed.sum(axis=0).tolist(), strict=True):
             self.speed[name] = self.speed.get(name, 0.0) + total
             self.n[name] = self.n.get(name, 0) + len(speed)

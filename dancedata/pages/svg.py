@@ -78,12 +78,7 @@ def histogram(
     lines: Mapping[str, Sequence[int]] | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> str:
-    """Return stacked bars in per cent of all, and the outlines of other counts in per cent of theirs.
-
-    `lines`: Counts of parts of the data, which are lines in their colours, over pale bars.
-    `other`, `chance`: Counts of another dataset, and those to be expected by chance.
-    `marks`: Values with a name that a line marks, such as a median.
-    """
+    """Return stacked bars in per cent of all, and the outlines of other counts in per cent of theirs."""
     counts = {name: np.asarray(values, dtype=np.float64) for name, values in groups.items()}
     total = sum(float(c.sum()) for c in counts.values())
     if not total:
@@ -126,11 +121,7 @@ def bars(
     rows: Mapping[str, Mapping[str, float]], label: str, *, other: Mapping[str, float] | None = None, unit: str = "",
     links: Mapping[str, Markup] | None = None,
 ) -> str:  # fmt: skip
-    """Return one horizontal bar per row, stacked by group; the outline of another total around it.
-
-    The total of a row is printed at the end of its bar, the other one in brackets at the end of its outline. Name and
-    bar of a row lead to its address in `links`.
-    """
+    """Return one horizontal bar per row, stacked by group; the outline of another total around it."""
     totals = {name: sum(counts.values()) for name, counts in rows.items()}
     most = max([*totals.values(), *(other or {}).values(), 0]) or 1
     room = WIDTH - _NAMES - (52 if other is None else 104)
@@ -168,10 +159,7 @@ def boxes(
     classes: Mapping[str, str],
     other: Mapping[str, Quantiles] | None = None,
 ) -> str:
-    """Return one box per row: a line from p5 to p95, a box from p25 to p75, a mark at p50.
-
-    `classes` sets the colour of each row. Another dataset is drawn as the outline of its box, with its p50.
-    """
+    """Return one box per row: a line from p5 to p95, a box from p25 to p75, a mark at p50."""
     beside = {name: row for name, row in (other or {}).items() if name in rows and row.p50 is not None}
     all_rows = [*rows.values(), *beside.values()]
     most = max([v for row in all_rows for v in vars(row).values() if v is not None] or [1.0]) or 1.0
@@ -207,10 +195,7 @@ Pair = tuple[float, float, str]
 
 
 def points(pairs: Sequence[Pair], labels: tuple[str, str], *, other: Sequence[Pair] = ()) -> str:
-    """Return points with the diagonal on which both numbers are equal, and those of its double and its half.
-
-    Points of another dataset are rings.
-    """
+    """Return points with the diagonal on which both numbers are equal, and those of its double and its half."""
     values = [v for a, b, _ in (*pairs, *other) for v in (a, b)]
     low, high = min(values), max(values)
     span = (low - 0.08 * (high - low or low or 1), high + 0.08 * (high - low or low or 1))
@@ -273,12 +258,7 @@ def _path(clip: str, path: Sequence[Sequence[float]], reach: float) -> str:
 
 
 def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, ColumnRange] | None = None) -> str:
-    """Return a panel for each group of columns: range, quartiles and median of each column.
-
-    Several columns of a joint are one mark, of the range of them all; columns of 0 and 1 are bars: their share of 1.
-
-    `other`: Rows of another dataset by the name of their column: the outlines of their ranges.
-    """
+    """Return a panel for each group of columns: range, quartiles and median of each column."""
     panels = []
     for group in columns.groups:
         whole = list(rows[columns.slice(group.name)])
@@ -304,10 +284,7 @@ def strips(columns: Columns, rows: Sequence[ColumnRange], other: Mapping[str, Co
 
 
 def by_joint(rows: Sequence[ColumnRange]) -> list[ColumnRange]:
-    """Return one row for the columns of each joint: the least and the largest of their numbers, no median.
-
-    Columns of joints are named group.joint.part; rows of other columns are unchanged.
-    """
+    """Return one row for the columns of each joint: the least and the largest of their numbers, no median."""
     joints: dict[str, list[ColumnRange]] = {}
     for row in rows:
         parts = row.label.split(".")

@@ -197,10 +197,7 @@ def _player(store: Store, numbers: Document, options: _PageOptions) -> Player:
 
 
 def _spread(numbers: Document, n: int) -> list[str]:
-    """Return up to `n` clips to show: half of them the first of the ranking, the others spread over the genres.
-
-    Of each group there is one dancer.
-    """
+    """Return up to `n` clips to show: half of them the first of the ranking, the others spread over the genres."""
     unit = {row.clip: (row.group, "" if row.group else row.clip) for row in numbers.clips}
     suspects = {unit[suspect.clip]: suspect.clip for suspect in reversed(numbers.ranking)}
     ranked = list(dict.fromkeys(unit[suspect.clip] for suspect in numbers.ranking))[: (n + 1) // 2]

@@ -33,15 +33,13 @@ _NEAREST = 0.1
 class Camera:
     """A camera at a point of the world.
 
-    `middle`: (3,) metres, the point that is seen at (0, 0) of the picture.
     `turn_deg`, `tilt_deg`: Turn about the vertical axis from the front, +Z, and downward tilt, degrees.
-    `distance`: From `middle`, metres; infinite: a parallel projection.
     """
 
-    middle: Float64Array
+    middle: Float64Array  # (3,) metres, the point that is seen at (0, 0) of the picture
     turn_deg: float
     tilt_deg: float = 0.0
-    distance: float = math.inf
+    distance: float = math.inf  # from `middle`, metres; infinite: a parallel projection
 
     @property
     def axes(self) -> Float64Array:
@@ -80,10 +78,7 @@ def shade(colour: str, white: float) -> str:
 def body(
     figure: Figure, at: int, camera: Camera, tones: Sequence[str], place: tuple[float, float], zorder: float
 ) -> Any:
-    """Return a figure at a frame as a matplotlib collection of polygons, the farthest first.
-
-    `place`: Right and up on the picture, metres, where the camera's middle is seen.
-    """
+    """Return a figure at a frame as a matplotlib collection of polygons, the farthest first."""
     vertices = figure.vertices(at)
     if vertices is None or figure.mesh is None:
         polygons, colours = _cones(figure, at, camera, tones)
@@ -130,12 +125,7 @@ def _brightness(normals: Float32, towards: npt.NDArray[np.float64]) -> npt.NDArr
 def cone_outlines(
     begin: Float64Array, end: Float64Array, radii: Float64Array, share: float, shift: float
 ) -> Float64Array:
-    """Return the outlines of K round cones on the picture, (K, P, 2).
-
-    `begin`, `end`: (K, 2), right and up on the picture.
-    `radii`: (K, 2), in the same unit.
-    `share`, `shift`: Share of the width, and shift towards the light in radii: a strip along the bone.
-    """
+    """Return the outlines of K round cones on the picture, (K, P, 2)."""
     bone = end - begin
     length = np.maximum(np.linalg.norm(bone, axis=1), 1e-6)
     across = np.stack([-bone[:, 1], bone[:, 0]], axis=1) / length[:, None]

@@ -105,10 +105,7 @@ def features(
 
 
 def _angles_from_mean(rotations: Float64Array) -> Float64Array:
-    """Return the angles (T, J), degrees, of axis-angle rotations (T, J, 3) from the mean over T of each joint.
-
-    The mean is the rotation nearest to the mean of the matrices.
-    """
+    """Return the angles (T, J), degrees, of axis-angle rotations (T, J, 3) from the mean over T of each joint."""
     matrices = matrix_from_rotvec(rotations)
     u, _, vt = np.linalg.svd(matrices.mean(axis=0))
     u[..., -1] *= np.linalg.det(u @ vt)[:, None]

@@ -52,17 +52,14 @@ def _any_letters() -> Iterator[None]:
 class Frames:
     """Draws the frames of a scene, (height, width, 4) bytes of RGBA each.
 
-    `size`: Width and height, pixels.
-    `times`: (N,) instants of the frames, seconds.
-    `credit`: Line in the picture of the last two seconds.
     `music`: Samples from the scene's first frame on, for the timeline; None: its onsets are drawn.
     """
 
     scene: Scene
-    size: tuple[int, int]
-    times: Float64Array
+    size: tuple[int, int]  # width and height, pixels
+    times: Float64Array  # (N,) instants of the frames, seconds
     theme: Theme = "dark"
-    credit: str = ""
+    credit: str = ""  # line in the picture of the last two seconds
     music: AudioSignal | None = None
 
     def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:

@@ -121,10 +121,7 @@ def motion(
 
 
 def places_of(reaches: Sequence[tuple[float, float]]) -> tuple[list[float], float]:
-    """Return places side by side with equal gaps, the first at 0, and the whole width, metres.
-
-    `reaches`: How far each body reaches to the left, negative, and to the right of its place.
-    """
+    """Return places side by side with equal gaps, the first at 0, and the whole width, metres."""
     places: list[float] = []
     right = 0.0
     for left, end in reaches:

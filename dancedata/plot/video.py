@@ -43,11 +43,7 @@ def _write_mp4(
     *,
     comment: str = "",
 ) -> None:
-    """Write RGBA frames (height, width, 4) as H.264 and a sound as AAC; no date and no version is stored.
-
-    Raises StoreError: if ffmpeg fails, as on a full disk; its own words are on the screen.
-    Raises OSError: if the folder or the sound cannot be written.
-    """
+    """Write RGBA frames (height, width, 4) as H.264 and a sound as AAC; no date and no version is stored."""
     ffmpeg = load("imageio_ffmpeg", "video")
     exact = f"{rate.numerator}/{rate.denominator}"
     with atomic.atomic_file(path) as temporary, TemporaryDirectory(prefix="dancedata-video-") as folder:
@@ -107,10 +103,7 @@ def write_scene(
     length_s: float | None = None,
     credit: str = "",
 ) -> Path:
-    """Write a scene as a video; arguments and errors are those of `write_video`.
-
-    `credit`: Licence and citation, for the picture of the last two seconds and the file's comment.
-    """
+    """Write a scene as a video; arguments and errors are those of `write_video`."""
     _require_drawable(size, theme)
     figure = next((dancer.figure for dancer in scene.dancers), None)
     if figure is None:
@@ -228,12 +221,7 @@ def export_video(
     overwrite: bool = False,
     say: Callable[[str], None] = print,
 ) -> Path:
-    """Write one clip as a video; what it is compared with stands beside it, or over it.
-
-    `size`: Width and height in pixels, as in "1080x1920".
-    `silent`, `rights`, `overwrite`: As in `viewer.view.export_page`.
-    `say`: Takes the notes on what is missing, which a page shows.
-    """
+    """Write one clip as a video; what it is compared with stands beside it, or over it."""
     _require_video_name(to)
     sides = size.lower().split("x")
     if len(sides) != 2 or not all(side.isdecimal() for side in sides):

@@ -24,10 +24,7 @@ _STANDS_M = 0.2
 
 
 def standing_height(pose: Float64Array, skeleton: Skeleton) -> float:
-    """Return the height of a body that stands, metres: its bones from a toe to the root and on to the head.
-
-    `pose`: (J, 3) joints of one frame, metres.
-    """
+    """Return the height of a body that stands, metres: its bones from a toe to the root and on to the head."""
     length = np.zeros(skeleton.n_joints)
     for joint, parent in enumerate(skeleton.parents):
         if parent >= 0:

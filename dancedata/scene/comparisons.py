@@ -153,14 +153,7 @@ def file_format(
     up: str = "y",
     unit: str | None = None,
 ) -> FileFormat:
-    """Return the format in which files of motion are read.
-
-    `store`: The dataset whose fields and scalers their columns have; None for none.
-    `grid`: Rate of files that do not state it, without `fps`. Default: the dataset's; without one they must.
-    `field`, `normalized`, `scaler`, `clamp`: As in `dancedata.decode`. Default: two-dimensional arrays are refused.
-    `fps`: Frames per second of files that do not state them. Default: the representation's rate, else `grid`.
-    Raises UsageError: for an unknown representation, axis, unit or rate, and a scaler of another field or dataset.
-    """
+    """Return the format in which files of motion are read."""
     grid = grid or (None if store is None else store.grid)
     rate = grid if fps is None else FrameGrid.of(fps)
     if field is None:
@@ -180,10 +173,7 @@ def file_format(
 
 
 def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison:
-    """Return the comparison of scenes with a path: another dataset, a folder of motion files, or one file.
-
-    Raises UsageError: if nothing can be compared, or it is unknown whether columns are normalised.
-    """
+    """Return the comparison of scenes with a path: another dataset, a folder of motion files, or one file."""
     if (path / "dataset.json").is_file():
         return StoreComparison(scenes=Scenes(open_store(path)), name=path.name)
     files = motion_files(path, "compare with")
@@ -196,10 +186,7 @@ def comparison_of(path: Path, scenes: SceneList, form: FileFormat) -> Comparison
 
 
 def comparison_payload(comparison: Comparison, scene: Scene) -> Json:
-    """Return a comparison for the page: its figure and the distance, or a note with the reason.
-
-    For a group it has these of each dancer, and the mean distance of those that have one.
-    """
+    """Return a comparison for the page: its figure and the distance, or a note with the reason."""
     if not scene.members:
         return _compared(comparison, scene)[0]
     compared = [_compared(comparison, member) for member in scene.members]

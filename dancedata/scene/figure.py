@@ -36,16 +36,13 @@ class Movement:
 
     `speed`: (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) /
         rate.
-    `key_times`: (M,) instants of the key motions, seconds.
-    `prominence`: (M,) their depth, metres per second.
-    `stored`: Name of the stored field; "" if they were computed from the figure.
     """
 
     speed: Float64Array
     grid: FrameGrid
-    key_times: Float64Array
-    prominence: Float64Array
-    stored: str = ""
+    key_times: Float64Array  # (M,) instants of the key motions, seconds
+    prominence: Float64Array  # (M,) their depth, metres per second
+    stored: str = ""  # name of the stored field; "" if they were computed from the figure
 
     @classmethod
     def of(cls, key: KeyMotion, grid: FrameGrid, stored: str = "") -> Movement:
@@ -59,25 +56,22 @@ class Movement:
 class Figure:
     """A dancer.
 
-    `joints`: (T, J, 3) positions, metres, +Y up, read-only.
-    `contacts`: (T, 4) whether a foot joint, one of `contact_joints`, is on the ground.
     `contacts_stored`: Whether they are those of the dataset; if not, they were computed by the rule "velocity".
     `facing`: (T, 3) unit vectors in which the head faces; None where rotations are unknown.
     `rotations`: (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
-    `mesh`: Body model that is drawn, whose bones the figure has; None for limbs.
     `measured`: The figure before it got these bones, of the same frames and place, which distances are measured on;
         None if it has its own.
     """
 
-    joints: Float64Array
+    joints: Float64Array  # (T, J, 3) positions, metres, +Y up, read-only
     skeleton: Skeleton
     grid: FrameGrid
-    contacts: BoolArray
+    contacts: BoolArray  # (T, 4) whether a foot joint, one of `contact_joints`, is on the ground
     contact_joints: tuple[int, ...]
     contacts_stored: bool = False
     facing: Float64Array | None = None
     rotations: Float64Array | None = None
-    mesh: BodyMesh | None = None
+    mesh: BodyMesh | None = None  # body model that is drawn, whose bones the figure has; None for limbs
     measured: Figure | None = None
 
     @classmethod
@@ -228,10 +222,7 @@ class Figure:
         return replace(self, joints=joints, contacts=contacts, facing=facing, rotations=turns, measured=measured)
 
     def resampled(self, grid: FrameGrid, seconds: float, late: float = 0.0) -> Figure:
-        """Return the figure at another rate and length, joints linear between frames; the last pose stays.
-
-        It begins `late` seconds later; until then the first pose stays.
-        """
+        """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
         count = max(1, round(seconds * float(grid.rate)))
         period, new = self.grid.common_period(grid)
         begin = late * float(self.grid.rate)
@@ -246,10 +237,7 @@ class Figure:
         )
 
     def with_mesh(self, mesh: BodyMesh) -> Figure:
-        """Return the figure as a body model, whose bones it then has; the pelvis stays where it is.
-
-        Raises UsageError: if its rotations are unknown, or not those of the SMPL family.
-        """
+        """Return the figure as a body model, whose bones it then has; the pelvis stays where it is."""
         motion = self.motion
         if motion is None:
             raise UsageError("positions of joints do not turn a body model", found=self.skeleton.name,
@@ -277,11 +265,7 @@ class Figure:
         return None if motion is None else next(self.mesh.posed(motion))
 
     def distance_mm(self, other: Figure) -> Float64Array:
-        """Return the mean distance to the joints of the same names of another figure, (T,) millimetres.
-
-        Frames are compared at equal instants; the other figure is interpolated linearly between its frames. NaN
-        beyond its end, and where no joint has a name of both.
-        """
+        """Return the mean distance to the joints of the same names of another figure, (T,) millimetres."""
         if self.measured is not None:
             return self.measured.distance_mm(other)
         other = other.measured or other

@@ -24,18 +24,16 @@ _BODY = SMPL24.joints[:22]
 class Pair:
     """Two dancers of a group.
 
-    `distance_m`: (T,) distance of their roots.
     `facing_deg`: (2, T) angle between where the hips of the first face and the direction to the second, and that of
         the second to the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
-    `collides`: (T,) whether their bodies intersect.
     """
 
     first: int
     second: int
-    distance_m: Float64Array
+    distance_m: Float64Array  # (T,) distance of their roots
     facing_deg: Float64Array
     contacts: tuple[Contact, ...]
-    collides: npt.NDArray[np.bool_]
+    collides: npt.NDArray[np.bool_]  # (T,) whether their bodies intersect
 
     @property
     def collisions(self) -> tuple[tuple[int, int], ...]:
@@ -49,13 +47,12 @@ class GroupScene:
 
     `floor`: Height of the floor, metres: one for all, that of the lowest dancer, so that a lifted one stays in the
         air.
-    `touch`: Whether contacts and collisions were measured: bodies need the first 22 joints of SMPL.
     """
 
     grid: FrameGrid
     floor: float
     pairs: tuple[Pair, ...]
-    touch: bool
+    touch: bool  # whether contacts and collisions were measured: bodies need the first 22 joints of SMPL
 
     @classmethod
     def of(cls, figures: Sequence[Figure]) -> GroupScene:

@@ -42,15 +42,7 @@ def scaling_of(
     scaler: Scaler | str | Path | TrainingData | None = None,
     clamp: bool = False,
 ) -> Scaling:
-    """Return the scaling of a field that a caller states.
-
-    `like`: A dataset, whose stored scaler it is; or a reader, which states its scaler and whether it normalises.
-    `field`, `columns`: Name of the field, and names of its columns.
-    `scaler`: Another scaler, its file, or a reader such as a `Mix` that has it: the columns are then normalised.
-    Raises UsageError: for statements that contradict each other, no scaler, or one that is not of these columns or
-        this dataset.
-    Raises StoreError: if the dataset has no scaler, and columns are stated to be normalised.
-    """
+    """Return the scaling of a field that a caller states."""
     store = None if like is None else store_of(like)
     if scaler is not None:
         if normalized is False:

@@ -53,15 +53,12 @@ class Tip(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cones:
-    """Round cones in the world, metres: (K, 3) ends, and (K, 2) radii.
-
-    `tones`: (K,) 0 trunk and head, 1 left limbs, 2 right limbs, 3 face.
-    """
+    """Round cones in the world, metres: (K, 3) ends, and (K, 2) radii."""
 
     begin: Float64Array
     end: Float64Array
     radii: Float64Array
-    tones: tuple[int, ...]
+    tones: tuple[int, ...]  # (K,) 0 trunk and head, 1 left limbs, 2 right limbs, 3 face
 
 
 @dataclass(frozen=True)
@@ -70,17 +67,14 @@ class Limbs:
 
     `girths`: Radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn.
     `tones`: Of the bone to each joint, as in `Cones`; bones from the spine to a hip or a collar are of the trunk.
-    `tips`: Heels, toes and fingers beyond the last joints.
-    `head`: Joint of the head; -1 without one.
-    `scale`: Height of the body, of 1.7 m.
     """
 
     parents: tuple[int, ...]
     girths: tuple[tuple[float, float], ...]
     tones: tuple[int, ...]
-    tips: tuple[Tip, ...]
-    head: int
-    scale: float
+    tips: tuple[Tip, ...]  # heels, toes and fingers beyond the last joints
+    head: int  # joint of the head; -1 without one
+    scale: float  # height of the body, of 1.7 m
 
     @classmethod
     def of(cls, pose: Float64Array, skeleton: Skeleton) -> Limbs:

@@ -42,13 +42,7 @@ class MusicFiles:
 
     @classmethod
     def beside(cls, path: Path, clips: Sequence[ClipInput], like: Store | None = None) -> MusicFiles:
-        """Return the music of clips.
-
-        `path`: As `MusicSources.of` takes it; files are also those of clips whose names they are, or a part of these
-            between underscores.
-        `like`: The dataset whose samples clips are: it knows where they begin in their songs.
-        Raises UsageError: if there is no such file, or none for any clip; and as `named_clips`.
-        """
+        """Return the music of clips."""
         sources = MusicSources.of(path)
         named = named_clips(clips, sources, like).clips
         music = {clip.id: sources.files[clip.music] for clip in named if clip.music in sources.files}

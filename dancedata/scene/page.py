@@ -47,10 +47,7 @@ def page_parts() -> Parts:
 
 
 def _modules(name: str, read: dict[str, str]) -> dict[str, str]:
-    """Read a module after those that it imports, without its imports and exports.
-
-    A page that is opened as a file may not load modules, so all of them become one script.
-    """
+    """Read a module after those that it imports, without its imports and exports."""
     text = (_STATIC / "js" / f"{name}.js").read_text(encoding="utf-8")
     for imported in _IMPORT.findall(text):
         if imported not in read:
@@ -84,16 +81,7 @@ def page_data(
     single: bool = False,
     address: str = "",
 ) -> Json:
-    """Return the data of a page.
-
-    `clips`: Payloads by number in the list of items.
-    `side`: Addresses of scripts that call ``dancedataClip(number, payload)``, by number.
-    `sound`: Music inside the page, or whether its server has music.
-    `comparisons`: Names of what the clips can be compared with.
-    `server`: Whether clips are fetched from the server of the page.
-    `single`: Whether the list of clips is left out.
-    `address`: Fragment of the address that is followed where the page's own has none.
-    """
+    """Return the data of a page."""
     counts = tuple(scenes.flag_count(item) for item in items)
     inside = sound if isinstance(sound, PageSound) else PageSound()
     head = {**scenes.about(), "fields": list(scenes.fields) if server else []}
@@ -137,10 +125,7 @@ def clip_page(
 
 
 def whole_page(document: Json, title: str, *, meta_policy: bool, more: Parts | None = None) -> str:
-    """Return the page of a document; with `meta_policy` its content security policy is inside it.
-
-    `more` comes after the viewer's own style, body and script.
-    """
+    """Return the page of a document; with `meta_policy` its content security policy is inside it."""
     parts = page_parts()
     if more is not None:
         parts = Parts(parts.css + more.css, parts.html + more.html, parts.script + more.script)

@@ -30,10 +30,7 @@ _TURN, MAX_SKINNED = 1 / 4096, 64
 
 
 def scene_payload(scene: Scene, *, turns: bool = False) -> Json:
-    """Return a scene for the page, with the turns of its joints if asked for.
-
-    Times are in seconds, windows in frames at the store's rate.
-    """
+    """Return a scene for the page, with the turns of its joints if asked for."""
     if scene.members:
         return _group_payload(scene, turns)
     clip, item = scene.item.clip, scene.item
@@ -171,10 +168,7 @@ def packed(array: npt.NDArray[Any]) -> str:
 
 
 def item_rows(items: tuple[Item, ...], flags: tuple[int, ...]) -> Json:
-    """Return the list of items, column by column: about 100 bytes for a clip, 20 for a further window of it.
-
-    The row of a group has its dancers as one more entry: ids of their clips, numbers and roles.
-    """
+    """Return the list of items, column by column: about 100 bytes for a clip, 20 for a further window of it."""
     rows: dict[tuple[bool, str], int] = {}
     clips: list[list[Any]] = []
     for item in items:
@@ -205,11 +199,7 @@ def link(
     item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "", compared: str = "",
     mirrored: bool = False, overlay: bool = False,
 ) -> str:  # fmt: skip
-    """Return the fragment of the page's address that shows an item at a time; of a dancer, him alone in his group.
-
-    `at`: Seconds from the item's first frame.
-    `loop`: First frame and end of a loop, frames at the store's rate from the item's first frame.
-    """
+    """Return the fragment of the page's address that shows an item at a time; of a dancer, him alone in his group."""
     parts = [f"{'group' if item.members else 'clip'}={quote(item.name, safe='')}"]
     parts += [f"window={item.start}"] if item.window is not None else []
     parts += [f"t={at:.3f}"] if at else []

@@ -25,17 +25,12 @@ _KEY_COLUMNS = ("speed", "minimum", "prominence")
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A clip as it is measured.
-
-    `key`: Its key motions, frames of the figure's grid.
-    `beats`: Beats of the music from the first frame on; None without music.
-    `music_s`: Length of the music from the first frame on, seconds; None without music.
-    """
+    """A clip as it is measured."""
 
     figure: Figure
-    key: KeyMotion
-    beats: MusicBeats | None
-    music_s: float | None
+    key: KeyMotion  # its key motions, frames of the figure's grid
+    beats: MusicBeats | None  # beats of the music from the first frame on; None without music
+    music_s: float | None  # length of the music from the first frame on, seconds; None without music
 
     @property
     def rate(self) -> float:

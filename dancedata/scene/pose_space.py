@@ -39,10 +39,7 @@ _PARENTS = {SMPL24.joints[j]: SMPL24.joints[parent] for j, parent in enumerate(S
 
 
 def frontal(joints: Float64Array, names: Sequence[str]) -> Float64Array:
-    """Return joints (T, J, 3) relative to the root, turned about +Y so that the left hip lies along +X.
-
-    A body of SMPL then faces +Z. Bodies without named hips are not turned. +Y is up; joint 0 is the root.
-    """
+    """Return joints (T, J, 3) relative to the root, turned about +Y so that the left hip lies along +X."""
     poses = joints - joints[:, :1]
     if "left_hip" not in names or "right_hip" not in names:
         return poses
@@ -69,17 +66,15 @@ class Hexagon:
     """Poses near each other on the map.
 
     `x`, `y`: Its centre, metres along the first two components.
-    `counts`: Poses by split.
     `clip`, `seconds`: The pose nearest to the centre.
-    `pose`: (J, 2) that pose from the front, millimetres.
     """
 
     x: float
     y: float
-    counts: Mapping[str, int]
+    counts: Mapping[str, int]  # poses by split
     clip: str
     seconds: float
-    pose: tuple[tuple[int, int], ...]
+    pose: tuple[tuple[int, int], ...]  # (J, 2) that pose from the front, millimetres
 
     def bones(self, joints: Sequence[str]) -> Iterator[tuple[str, tuple[int, int], tuple[int, int]]]:
         """Yield side ("left", "right", "mid") and both ends of each bone of SMPL that the pose has, millimetres."""
@@ -115,25 +110,21 @@ class FrechetLevels:
 class Poses:
     """Poses of the splits; see `Space`.
 
-    `n`: Poses by split.
-    `every_s`: Seconds between two poses of a clip.
-    `variance`: Shares of the variance along the first five components.
     `radius`, `hexagons`: The map, and the radius of a hexagon, metres.
     `to_train`, `chance`: Distances of each other split to train, and of one random half of the clips of train to the
         other.
-    `frechet`: By features ("kinetic", "geometric") and split.
     `n_duplicates`, `duplicates`: Pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them.
     """
 
     joints: tuple[str, ...]
-    n: Mapping[str, int]
-    every_s: float | None
-    variance: tuple[float, ...]
+    n: Mapping[str, int]  # poses by split
+    every_s: float | None  # seconds between two poses of a clip
+    variance: tuple[float, ...]  # shares of the variance along the first five components
     radius: float
     hexagons: tuple[Hexagon, ...]
     to_train: Mapping[str, Nearness]
     chance: Nearness | None
-    frechet: Mapping[str, Mapping[str, FrechetLevels]]
+    frechet: Mapping[str, Mapping[str, FrechetLevels]]  # by features ("kinetic", "geometric") and split
     windows: Mapping[str, int]
     n_duplicates: int
     duplicates: tuple[WindowPair, ...]
@@ -247,10 +238,7 @@ def _poses_of(space: Space, splits: Sequence[str]) -> Poses:
 
 
 def components(poses: Float64Array) -> tuple[Float64Array, tuple[float, ...]]:
-    """Return the places (N, 5) of poses (N, D) along their principal components, and the shares of the variance.
-
-    The largest entry of each component is positive. Places are rounded to a millimetre.
-    """
+    """Return the places (N, 5) of poses (N, D) along their principal components, and the shares of the variance."""
     if len(poses) < 2:
         return np.zeros((len(poses), 5)), ()
     centred = poses - poses.mean(axis=0)

@@ -39,20 +39,14 @@ _BODY_OF = {22: "smplx22", 24: "smpl24-edge", 52: "smplx52", 55: "smplx55"}
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """One clip in canonical axes: metres, +Y up.
+    """One clip in canonical axes: metres, +Y up."""
 
-    `joints`: (T, J, 3) float64.
-    `true_pelvis`: Whether the pelvis is where the body has it.
-    `motion`: Root and rotations, where they are known.
-    `doubt`: Why it is doubtful that its columns were scaled as stated; "" where it is not.
-    """
-
-    joints: Float64Array
+    joints: Float64Array  # (T, J, 3) float64
     names: tuple[str, ...]
     grid: FrameGrid
-    true_pelvis: bool = True
-    motion: Motion | None = None
-    doubt: str = ""
+    true_pelvis: bool = True  # whether the pelvis is where the body has it
+    motion: Motion | None = None  # root and rotations, where they are known
+    doubt: str = ""  # why it is doubtful that its columns were scaled as stated; "" where it is not
 
     @property
     def rest(self) -> Float64Array:
@@ -67,10 +61,7 @@ class Pose:
 
     @classmethod
     def of_joints(cls, joints: npt.ArrayLike, grid: FrameGrid, body: str | None = None) -> Pose:
-        """Make the pose of joint positions (T, J, 3), metres, +Y up.
-
-        DataError "bad_shape", "empty", "nan" or "missing_joints".
-        """
+        """Make the pose of joint positions (T, J, 3), metres, +Y up."""
         positions = checked_joints(joints)
         name = body or _BODY_OF.get(positions.shape[1], "")
         joints_of_body = BODIES.get(name)
@@ -99,10 +90,7 @@ class ColumnsReader:
     scaling: Scaling = _AS_STORED
 
     def pose(self, columns: npt.NDArray[Any], *, file: StatedScaling = UNSTATED, where: object = None) -> Pose:
-        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape".
-
-        `file` is what their file states of normalising; UsageError as `Scaling.undone`.
-        """
+        """Return the pose of (T, D) columns; DataError "nan", "bad_rotation" or "bad_shape"."""
         plugin = self.representation
         rows = np.asarray(columns)
         if rows.ndim != 2 or rows.shape[1] != plugin.columns.width:

@@ -31,16 +31,11 @@ _NEAR_0 = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Scaling:
-    """Scaling of the columns of a field.
+    """Scaling of the columns of a field."""
 
-    `scaler`: The scaler that normalised columns have; None if nothing names one.
-    `normalized`: Whether columns are normalised; None if only their file can state that.
-    `clamp`: Whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do.
-    """
-
-    scaler: Scaler | None = None
-    normalized: bool | None = None
-    clamp: bool = False
+    scaler: Scaler | None = None  # the scaler that normalised columns have; None if nothing names one
+    normalized: bool | None = None  # whether columns are normalised; None if only their file can state that
+    clamp: bool = False  # whether normalised values are cut to [-1, 1] first, as EDGE and Lodge do
 
     def identity(self) -> Any:
         """Return JSON data for cache keys."""
@@ -61,12 +56,7 @@ class Scaling:
         file: StatedScaling = UNSTATED,
         where: Any = None,
     ) -> tuple[npt.NDArray[Any], str]:
-        """Return columns (..., D) as they are stored, float64 if they were normalised; and why that is doubtful.
-
-        `file`: What the file of the columns states.
-        Raises UsageError: if nothing states whether they are normalised, call and file differ, or the columns are not
-            as stated.
-        """
+        """Return columns (..., D) as they are stored, float64 if they were normalised; and why that is doubtful."""
         normalized = self.normalized if file.normalized is None else file.normalized
         if self.scaler is not None and self.normalized not in (None, normalized):
             raise UsageError("the file and the call differ in whether the columns are normalised", where=where,
@@ -164,10 +154,7 @@ def _mean(values: npt.NDArray[np.float64]) -> float:
 
 
 def _distance(rows: npt.NDArray[np.float64], representation: Representation) -> tuple[float, float]:
-    """Return the mean distance of lengths in rows (N, D) from those in motion, each divided by it, and a limit.
-
-    nan if the columns hold neither vectors of rotations nor positions.
-    """
+    """Return the mean distance of lengths in rows (N, D) from those in motion, each divided by it, and a limit."""
     columns, skeleton = representation.columns, representation.skeleton
     for name in columns.names:
         if name.startswith(("rotation_6d", "rotation_matrix")):

@@ -32,19 +32,13 @@ HIT_S = 0.06
 
 @dataclass(frozen=True, eq=False)
 class Rhythm:
-    """Beats and onsets of a clip's music, as the dataset stores them.
+    """Beats and onsets of a clip's music, as the dataset stores them."""
 
-    `beats`: (B,) instants of the beats, seconds from the clip's first frame.
-    `onset`: (n,) onset curve, 0 to 1, `onset_rate` values per second; empty if none is stored.
-    `field`: Audio field that they are read from; "" if there is none.
-    `downbeats`: Numbers of the beats that begin a bar; empty where the field does not tell.
-    """
-
-    beats: Float64Array
-    onset: Float64Array
+    beats: Float64Array  # (B,) instants of the beats, seconds from the clip's first frame
+    onset: Float64Array  # (n,) onset curve, 0 to 1, `onset_rate` values per second; empty if none is stored
     onset_rate: float = 0.0
-    field: str = ""
-    downbeats: tuple[int, ...] = ()
+    field: str = ""  # audio field that they are read from; "" if there is none
+    downbeats: tuple[int, ...] = ()  # numbers of the beats that begin a bar; empty where the field does not tell
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[Rhythm, float, float]]) -> Rhythm:
@@ -79,25 +73,19 @@ class Rhythm:
 class Item:
     """One entry of the list of a viewer: a clip, a window of it, or a group. Or a dancer of a group.
 
-    `number`: Place in the list; a dancer has that of the group.
-    `clip`: The clip's row of the table /clips; that of the first dancer of a group.
     `start`, `n_frames`: First frame in the clip and number of frames, at the store's rate.
-    `members`: The dancers of a group, in stored order; empty for a clip.
-    `n_source`: Dancers of the group in the source, more than `members` where some were left out.
-    `source`: Id of the clip, or of the group, that this one is a copy of; else empty.
-    `sample`: Id of the sample that it is the truth of; "" for none.
     """
 
-    number: int
-    clip: ClipRecord
+    number: int  # place in the list; a dancer has that of the group
+    clip: ClipRecord  # the clip's row of the table /clips; that of the first dancer of a group
     start: int
     n_frames: int
     window: Window | None = None
-    members: tuple[Item, ...] = ()
-    n_source: int = 0
-    source: str = ""
+    members: tuple[Item, ...] = ()  # the dancers of a group, in stored order; empty for a clip
+    n_source: int = 0  # dancers of the group in the source, more than `members` where some were left out
+    source: str = ""  # id of the clip, or of the group, that this one is a copy of; else empty
     called: str = ""
-    sample: str = ""
+    sample: str = ""  # id of the sample that it is the truth of; "" for none
 
     @property
     def name(self) -> str:
@@ -138,16 +126,14 @@ def begins_after(item: Item, grid: FrameGrid, other: Item, other_grid: FrameGrid
 class Word:
     """A segment of an item: a span or an instant with words.
 
-    `layer`: Name of its layer, with the language where there is one.
     `begin`, `end`: Seconds from the item's first frame, half-open.
-    `member`: Place of the dancer in the group; -1 for a clip, and for segments of the whole group.
     """
 
-    layer: str
+    layer: str  # name of its layer, with the language where there is one
     begin: float
     end: float
     text: str
-    member: int = -1
+    member: int = -1  # place of the dancer in the group; -1 for a clip, and for segments of the whole group
 
 
 @dataclass(frozen=True)
@@ -165,27 +151,23 @@ class Flag:
 class Scene:
     """The drawing of one item. Times are in seconds from its first frame.
 
-    `grid`: The store's rate, of windows and of loops in links.
-    `field`: Motion field that is drawn; "" if none can be.
     `figure`, `movement`: The dancer, with speed and key motions; None where there are none, and for a group.
     `windows`: First frame and length of the dataset's windows, frames at the store's rate.
-    `notes`: Sentences on what is missing or was computed.
     `together`: Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
-    `numbers`: What is measured of a dancer of a wall: name and value as text.
     """
 
     item: Item
-    grid: FrameGrid
-    field: str
+    grid: FrameGrid  # the store's rate, of windows and of loops in links
+    field: str  # motion field that is drawn; "" if none can be
     figure: Figure | None
     movement: Movement | None
     rhythm: Rhythm
     windows: tuple[tuple[int, int], ...]
     flags: tuple[Flag, ...]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # sentences on what is missing or was computed
     members: tuple[Scene, ...] = ()
     together: GroupScene | None = None
-    numbers: tuple[tuple[str, str], ...] = ()
+    numbers: tuple[tuple[str, str], ...] = ()  # what is measured of a dancer of a wall: name and value as text
     words: tuple[Word, ...] = ()
 
     @property
@@ -212,10 +194,7 @@ class Scene:
         return replace(self, figure=None if self.figure is None else self.figure.mirrored(), members=members)
 
     def with_mesh(self, mesh: BodyMesh) -> Scene:
-        """Return the scene with body models instead of limbs, and a note where one keeps its limbs.
-
-        UsageError if no dancer can be drawn so.
-        """
+        """Return the scene with body models instead of limbs, and a note where one keeps its limbs."""
         if self.members:
             members, notes, refused = [], list(self.notes), []
             for member in self.members:
@@ -242,18 +221,12 @@ class Scene:
 
 
 class SceneList(ABC):
-    """Items, each with a scene.
+    """Items, each with a scene."""
 
-    `place`: What they are read from, for messages.
-    `grid`: Rate at which items are counted.
-    `body`: Body of positions whose joints have no names in a file.
-    `fields`: Motion fields that can be drawn; empty where there is no choice.
-    """
-
-    place: str
-    grid: FrameGrid
-    body: Skeleton
-    fields: tuple[str, ...] = ()
+    place: str  # what they are read from, for messages
+    grid: FrameGrid  # rate at which items are counted
+    body: Skeleton  # body of positions whose joints have no names in a file
+    fields: tuple[str, ...] = ()  # motion fields that can be drawn; empty where there is no choice
 
     @property
     @abstractmethod

@@ -33,10 +33,7 @@ _TRIED_FRAMES = 10_000
 
 
 def drawable_fields(store: Store) -> dict[str, ColumnsReader]:
-    """Return the motion fields that have joint positions, those first that give back the motion as it was.
-
-    Fields whose plug-ins are not installed are left out; `Scenes` gives the reason for a field by name.
-    """
+    """Return the motion fields that have joint positions, those first that give back the motion as it was."""
     readers = pose_readers(store)
     # First whole motions, then positions, then motions that `decode` fits to the columns.
     rank = {name: (r.representation.positions_only, not r.representation.decodes) for name, r in readers.items()}
@@ -50,10 +47,7 @@ def rhythm_fields(store: Store) -> tuple[str, ...]:
 
 
 def rhythm_of(rows: npt.NDArray[Any], field: Field, lead: int = 0) -> Rhythm:
-    """Return the rhythm of (T, D) rows of an audio field, at its instants, not late.
-
-    The rows begin with the clip or, where its music begins later, `lead` rows after it.
-    """
+    """Return the rhythm of (T, D) rows of an audio field, at its instants, not late."""
     rate, stored = float(field.rate), field.beats(rows)
     beats = (stored.seconds + lead / rate).clip(min=0)
     downbeats: tuple[int, ...] = ()

@@ -42,10 +42,8 @@ class ViewRequest:
     `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for
         the best. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
     `field`: Motion field to draw, and what columns of motion files are. Default: the best one; that of their width.
-    `like`: The dataset with the scaler and rate of motion files at `path`.
     `music`: Of a dataset the folder that it was built from, with its music and the original motion; of motion files
         see `MusicFiles.beside`.
-    `compare`: Datasets, folders of motion files, or files.
     `normalized`, `scaler`, `clamp`, `fps`, `up`, `unit`: How motion files are read; see `file_format`.
     `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
     `body_model`, `betas`: Body model that is drawn in the place of limbs, and its shape; default: its mean.
@@ -55,9 +53,9 @@ class ViewRequest:
     clip: str = ""
     _: KW_ONLY
     field: str | None = None
-    like: Path | None = None
+    like: Path | None = None  # the dataset with the scaler and rate of motion files at `path`
     music: Path | None = None
-    compare: Sequence[Path] = ()
+    compare: Sequence[Path] = ()  # datasets, folders of motion files, or files
     normalized: bool | None = None
     fps: str | None = None
     up: str = "y"
@@ -191,7 +189,6 @@ class ViewSelection:
     """Contents of a request.
 
     `item`, `loop`: The item to begin with; first frame and end of the loop, None without one.
-    `compared`: The comparison that is shown at the beginning; "" for none.
     """
 
     request: ViewRequest
@@ -200,7 +197,7 @@ class ViewSelection:
     comparisons: tuple[Comparison, ...]
     item: Item
     loop: tuple[int, int] | None
-    compared: str
+    compared: str  # the comparison that is shown at the beginning; "" for none
 
     @classmethod
     def of(cls, request: ViewRequest) -> ViewSelection:

@@ -20,10 +20,7 @@ MOST_CLIPS, _STILL = 8, 64
 
 
 def html_of(value: Any) -> str:
-    """Return what a notebook shows: of a motion or clip a player, of clips or a dataset tables with stills.
-
-    Of scores it is their table, those without a meaning in grey; of others, such as a `WindowDataset`, their text.
-    """
+    """Return what a notebook shows: of a motion or clip a player, of clips or a dataset tables with stills."""
     if hasattr(value, "cells"):
         return _scores(value)
     if isinstance(value, Store):

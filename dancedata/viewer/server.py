@@ -177,12 +177,7 @@ class Site:
         return f"{page_parts().policy}; connect-src 'self'; frame-ancestors 'none'"
 
     def answer(self, path: str, name: str | None, *, part: str = "") -> Answer:
-        """Answer a path.
-
-        `path`: Such as "/", "/clip/12", "/clip/12/music", "/clip/12/with/0", "/clip/12/beside/7", "/sliding".
-        `name`: Motion field to draw; None: the default.
-        `part`: "first": the first minute of the dancers of a long clip is enough. "turns": the turns of their joints.
-        """
+        """Answer a path."""
         parts = path.removeprefix("/").split("/")
         try:
             if self.scenes.changed():

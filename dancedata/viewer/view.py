@@ -73,15 +73,7 @@ def export_page(
     overwrite: bool = False,
     say: Callable[[str], None] = print,
 ) -> Path:
-    """Write one clip as a separate page, which works from a file, without a network.
-
-    Its music goes into the page if the licence of the dataset allows that.
-
-    `silent`: Leave the music out.
-    `rights`: Why the caller may pass the music on against its licence; it is published in the page.
-    `say`: Takes what the page holds.
-    Raises UsageError: if the file exists or is inside the dataset; for `rights` without music, and a body model.
-    """
+    """Write one clip as a separate page, which works from a file, without a network."""
     if to.suffix.lower() in (".mp4", ".mov", ".webm", ".gif"):
         raise UsageError("a page is an HTML file", found=to.name, fix="write a video: --out FILE.mp4")
     if request.body_model is not None:

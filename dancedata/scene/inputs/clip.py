@@ -30,24 +30,18 @@ from dancedata.store.dataset import reopen
 class ClipInput(ABC):
     """A clip, not loaded. It is small and picklable: units of work take it.
 
-    `id`: Unique among the clips of a set.
-    `music`: Name of its song, empty if unknown.
-    `tempo_bpm`: Tempo of the song, where the dataset states one.
-    `audio_start`: Second of the song at frame 0; negative where it begins later.
     `recording`: Unit of intervals: what copies, windows and parts of one file have in common; "": the clip itself.
-    `stated_id`: Id of the sample that its file states; "" if it states none.
-    `length_s`: Length that its id states; None if it states none.
     """
 
     stored: ClassVar[bool] = False
 
-    id: str
-    music: str = ""
-    tempo_bpm: float | None = None
-    audio_start: Fraction = Fraction(0)
+    id: str  # unique among the clips of a set
+    music: str = ""  # name of its song, empty if unknown
+    tempo_bpm: float | None = None  # tempo of the song, where the dataset states one
+    audio_start: Fraction = Fraction(0)  # second of the song at frame 0; negative where it begins later
     recording: str = ""
-    stated_id: str = ""
-    length_s: Fraction | None = None
+    stated_id: str = ""  # id of the sample that its file states; "" if it states none
+    length_s: Fraction | None = None  # length that its id states; None if it states none
 
     @property
     def clip(self) -> str:
@@ -193,13 +187,10 @@ class GroupClip(ClipInput):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StoreClip(ClipInput):
-    """A clip of a store, or one of its windows, or the mirror image of it.
-
-    `reference`: Path of the store and hash of its dataset.json.
-    """
+    """A clip of a store, or one of its windows, or the mirror image of it."""
 
     stored: ClassVar[bool] = True
-    reference: tuple[str, str]
+    reference: tuple[str, str]  # path of the store and hash of its dataset.json
     field: str
     reader: ColumnsReader
     window: Window | None = None

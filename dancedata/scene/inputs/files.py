@@ -55,19 +55,14 @@ _DANCER = re.compile(r"(.+)(?:_(\d\d)|[_~]p(\d+))")
 
 @dataclass(frozen=True, eq=False)
 class FileFormat:
-    """Declarations about the files of a folder: rate, axis and unit are of those that do not state them.
-
-    `body`: Body of positions (T, J, 3), a key of `BODIES`.
-    `columns`: Reader of two-dimensional arrays; None: they are refused.
-    `groups`: Whether a file is a group of dancers: the arrays have an axis P more, the first.
-    """
+    """Declarations about the files of a folder: rate, axis and unit are of those that do not state them."""
 
     fps: str | None = None
     up: str | None = None
     unit: str | None = None
-    body: str | None = None
-    columns: ColumnsReader | None = None
-    groups: bool = False
+    body: str | None = None  # body of positions (T, J, 3), a key of `BODIES`
+    columns: ColumnsReader | None = None  # reader of two-dimensional arrays; None: they are refused
+    groups: bool = False  # whether a file is a group of dancers: the arrays have an axis P more, the first
 
     def __post_init__(self) -> None:
         if self.up not in (None, *UPRIGHT):
@@ -94,15 +89,13 @@ class FileFormat:
 class FileClip(ClipInput):
     """A file with one clip, or one motion of a file that holds a batch.
 
-    `sample`: Number of the motion in the batch; None: the file is one clip.
-    `person`: The file's own name for one of its people; "" for the only one.
     `partners`: Files of the other dancers of a group, where each dancer has a file; None where one file has all.
     """
 
     path: Path
     format: FileFormat
-    sample: int | None = None
-    person: str = ""
+    sample: int | None = None  # number of the motion in the batch; None: the file is one clip
+    person: str = ""  # the file's own name for one of its people; "" for the only one
     partners: tuple[Path, ...] | None = None
 
     @property

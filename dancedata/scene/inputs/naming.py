@@ -22,13 +22,11 @@ from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 class Named:
     """Clips with the names, tempos and seconds of their music.
 
-    `clips`: The clips.
-    `samples`: What they are of a dataset, by their ids.
     `by_song`, `unknown`: Ids of those of which a song alone is known, and of those of which nothing is.
     """
 
-    clips: tuple[ClipInput, ...]
-    samples: Mapping[str, Sample] = field(default_factory=dict)
+    clips: tuple[ClipInput, ...]  # the clips
+    samples: Mapping[str, Sample] = field(default_factory=dict)  # what they are of a dataset, by their ids
     by_song: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
 
@@ -202,10 +200,7 @@ def motion_paths(path: Path) -> list[Path]:
 
 
 def motion_files(path: Path, purpose: str) -> list[Path]:
-    """Return the motion files of a folder or a pattern, or one file, for every command that takes motion.
-
-    DataError if there is nothing to `purpose`, such as "look at"; UsageError for two files of the same name.
-    """
+    """Return the motion files of a folder or a pattern, or one file, for every command that takes motion."""
     files = motion_paths(path)
     if not files or not all(file.suffix.lower() in MOTION_SUFFIXES for file in files):
         content = describe_folder(path) if path.is_dir() else f"a file {path.suffix}"

@@ -24,13 +24,10 @@ MusicLike: TypeAlias = "str | Path | Mapping[str, Any] | None"
 
 
 class Song(str):
-    """The name of a clip's song.
-
-    `start`: Second of the song at the clip's first frame; None where it is not stated.
-    """
+    """The name of a clip's song."""
 
     __slots__ = ("start",)
-    start: Fraction | None
+    start: Fraction | None  # second of the song at the clip's first frame; None where it is not stated
 
     @classmethod
     def of(cls, name: str, start: Fraction | None = None) -> Self:
@@ -45,26 +42,18 @@ class MusicSources:
     """Sources of beats; for each clip the first one that has them counts.
 
     `beats`: Beats of the caller by the id of a clip: `MusicBeats`, or frames at the protocol's rate.
-    `files`: Music files, by song.
-    `like`: Dataset that has them where the dataset of a clip does not.
     `songs`: Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
-    `song`: The song of all clips; "" for none.
     """
 
     beats: Mapping[str, Any] = field(default_factory=dict)
-    files: Mapping[str, Path] = field(default_factory=dict)
-    like: Store | None = None
+    files: Mapping[str, Path] = field(default_factory=dict)  # music files, by song
+    like: Store | None = None  # dataset that has them where the dataset of a clip does not
     songs: Mapping[str, str] = field(default_factory=dict)
-    song: str = ""
+    song: str = ""  # the song of all clips; "" for none
 
     @classmethod
     def of(cls, music: MusicLike, like: Store | None = None) -> Self:
-        """Return the sources that a caller names.
-
-        `music`: A music file, that of all clips; a folder of them; a CSV file with the columns sample, song and
-            start_s, and the songs in its folder; or, by the id of a clip, its song, as a name or a file, alone or
-            with its second at the clip's first frame, or its beats.
-        """
+        """Return the sources that a caller names."""
         if music is None:
             return cls(like=like)
         if isinstance(music, Mapping):
@@ -104,10 +93,7 @@ def _files_of(folder: Path, songs: Iterable[str]) -> dict[str, Path]:
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music of a folder, of its folder of music, or else below it, by name; UsageError for none.
-
-    Names are without suffix. Songs below it that share one are named by their folders, ``session2/take1``.
-    """
+    """Return the music of a folder, of its folder of music, or else below it, by name; UsageError for none."""
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
         by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
         if by_stem:
@@ -132,10 +118,7 @@ def song_name(text: str) -> str:
 
 
 def of_known(songs: Mapping[str, str], known: Container[str]) -> dict[str, Song]:
-    """Return songs by the names that are known: the longest end of the path that is one, else the file's name.
-
-    Songs that share a file name are known by their folders, ``session2/take1``.
-    """
+    """Return songs by the names that are known: the longest end of the path that is one, else the file's name."""
     named = {}
     for clip, song in songs.items():
         parts = song.split("/")
