@@ -40,7 +40,7 @@ from dancedata.recipes.plugins import (
     named_entries,
     single_plugin,
 )
-from dancedata.store.motion_fields import ORIGINAL
+from dancedata.store.schema import ORIGINAL
 
 if TYPE_CHECKING:
     from dancedata.building.transforms.copy import Copy

@@ -12,7 +12,6 @@ import numpy.typing as npt
 
 from dancedata.core.clip import FreeColumn, Window
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
-from dancedata.core.sample_steps import Augment, steps_of
 from dancedata.core.segments import LayerNumbers
 from dancedata.core.text import shown
 from dancedata.files.addresses import Origin, local_folder, origin_of
@@ -21,7 +20,6 @@ from dancedata.store.clip_choice import clips_with, require_where
 from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import REBUILD, field_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
-from dancedata.store.motion_fields import sample_field
 from dancedata.store.normalize import Scaler
 from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE, Field
 from dancedata.store.segment_overlay import SegmentOverlay
@@ -33,6 +31,7 @@ _KINDS = ("minmax", "zscore", "zscore_grouped")
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+    from dancedata.core.sample_steps import Augment
     from dancedata.store.clip_view import Clip, Clips
 
 
@@ -278,16 +277,18 @@ class Store(SegmentQueries):
             For an unknown field or kind, a field of codes, an augmentation that cannot change the field, or z-scores
             that are to cover one.
         """
-        f, steps = self.field(field), tuple(steps_of(covers))
+        f = self.field(field)
         stored = self._stored_scaler(f)
         if kind not in _KINDS:
             raise UsageError(f"unknown kind of scaler {kind!r}", fix=did_you_mean(kind, _KINDS))
         if kind == "minmax":
-            sample = sample_field(self, field)
-            for step in steps:
-                step.check(sample, str(self.path))
-            return stored.covering(sample, steps)
-        if steps:
+            if isinstance(covers, tuple) and not covers:
+                return stored
+            from dancedata.core.sample_steps import steps_of
+            from dancedata.store.motion_fields import covering
+
+            return covering(self, field, stored, steps_of(covers))
+        if covers:
             raise UsageError(
                 "z-scores have no range that could cover augmentations",
                 found=f"kind={kind!r} and covers={covers!r}", fix="leave one of them out",

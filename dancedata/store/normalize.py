@@ -6,18 +6,20 @@ import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.errors import StoreError, UsageError, did_you_mean
 from dancedata.core.hashing import json_sha256
-from dancedata.core.plugins import SampleField
-from dancedata.core.sample_steps import Step
 from dancedata.core.text import listed, shown
 from dancedata.files import atomic
 from dancedata.files.strict_json import read_json
+
+if TYPE_CHECKING:
+    from dancedata.core.plugins import SampleField
+    from dancedata.core.sample_steps import Step
 
 Kind = Literal["minmax", "zscore"]
 #: Names of the two numbers of each column, in its file.

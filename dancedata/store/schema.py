@@ -35,6 +35,8 @@ REJECTS_FILE = "rejects.jsonl"
 TABLES_FILE = "tables.h5"
 SEGMENTS_FILE = "segments.h5"
 CARD_FILE = "README.md"
+#: End of the name of a field with the motion as it was before the recipe's repairs.
+ORIGINAL = ".original"
 #: Where the source lies on this machine: no part of the dataset, so neither hashed, nor pushed or exported.
 LOCAL_FILE = "local.json"
 #: What a publication has in addition, and in the place of dataset.json where it has a recipe and no data.

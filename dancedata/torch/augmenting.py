@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,8 +15,10 @@ from dancedata.core.errors import UsageError
 from dancedata.core.plugins import SampleAugmentation, SampleField
 from dancedata.core.rotations import Float64Array
 from dancedata.core.sample_steps import Step, numbered
+from dancedata.core.typing import override
 from dancedata.store.dataset import Store
 from dancedata.store.motion_fields import sample_field
+from dancedata.torch.sample_changes import SampleChanges
 
 #: Keeps these streams apart from those of order, mirroring and primitives, which may have the same seed.
 _AUGMENT_STREAM = 4
@@ -24,13 +27,11 @@ _WHETHER, _WHAT = 0, 1
 
 
 @dataclass(frozen=True)
-class Augmenter:
-    """Changes samples, without state: any thread, worker and rank gets the same sample for (seed, epoch, index)."""
+class Augmenter(SampleChanges):
+    """Changes samples by augmentations; `fields` are the fields of samples, as augmentations see them."""
 
-    fields: tuple[SampleField, ...]
-    steps: tuple[Step, ...]
-    seed: int
-    droppable: tuple[str, ...]
+    fields: tuple[SampleField, ...] = ()
+    seed: int = 0
 
     @classmethod
     def of(
@@ -44,10 +45,9 @@ class Augmenter:
         allow_crop: bool = True,
     ) -> Augmenter:
         """Make an augmenter for samples with some fields; UsageError for an augmentation that cannot change them."""
-        sample_fields = tuple(sample_field(store, name) for name in names)
         steps = tuple(numbered(steps))
+        sample_fields = check_steps(steps, names, store)
         for step in steps:
-            check_step(step, sample_fields, store)
             if step.augmentation.chooses_windows and not allow_crop:
                 raise UsageError(f"the augmentation {step.name} chooses windows, and whole clips are read",
                                  fix="read windows: WindowDataset(..., augment=['crop'])")  # fmt: skip
@@ -56,20 +56,21 @@ class Augmenter:
         droppable = tuple(
             dict.fromkeys(name for step in steps for name in step.augmentation.droppable(sample_fields))
         )
-        return cls(sample_fields, steps, seed, droppable)
+        return cls(steps, droppable, sample_fields, seed)
 
     @property
+    @override
     def crops(self) -> bool:
-        """Whether windows other than the listed ones are read."""
         return any(step.augmentation.chooses_windows for step in self.steps)
 
+    @override
     def start(self, start: int, starts: range, stride: int, epoch: int, index: int) -> int:
-        """Return the first frame of the window of sample `index`; see `SampleAugmentation.choose_start`."""
         for step in self._active_steps(epoch, index):
             if step.augmentation.chooses_windows:
                 start = step.augmentation.choose_start(start, starts, stride, self._draw(step, epoch, index))
         return start
 
+    @override
     def rows(
         self,
         field: str,
@@ -79,13 +80,6 @@ class Augmenter:
         member: int | None = None,
         about: Float64Array | None = None,
     ) -> npt.NDArray[Any]:
-        """Return the rows of a field of sample `index`, (L, D), not normalised; the same array if nothing changes it.
-
-        The input array is not modified. Of a group's sample, `member` is the dancer's number and `about` a point of
-        the axis that they turn about.
-        """
-        if not self.steps:
-            return rows
         sample_field = next(candidate for candidate in self.fields if candidate.name == field)
         if sample_field.kind in ("audio", "scene"):
             return rows
@@ -109,8 +103,8 @@ class Augmenter:
             rows = changed.astype(rows.dtype, copy=False)
         return rows
 
+    @override
     def dropped(self, epoch: int, index: int) -> tuple[str, ...]:
-        """Return the names of the fields of sample `index` that are masked."""
         if not self.droppable:
             return ()
         names: list[str] = []
@@ -118,8 +112,8 @@ class Augmenter:
             names += step.augmentation.dropped(self.fields, self._draw(step, epoch, index))
         return tuple(dict.fromkeys(names))
 
+    @override
     def changes(self, epoch: int, index: int) -> tuple[str, ...]:
-        """Return the names of the augmentations that change sample `index`, in their order."""
         return tuple(step.augmentation.name for step in self._active_steps(epoch, index))
 
     def _active_steps(self, epoch: int, index: int) -> Iterator[Step]:
@@ -131,14 +125,15 @@ class Augmenter:
         return Draw(self.seed, _AUGMENT_STREAM, step.stream, epoch, index, what, *member)
 
 
-def check_step(step: Step, sample_fields: Sequence[SampleField], store: Store) -> None:
-    """Raise UsageError if an augmentation cannot change samples with these fields."""
-    augmentation = step.augmentation
-    changes_rows = type(augmentation).change_sample is not SampleAugmentation.change_sample
-    for field in sample_fields:
+def check_steps(steps: Sequence[Step], names: Sequence[str], store: Store) -> tuple[SampleField, ...]:
+    """Return fields of samples; UsageError if an augmentation cannot change samples with them."""
+    sample_fields = tuple(sample_field(store, name) for name in names)
+    for step, field in product(steps, sample_fields):
+        changes_rows = type(step.augmentation).change_sample is not SampleAugmentation.change_sample
         codebook = store.field(field.name).codebook
         if codebook is not None and changes_rows and field.kind != "audio":
             raise UsageError(f"the augmentation {step.name} cannot change codes", where=str(store.path),
                              found=f"field {field.name}, codes of {codebook.name}",
                              fix="leave out the field, or the augmentation")  # fmt: skip
         step.check(field, str(store.path))
+    return sample_fields

@@ -23,8 +23,8 @@ from dancedata.core.system import memory_file
 from dancedata.store.dataset import Store
 from dancedata.store.normalize import Scaler
 from dancedata.store.shard_reader import WindowRows
-from dancedata.torch.augmenting import Augmenter
 from dancedata.torch.music_beats import LABELS, BeatLabels
+from dancedata.torch.sample_changes import SampleChanges
 
 if TYPE_CHECKING:
     from dancedata.torch.primitives import PrimitiveSpec
@@ -210,7 +210,7 @@ class BatchReader:
         self,
         store: Store,
         fields: Sequence[FieldReader],
-        augmenter: Augmenter,
+        augmenter: SampleChanges,
         labels: BeatLabels | None = None,
         primitives: "PrimitiveSpec | None" = None,
         keys: FieldReader | None = None,

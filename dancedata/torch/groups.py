@@ -20,6 +20,7 @@ from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.store.clip_columns import FREE
 from dancedata.store.dataset import Store
+from dancedata.store.motion_fields import sample_field
 from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList
 from dancedata.torch.batch_reader import BatchPlan, BatchReader, FieldReader, MemoryPool, blank_of
@@ -266,6 +267,7 @@ class GroupReader(BatchReader):
             dataset._field_reader(name, dataset._dancers if name in self._per_dancer else dataset.windows)
             for name in dataset.fields
         ]
+        self._sample_fields = {name: sample_field(store, name) for name in self._per_dancer}
         super().__init__(store, fields, dataset._augmenter)
 
     @cached_property
@@ -346,7 +348,7 @@ class GroupReader(BatchReader):
 
     def _roots(self, name: str, rows: Array) -> Array | None:
         """Return the places of roots in the first row, (P, 3); None where columns hold none, or are not known."""
-        field = next(candidate for candidate in self._augmenter.fields if candidate.name == name)
+        field = self._sample_fields[name]
         spatial = None if field.representation is None else field.representation.spatial
         places = [] if spatial is None else [root_place(spatial, of_dancer[0], field.columns) for of_dancer in rows]
         roots = [place for place in places if place is not None]

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias, get_args
 
 from dancedata.core.arguments import names, probability, whole
 from dancedata.core.errors import UsageError, did_you_mean
-from dancedata.core.sample_steps import Augment
 from dancedata.core.text import shown
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.normalize import Scaler, TrainingData
@@ -18,6 +17,7 @@ from dancedata.torch.music_beats import StartAt
 
 if TYPE_CHECKING:
     from dancedata.core.plugins import WindowFilter
+    from dancedata.core.sample_steps import Augment
 
 MirrorWords = Literal["error", "keep"]
 #: Of Lodge's primitives: as its paper has them, or as its code finds them.

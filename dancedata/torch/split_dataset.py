@@ -1,5 +1,7 @@
 """SplitDataset: what `WindowDataset` and `ClipDataset` have in common."""
 
+from __future__ import annotations
+
 import copy
 import logging
 import math
@@ -17,7 +19,6 @@ from dancedata.core.arguments import names, whole
 from dancedata.core.clip import Reject, Window
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.sample_id import SampleId, id_text
-from dancedata.core.sample_steps import Augment, Step, steps_of
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.files.addresses import prefetch
@@ -27,12 +28,12 @@ from dancedata.store.normalize import Scaler
 from dancedata.store.schema import sort_splits
 from dancedata.store.shard_reader import ShardReader
 from dancedata.store.window_list import WindowList
-from dancedata.torch.augmenting import Augmenter, check_step
 from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_values import require_columns, value_of
 from dancedata.torch.epochs import EpochDataset, require_scalers
 from dancedata.torch.music_beats import StartAt, estimated_tempo
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
+from dancedata.torch.sample_changes import SampleChanges, steps_named
 from dancedata.torch.sample_items import SampleItems
 from dancedata.torch.scalers import mirrors_of, named_scalers, normalized_fields, scaler_of
 from dancedata.torch.selection import (
@@ -47,6 +48,7 @@ from dancedata.torch.selection import (
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from dancedata.core.sample_steps import Augment, Step
     from dancedata.torch.segments import SegmentReader
 
 #: A warning is logged if augmentations need more than this many times the range of the scaler.
@@ -65,7 +67,7 @@ class SplitDataset(EpochDataset):
 
     windows: WindowList
     rejects: tuple[Reject, ...]
-    _words: "SegmentReader | None"
+    _words: SegmentReader | None
     #: Name in the `Mix` that made this copy.
     _source = ""
     #: Whether a sample has a list of values of each free column.
@@ -137,13 +139,18 @@ class SplitDataset(EpochDataset):
         chosen = [self.windows.clip_ids[k] for k in np.unique(self.windows.clip)] if self._items.columns else []
         self.columns = require_columns(self.store, self._items.columns, chosen, lists=self._lists_columns)
         self.seed, self.augment = whole("seed", seed), augment
-        steps = tuple(steps_of(augment))
+        steps = steps_named(augment)
         # A mirror that comes first is a permutation of columns as they are read.
         leading = bool(steps) and steps[0].mirrors
         self.mirror = steps[0].p if leading else 0.0
-        self._augmenter = Augmenter.of(
-            self.store, self.fields, steps[leading:], seed=self.seed, mirrored=self.mirror > 0, allow_crop=allow_crop
-        )
+        self._augmenter = SampleChanges()
+        if steps[leading:]:
+            from dancedata.torch.augmenting import Augmenter
+
+            mirrored = self.mirror > 0
+            self._augmenter = Augmenter.of(
+                self.store, self.fields, steps[leading:], seed=self.seed, mirrored=mirrored, allow_crop=allow_crop
+            )
         self._mirrors = mirrors_of(self.store, self.fields) if self.mirror else {}
         self._is_random = bool(0 < self.mirror < 1 or self._augmenter.steps)
         self._words, self._draws = None, False
@@ -154,9 +161,11 @@ class SplitDataset(EpochDataset):
             self._words = SegmentReader(self.store, self._items.words, mirrors=mirrors, seed=self.seed)
             self._draws = self._words.draws
             self._is_random |= self._draws
-        self.clamp, self._covers = self._scale.clamp, tuple(steps_of(self._scale.covers))
-        for step in self._covers:
-            check_step(step, self._augmenter.fields, self.store)
+        self.clamp, self._covers = self._scale.clamp, steps_named(self._scale.covers)
+        if self._covers:
+            from dancedata.torch.augmenting import check_steps
+
+            check_steps(self._covers, self.fields, self.store)
         self._named_scalers = named_scalers(self.store, self.fields, self._scale.scaler)
         self._normalizers = {name: self._scaler(name) for name in self._scaled}
         for name, scaler in self._normalizers.items():
@@ -219,7 +228,7 @@ class SplitDataset(EpochDataset):
         return self.store.grid.rows(int(lengths[0]), of=field.grid) if len(lengths) == 1 else "T", field.columns.width
 
     def save_samples(
-        self, folder: str | Path, ids: Sequence[str], samples: "npt.ArrayLike | Tensor", *, overwrite: bool = False
+        self, folder: str | Path, ids: Sequence[str], samples: npt.ArrayLike | Tensor, *, overwrite: bool = False
     ) -> list[Path]:
         """Write a model's samples (B, L, D) to ``ID.npz``, for evaluate, view, report and decode without an option.
 
@@ -267,7 +276,7 @@ class SplitDataset(EpochDataset):
     def _unchanged(self) -> Self:
         """Return a copy without augmentations, as ids without a draw name samples that none has changed."""
         other = self.rescaled({}, self._source)
-        other.mirror, other._augmenter = 0.0, replace(self._augmenter, steps=())
+        other.mirror, other._augmenter = 0.0, SampleChanges()
         return other
 
     def _id(self, name: str | SampleId) -> SampleId:
@@ -366,7 +375,11 @@ class SplitDataset(EpochDataset):
         return self._covering(field, scaler, self._covers)
 
     def _covering(self, field: str, scaler: Scaler, steps: Sequence[Step]) -> Scaler:
-        return scaler.covering(next(f for f in self._augmenter.fields if f.name == field), steps)
+        if not steps:
+            return scaler
+        from dancedata.store.motion_fields import covering
+
+        return covering(self.store, field, scaler, steps)
 
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:

@@ -1,8 +1,10 @@
 """WindowDataset: the windows of a built dataset as a map-style torch dataset."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -10,7 +12,6 @@ from torch.utils.data import get_worker_info
 
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_id import SampleId
-from dancedata.core.sample_steps import Augment
 from dancedata.core.typing import override
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
@@ -31,6 +32,9 @@ from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, cl
 from dancedata.torch.scalers import root_columns
 from dancedata.torch.selection import SelectedWindows, WindowQuery, no_window_error
 from dancedata.torch.split_dataset import SplitDataset
+
+if TYPE_CHECKING:
+    from dancedata.core.sample_steps import Augment
 
 
 class WindowDataset(SplitDataset):

@@ -34,24 +34,24 @@ __all__ = [
 
 if TYPE_CHECKING:
     from dancedata.core.plugins.audio_feature import AudioFeature
-    from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation, SampleField
+    from dancedata.core.plugins.augmentation import Augmentation, CopyAugmentation, SampleAugmentation
     from dancedata.core.plugins.dataset import Dataset
     from dancedata.core.plugins.file_feature import FileFeature, FileSpan
     from dancedata.core.plugins.finders import PRIMITIVES, KeyMotionFinder, PrimitiveFinder, WindowFilter
     from dancedata.core.plugins.metric import Better, Metric
     from dancedata.core.plugins.plugin import Float32Array, Plugin
-    from dancedata.core.plugins.representation import ContactRule, Representation
+    from dancedata.core.plugins.representation import ContactRule, Representation, SampleField
 else:
     __getattr__, __dir__ = lazy_names(
         __name__,
         {
             "core.plugins.audio_feature": "AudioFeature",
-            "core.plugins.augmentation": "Augmentation CopyAugmentation SampleAugmentation SampleField",
+            "core.plugins.augmentation": "Augmentation CopyAugmentation SampleAugmentation",
             "core.plugins.dataset": "Dataset",
             "core.plugins.file_feature": "FileFeature FileSpan",
             "core.plugins.finders": "KeyMotionFinder PRIMITIVES PrimitiveFinder WindowFilter",
             "core.plugins.metric": "Better Metric",
             "core.plugins.plugin": "Float32Array Plugin",
-            "core.plugins.representation": "ContactRule Representation",
+            "core.plugins.representation": "ContactRule Representation SampleField",
         },
     )

@@ -1,39 +1,16 @@
 """Base classes of plug-ins that change clips when a dataset is built, or samples when it is read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar, Literal
 
 from dancedata.core.columns import Columns
 from dancedata.core.draw import Draw
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins.plugin import Float32Array, Plugin
-from dancedata.core.plugins.representation import ContactRule, Representation
+from dancedata.core.plugins.representation import SampleField
 from dancedata.core.rotations import Float64Array
-
-
-@dataclass(frozen=True)
-class SampleField:
-    """A field of the samples that a reader gives, as augmentations see it.
-
-    Attributes
-    ----------
-    grid
-        Grid of the rows.
-    representation, contacts
-        Of a motion field: the plug-ins that made its columns, as the dataset's recipe names them; None where they are
-        not known, or for contacts where the field has none.
-    """
-
-    name: str
-    kind: Literal["motion", "keymotion", "audio", "scene"]
-    columns: Columns
-    grid: FrameGrid
-    representation: Representation | None = None
-    contacts: ContactRule | None = None
 
 
 class Augmentation(Plugin):

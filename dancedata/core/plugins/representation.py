@@ -1,8 +1,9 @@
 """Representation and ContactRule: the base classes of columns of motion, and of labels of contacts among them."""
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy.typing as npt
 
@@ -117,3 +118,24 @@ class Representation(Plugin):
         `holds_places`, not normalised. UsageError for rows of another shape or number, and if they hold no places.
         """
         raise UsageError(f"the columns of {self.name} hold no places of dancers")
+
+
+@dataclass(frozen=True)
+class SampleField:
+    """A field of the samples that a reader gives, as augmentations see it.
+
+    Attributes
+    ----------
+    grid
+        Grid of the rows.
+    representation, contacts
+        Of a motion field: the plug-ins that made its columns, as the dataset's recipe names them; None where they are
+        not known, or for contacts where the field has none.
+    """
+
+    name: str
+    kind: Literal["motion", "keymotion", "audio", "scene"]
+    columns: Columns
+    grid: FrameGrid
+    representation: Representation | None = None
+    contacts: ContactRule | None = None
