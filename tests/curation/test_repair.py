@@ -9,9 +9,9 @@ import pytest
 
 from dancedata.core.clip import ClipRef
 from dancedata.core.motion import Motion
-from dancedata.core.quality import REPAIRED, Flag
+from dancedata.core.quality import Flag
 from dancedata.curation import repair
-from dancedata.curation.repair import LIMITS, STAGES
+from dancedata.curation.repair import LIMITS
 from dancedata.curation.scores import MEASURES, score_motion
 from dancedata.datasets.aistpp import AistPP
 from dancedata.synthetic import synthesise_motion
@@ -126,8 +126,3 @@ def test_real_clips_get_smaller_spikes_and_no_new_ones(shared: Path) -> None:
         assert len(after.above(limit)) <= len(before.above(limit))
         assert after.value <= before.value  # type: ignore[operator]
         assert (repaired.motion is motion) == (not before.above(limit))
-
-
-def test_kinds_and_keys() -> None:
-    assert set(LIMITS) == set(STAGES)
-    assert len(REPAIRED) == len(STAGES)

@@ -271,12 +271,6 @@ def test_short_motions_have_scores(n: int) -> None:
     assert {k for k, s in scores.items() if s.value is not None and s.value > MEASURES[k].limit} == set()
 
 
-def test_spans_above_a_limit() -> None:
-    found = score("spikes", moved(path_of((slice(200, 201), (0.1, 0.0, 0.0)))))
-    assert found.above(0.2) == ()
-    assert len(found.above(0.05)) == 1
-
-
 def test_real_clips_have_the_faults_that_are_known(shared: Path) -> None:
     """README of realdata: d04 and ch09 have joints that turn by 90 to 177 degrees in a frame; the others do not."""
     spikes = {}

@@ -1,6 +1,7 @@
 """Missing requirements of a dataset are reported together, before anything is written."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from shutil import copytree, ignore_patterns
 
@@ -10,8 +11,8 @@ import pytest
 import dancedata
 from dancedata.core.errors import DanceDataError, RecipeError, StoreError, UsageError
 from dancedata.core.registry import DATASETS
-from dancedata.store import StoredClip, write_store
-from dancedata.store.schema import LOCAL_FILE, StoreHeader
+from dancedata.store import write_store
+from dancedata.store.schema import LOCAL_FILE
 from dancedata.testing.stores import write_random_store
 from tests.messages import raises_message
 
@@ -97,12 +98,8 @@ def test_music_by_its_name_alone(built, tmp_path: Path) -> None:
 
 def test_ids_that_are_not_file_names(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "store", clips={"train": 2, "test": 1})
-    first = made.clips[0]
-    values = {name: getattr(first, name) for name in StoredClip.__dataclass_fields__}
-    bent = StoredClip(**{**values, "id": "../../up"})
-    header = StoreHeader(**{name: getattr(made.header, name) for name in StoreHeader.__dataclass_fields__})
     (tmp_path / "bent").mkdir()
-    write_store(tmp_path / "bent", header, [bent])
+    write_store(tmp_path / "bent", made.header, [replace(made.clips[0], id="../../up")])
     assert "cannot be names of files: '../../up'" in refusal(tmp_path / "bent", "npz", tmp_path / "out")
 
 

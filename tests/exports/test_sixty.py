@@ -98,22 +98,12 @@ def test_json_gives_back_every_float32(value: float) -> None:
 
 
 def test_crc32c() -> None:
-    """The check value of CRC-32C, the examples of RFC 3720, B.4, and long data byte by byte."""
+    """The check value of CRC-32C, and the examples of RFC 3720, B.4."""
     given = {
         b"": 0, b"123456789": 0xE3069283, bytes(32): 0x8A9136AA, b"\xff" * 32: 0x62A8AB43,
         bytes(range(32)): 0x46DD794E, bytes(range(31, -1, -1)): 0x113FDB5C,
     }  # fmt: skip
     assert {data: crc32c(data) for data in given} == given
-    table = []
-    for n in range(256):
-        for _ in range(8):
-            n = n >> 1 ^ (0x82F63B78 if n & 1 else 0)
-        table.append(n)
-    data = np.random.default_rng(0).bytes(3001)
-    state = 0xFFFFFFFF
-    for byte in data:
-        state = table[(state ^ byte) & 0xFF] ^ state >> 8
-    assert crc32c(data) == state ^ 0xFFFFFFFF
 
 
 def test_an_example_equals_protobufs_output() -> None:

@@ -21,6 +21,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.exports.base.run import ExportResult
 from dancedata.files.atomic_folder import AtomicFolder
 from dancedata.music.signal import load_audio
+from tests.exports.conftest import cut
 from tests.messages import raises_message
 
 
@@ -88,11 +89,7 @@ def _cut_music(source: Path, out: Path, seconds: Callable[[str], float]) -> Path
     """Copy the songs of a source, cut short."""
     out.mkdir(parents=True)
     for path in (source / "wavs").iterdir():
-        with wave.open(str(path)) as file:
-            parameters, data = file.getparams(), file.readframes(int(seconds(path.stem) * file.getframerate()))
-        with wave.open(str(out / path.name), "wb") as file:
-            file.setparams(parameters)
-            file.writeframes(data)
+        (out / path.name).write_bytes(cut(path.read_bytes(), seconds(path.stem)))
     return out
 
 
@@ -122,9 +119,9 @@ def test_windows_without_whole_sound_are_left_out(export, built, tmp_path: Path)
 def test_a_damaged_copy_of_the_music_is_not_taken(built, tmp_path: Path, to: str) -> None:
     """Too short for any window, or not decoded at all, it is still not the music of the dataset."""
     made = built("edge")
-    cut = _cut_music(made.source, tmp_path / "cut", lambda music: 1.5)
+    short = _cut_music(made.source, tmp_path / "cut", lambda music: 1.5)
     with raises_message(DataError, "match", reason="other_music"):
-        dancedata.export(made.path, to, tmp_path / "out", source=cut, progress=False)
+        dancedata.export(made.path, to, tmp_path / "out", source=short, progress=False)
     assert [p.name for p in tmp_path.iterdir()] == ["cut"]
 
 

@@ -19,7 +19,6 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.formats.body_mesh import BodyMesh, obj_text
 from dancedata.formats.gltf import motion_glb
 from dancedata.testing.examples import random_motion
-from tests.blender import in_blender
 from tests.body_models import body_model, body_model_arrays
 from tests.messages import raises_message
 from tests.video_files import smpl_pickle
@@ -253,49 +252,6 @@ def test_turns_do_not_depend_on_the_side_of_the_sphere() -> None:
     read = Read(motion_glb(motion))
     turns = read.array(read.document["animations"][0]["samplers"][1]["output"])
     np.testing.assert_allclose(np.abs(np.einsum("tk,tk->t", turns, rotation(spin).as_quat())), 1, atol=1e-6)
-
-
-#: Of a scene at the motion's rate; +Y up becomes +Z up.
-BLENDER = """
-import bpy, json, sys
-path, frames, out = sys.argv[1], json.loads(sys.argv[2]), sys.argv[3]
-bpy.ops.wm.read_factory_settings(use_empty=True)
-bpy.context.scene.render.fps = 30
-bpy.ops.import_scene.gltf(filepath=path)
-(armature,) = [o for o in bpy.data.objects if o.type == "ARMATURE"]
-body = next((o for o in bpy.data.objects if o.parent == armature and o.type == "MESH"), None)
-(action,) = bpy.data.actions
-found = {"name": armature.name, "range": list(action.frame_range)}
-for frame in frames:
-    bpy.context.scene.frame_set(frame)
-    joints = {bone.name: list(armature.matrix_world @ bone.head) for bone in armature.pose.bones}
-    found[frame] = {"joints": joints, "vertices": []}
-    if body is not None:
-        posed = body.evaluated_get(bpy.context.evaluated_depsgraph_get())
-        found[frame]["vertices"] = [list(posed.matrix_world @ v.co) for v in posed.to_mesh().vertices]
-json.dump(found, open(out, "w"))
-"""
-
-
-@pytest.mark.parametrize("skeleton", [SMPL24, SMPLX55, MOTORICA21], ids=lambda s: s.name)
-def test_blender_reads_it(tmp_path: Path, skeleton: Skeleton) -> None:
-    motion, mesh = random_motion(skeleton, N), None
-    if skeleton is not MOTORICA21:
-        mesh = BodyMesh.read(body_model(tmp_path / "m.npz", skeleton), BETAS)
-        mesh = replace(mesh, correctives=mesh.correctives * 0)
-        motion = mesh.on(motion)
-    (tmp_path / "a.glb").write_bytes(motion_glb(motion, mesh))
-    frames = [0, 1, N - 1]
-    found = in_blender(BLENDER, tmp_path / "a.glb", json.dumps(frames), folder=tmp_path)
-    assert (found["name"], found["range"]) == (skeleton.name, [0, N - 1])
-    posed = [] if mesh is None else list(mesh.posed(motion))
-    for frame in frames:
-        read = found[str(frame)]
-        for joint, (x, y, z) in zip(skeleton.joints, motion.joints()[frame], strict=True):
-            np.testing.assert_allclose(read["joints"][joint], (x, -z, y), rtol=0, atol=2e-6, err_msg=joint)
-        if posed:
-            wanted = posed[frame] @ np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-            np.testing.assert_allclose(read["vertices"], wanted, rtol=0, atol=2e-6)
 
 
 def test_obj_has_the_vertices_and_triangles(tmp_path: Path) -> None:

@@ -32,16 +32,6 @@ MIXAMO = """mixamorig:Hips mixamorig:LeftUpLeg mixamorig:RightUpLeg mixamorig:Sp
     mixamorig:LeftToeBase mixamorig:RightToeBase mixamorig:Neck mixamorig:LeftShoulder mixamorig:RightShoulder
     mixamorig:Head mixamorig:LeftArm mixamorig:RightArm mixamorig:LeftForeArm mixamorig:RightForeArm
     mixamorig:LeftHand mixamorig:RightHand mixamorig:LeftHandMiddle1 mixamorig:RightHandMiddle1"""
-XSENS = """Hips LeftHip RightHip Chest LeftKnee RightKnee Chest2 LeftAnkle RightAnkle Chest3 LeftToe RightToe Neck
-    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist LeftHand
-    RightHand"""
-SEGMENTS = """Pelvis LeftUpperLeg RightUpperLeg L5 LeftLowerLeg RightLowerLeg L3 LeftFoot RightFoot T12 LeftToe
-    RightToe
-    Neck LeftShoulder RightShoulder Head LeftUpperArm RightUpperArm LeftForeArm RightForeArm LeftHand RightHand
-    LeftFinger RightFinger"""
-SMPL_SHORT = """Pelvis L_Hip R_Hip Spine1 L_Knee R_Knee Spine2 L_Ankle R_Ankle Spine3 L_Foot R_Foot Neck L_Collar
-    R_Collar Head L_Shoulder R_Shoulder L_Elbow R_Elbow L_Wrist R_Wrist L_Hand R_Hand"""
-SMPL_NAMES = " ".join(SMPL24.joints)
 
 
 def load(path: Path, **parameters: Any) -> Motion:
@@ -50,7 +40,7 @@ def load(path: Path, **parameters: Any) -> Motion:
 
 @pytest.fixture(scope="module")
 def danced() -> Motion:
-    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=150)[0]
+    return synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=60)[0]
 
 
 def odd_bones(seed: int) -> Skeleton:
@@ -111,27 +101,6 @@ def test_smpls_own_rest_pose_gives_the_rotations_back(tmp_path: Path, danced: Mo
     columns = REPRESENTATIONS.make("edge151", {}).encode(motion, CONTACTS.make("velocity", {}))
     expected = REPRESENTATIONS.make("edge151", {}).encode(danced, CONTACTS.make("velocity", {}))
     np.testing.assert_allclose(columns[:, 4:139], expected[:, 4:139], atol=2e-5)
-
-
-@pytest.mark.parametrize(
-    ("names", "producer"),
-    [
-        (MIXAMO, "mixamo (by mixamorig:)"),
-        (XSENS, "100style or xsens (by Chest2, Chest3)"),
-        (SEGMENTS, "xsens-segments (by L5, L3, T12)"),
-        (SMPL_NAMES, "smpl (by Spine1, Spine2, Spine3)"),
-        (SMPL_SHORT, "smpl (by Spine1, Spine2, Spine3)"),
-    ],
-)
-def test_names_of_many_makers(tmp_path: Path, danced: Motion, names: str, producer: str) -> None:
-    write_as(tmp_path / "a.bvh", danced, SMPL24, Rotation.identity(24), names=names.split())
-    joints = read_bvh(tmp_path / "a.bvh").joints
-    found = map_joints(tmp_path, joints, None)
-    assert found.producer == producer
-    of = {SMPL24.joints[s]: joints[b].name for s, b in found.of.items()}
-    right = dict(zip(SMPL24.joints, names.split(), strict=True))
-    for name in set(right) - {"left_hand", "right_hand"}:
-        assert of[name] == right[name]
 
 
 def test_spines_of_any_number() -> None:
@@ -259,7 +228,7 @@ def test_a_missing_joint_is_named_with_its_like(own: Path) -> None:
     with raises_message(DataError, "left_elbow", where="own.bvh", reason="unknown_joints"):
         load(own, unit="cm")
     named = load(own, unit="cm", joint_map={"left_elbow": "mixamorig:LeftForearmm"})
-    assert named.n_frames == 150
+    assert named.n_frames == 60
 
 
 @pytest.mark.parametrize(
@@ -447,7 +416,7 @@ def test_names_that_occur_twice(own: Path) -> None:
     own.write_text(text.replace("HandMiddle1", "Hand"))  # below a joint of its name: the end of that one
     np.testing.assert_array_equal(load(own, unit="cm").joints(), expected)
     own.write_text(text.replace("mixamorig:LeftToeBase", "Nub").replace("mixamorig:RightToeBase", "Nub"))
-    assert load(own, unit="cm").n_frames == 150
+    assert load(own, unit="cm").n_frames == 60
     for joint_map in (None, {"left_foot": "Nub"}):
         if joint_map is None:
             own.write_text(text.replace("RightForeArm", "LeftForeArm"))

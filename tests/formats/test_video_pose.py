@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import dancedata
 from dancedata.building.build import build
@@ -30,6 +31,11 @@ N = 60
 def loaded(path: Path, **parameters: Any) -> Any:
     dataset = Folder(**{"fps": 30, "music": "optional", **parameters})
     return {ref.id: (ref, dataset.load(ref)) for ref in dataset.scan(path.parent).clips}
+
+
+def load_one(path: Path, **declared: str) -> Motion:
+    ref = ClipRef("a", path, None, "train", declared=tuple(sorted(declared.items())))
+    return Folder(fps=30, music="optional").load(ref)
 
 
 def refused(path: Path, **parameters: Any) -> DataError:
@@ -70,12 +76,10 @@ def test_several_people_have_to_be_chosen(tmp_path: Path) -> None:
     path = tmp_path / "wham_output.pkl"
     path.write_bytes(wham({4: wham_person(N), 17: wham_person(9)}))
     assert refused(path).reason == "several_people"
-    dataset = Folder(fps=30, music="optional")
     for person, length in (("4", N), ("17", 9)):
-        ref = ClipRef("x", path, None, "train", declared=(("person", person),))
-        assert dataset.load(ref).n_frames == length
+        assert load_one(path, person=person).n_frames == length
     with raises_message(DataError, "correct", where="wham_output.pkl", reason="missing_person"):
-        dataset.load(ClipRef("x", path, None, "train", declared=(("person", "5"),)))
+        load_one(path, person="5")
 
 
 def test_one_person_needs_no_choice(tmp_path: Path) -> None:
@@ -173,8 +177,8 @@ def test_positions_and_degrees_of_wham_are_refused(tmp_path: Path) -> None:
         wrong = {**good, "pose_world": pose.reshape(N, 72), "trans_world": trans}
         path.write_bytes(wham({4: good, 17: wrong}))
         with raises_message(DataError, "pose_world", where="wham_output.pkl", reason="not_rotations"):
-            Folder(fps=30).load(ClipRef("x", path, None, "train", declared=(("person", "17"),)))
-        Folder(fps=30).load(ClipRef("x", path, None, "train", declared=(("person", "4"),)))
+            load_one(path, person="17")
+        load_one(path, person="4")
 
 
 def test_positions_and_degrees_of_gvhmr_are_refused(tmp_path: Path) -> None:
@@ -283,7 +287,7 @@ def test_files_of_phalp_that_contradict_themselves(tmp_path: Path) -> None:
     # Found by fuzzing: a number beyond float64 must not cause a warning.
     large = {**pose, "betas": np.full(10, np.finfo(np.longdouble).max)}
     path.write_bytes(joblib_bytes({"0.jpg": {**good, "smpl": [large]}}))
-    assert Folder(fps=30, music="optional").load(ClipRef("a", path, None, "train")).n_frames == 1
+    assert load_one(path).n_frames == 1
     # A list that occurs a hundred thousand times.
     row = {**good, "tid": [1] * 100, "tracked_time": [0] * 100, "smpl": [pose] * 100, "camera": [np.zeros(3)] * 100}
     path.write_bytes(joblib_bytes({str(k): row for k in range(1000)}))
@@ -318,3 +322,100 @@ def test_a_dataset_of_people(tmp_path: Path) -> None:
     assert '"unsafe_pickle"' in (tmp_path / "out" / "rejects.jsonl").read_text()
     assert not list(tmp_path.rglob("PWNED"))
     assert not Path("PWNED").exists()
+
+
+# ---- one person whom a program lost and found again under other numbers
+
+LONG = 240
+
+
+def chunk(whole: dict[str, Any], frames: range, yaw: float = 0.0) -> dict[str, Any]:
+    """Return some frames of a person of WHAM, in a world of their own that begins at the origin."""
+    part = {name: values[frames.start : frames.stop].copy() for name, values in whole.items()}
+    turn, rest = Rotation.from_euler("y", yaw), np.array(SMPL24.offsets[0])
+    pelvis = turn.apply(part["trans_world"] + rest)
+    part["trans_world"] = pelvis - pelvis[0] * (1, 0, 1) + (0.3, 0.1, 0) - rest
+    part["pose_world"][:, :3] = (turn * Rotation.from_rotvec(part["pose_world"][:, :3])).as_rotvec()
+    return part
+
+
+@pytest.mark.parametrize("keys", [(0, 4, 17, 31), tuple(np.unique([0, 4, 17, 31])), ("0", "4", "17", "31")])
+def test_tracks_of_one_person_are_one_clip(tmp_path: Path, keys: tuple[Any, ...]) -> None:
+    whole = wham_person(LONG, vertices=2)
+    spans = (range(60), range(61, 130), range(136, 180), range(180, LONG))
+    parts = [chunk(whole, span, yaw) for span, yaw in zip(spans, (0.0, 1.0, -2.5, 3.0), strict=True)]
+    path = tmp_path / "anna.pkl"
+    path.write_bytes(wham(dict(zip(keys, parts, strict=True))))
+    motion = load_one(path)
+    assert motion.n_frames == LONG
+    (tmp_path / "whole.pkl").write_bytes(wham({0: chunk(whole, range(LONG))}))
+    expected = load_one(tmp_path / "whole.pkl")
+    seen = np.concatenate([np.arange(span.start, span.stop) for span in spans])
+    # The body itself is exact; where it goes on, it does so as fast as before.
+    np.testing.assert_allclose(motion.rotations[seen, 1:], expected.rotations[seen, 1:], atol=1e-6)
+    assert np.abs(motion.joints()[seen] - expected.joints()[seen]).max() < 0.1
+    assert np.linalg.norm(np.diff(motion.translation, axis=0), axis=1).max() < 0.1
+    assert load_one(path, person=str(keys[2])).n_frames == spans[2].stop  # one track, by its number
+    (clip,) = Folder(fps=30, music="optional", people="split").scan(_source(path)).clips
+    assert clip.id == "anna"
+    assert "0, 4, 17, 31" in " ".join(clip.notes)
+
+
+def _source(path: Path) -> Path:
+    source = path.parent / "source"
+    (source / "motions").mkdir(parents=True)
+    (source / "motions" / path.name).write_bytes(path.read_bytes())
+    return source
+
+
+def other(part: dict[str, Any], what: str) -> dict[str, Any]:
+    if what == "another pose":
+        part["pose"][:, 3:] += 1.2
+        part["pose_world"][:, 3:] += 1.2
+    elif what == "another place":
+        part["trans"] += (2, 0, 0)
+    elif what == "much later":
+        part["frame_ids"] += 20
+    elif what == "at the same time":
+        part["frame_ids"] -= 5
+    return part
+
+
+@pytest.mark.parametrize("what", ["another pose", "another place", "much later", "at the same time"])
+def test_other_people_are_not_joined(tmp_path: Path, what: str) -> None:
+    whole = wham_person(LONG, vertices=2)
+    path = tmp_path / "two.pkl"
+    path.write_bytes(wham({1: chunk(whole, range(100)), 2: other(chunk(whole, range(101, LONG)), what)}))
+    with raises_message(DataError, "split", where="two.pkl", reason="several_people"):
+        load_one(path)
+    clips = Folder(fps=30, music="optional", people="split").scan(_source(path)).clips
+    assert [clip.id for clip in clips] == ["two-person1", "two-person2"]
+
+
+def test_two_dancers_of_whom_one_is_lost(tmp_path: Path) -> None:
+    anna, ben = wham_person(LONG, vertices=2), wham_person(LONG, seed=5, vertices=2)
+    ben["trans"] = ben["trans"] + np.float32([3, 0, 0])
+    path = tmp_path / "duet.pkl"
+    path.write_bytes(wham({0: chunk(anna, range(90)), 1: ben, 7: chunk(anna, range(93, LONG))}))
+    folder = Folder(fps=30, music="optional", people="split")
+    clips = folder.scan(_source(path)).clips
+    assert [clip.id for clip in clips] == ["duet-person0", "duet-person1"]
+    assert [folder.load(clip).n_frames for clip in clips] == [LONG, LONG]
+
+
+def test_two_tracks_that_go_on_in_the_same_one_are_left(tmp_path: Path) -> None:
+    whole = wham_person(LONG, vertices=2)
+    path = tmp_path / "three.pkl"
+    path.write_bytes(
+        wham({0: chunk(whole, range(90)), 1: chunk(whole, range(20, 91)), 2: chunk(whole, range(95, LONG))})
+    )
+    clips = Folder(fps=30, music="optional", people="split").scan(_source(path)).clips
+    assert len(clips) == 3
+
+
+def test_tracks_of_phalp(tmp_path: Path) -> None:
+    rotations, path_of = dance(60)
+    people = {3: (rotations[:30], path_of[:30], np.arange(30)), 8: (rotations[33:], path_of[33:], np.arange(33, 60))}
+    path = tmp_path / "demo.pkl"
+    path.write_bytes(phalp(people))
+    assert load_one(path).n_frames == 60

@@ -81,16 +81,6 @@ def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
     assert findings(reports) == []
 
 
-@pytest.mark.nightly
-def test_guided_by_coverage() -> None:
-    """With atheris, where it is installed; a process dies of what is found."""
-    pytest.importorskip("atheris", reason="atheris is not installed: pip install atheris")
-    for target in ("pickle", "npy", "npz", "bvh", "csv", "jsonl", "recipe", "dataset_json"):
-        command = [sys.executable, str(TOOLS / "guided.py"), target, "-runs=20000", "-seed=1", "-rss_limit_mb=1000"]
-        run = subprocess.run([*command, "-timeout=5"], capture_output=True, text=True, errors="replace")
-        assert run.returncode == 0, run.stderr[-2000:]
-
-
 def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     """The order of batches depends only on the run, so that the number of finished ones determines the rest."""
     run: list[tuple[Any, ...]] = []

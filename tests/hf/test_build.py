@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 import dancedata
 from dancedata.audio.hf import HuggingFace
 from dancedata.building.build import build

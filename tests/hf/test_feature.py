@@ -7,12 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 import torch
 
 import dancedata
@@ -26,6 +20,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.files.documents import document_of
 from dancedata.files.regular_file import sha256_file
 from dancedata.testing.encoders import KINDS
+from tests.messages import raises_message
 
 from .conftest import noise, settings, song
 

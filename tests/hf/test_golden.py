@@ -5,9 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 from dancedata.testing.encoders import KINDS
 
 from .golden import kept, layouts, outputs, write_model

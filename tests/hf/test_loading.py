@@ -9,12 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 import torch
 from safetensors.torch import load_file, save_file
 
@@ -25,6 +19,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
+from tests.messages import raises_message
 
 from .conftest import noise, settings
 

@@ -12,9 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 import dancedata
 from dancedata.audio.hf.encoder import HuggingFaceEncoder
 from dancedata.audio.hf.model_folder import open_model

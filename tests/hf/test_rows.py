@@ -6,10 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch")
-pytest.importorskip("transformers")
-
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st

@@ -13,9 +13,7 @@ from dancedata.contacts.height import Height
 from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.finedance import FineDance
 from dancedata.keymotion import primitives
-from dancedata.keymotion.characteristic_primitives import joints_of
 from dancedata.keymotion.primitives_as_released import Key, key_frames, pieces
-from dancedata.metrics.key_motion import key_motion
 from dancedata.representations.lodge139 import Lodge139
 from tests.messages import raises_message
 
@@ -39,13 +37,6 @@ def windows(peers: Any, golden: Any) -> list[np.ndarray]:
         refs = {ref.id: ref for ref in reader.scan(peers / "inputs" / "finedance").clips}
         tracks = {name: Lodge139().encode(reader.load(refs[name]), Height()) for name, _ in sources}
     return [tracks[track][int(start) : int(start) + 1024, :139] for track, start in sources]
-
-
-@pytest.mark.parametrize("n", SEGMENTS)
-@pytest.mark.parametrize("clip", CLIPS)
-def test_motion_beats(golden: Any, windows: list[np.ndarray], clip: int, n: int) -> None:
-    beats = golden[f"L1024_fi{n}.motion_beats"][clip]
-    assert key_motion(joints_of(windows[clip])).minima.tolist() == beats[beats >= 0].tolist()
 
 
 @pytest.mark.parametrize("n", SEGMENTS)

@@ -62,10 +62,6 @@ def reflected(motion: Motion) -> Motion:
     return Motion(motion.translation * FLIP, rotations, motion.grid, motion.skeleton.mirrored(), motion.trim_start)
 
 
-def test_some_representations_decode() -> None:
-    assert DECODED
-
-
 @pytest.mark.parametrize("name", DECODED)
 @settings(max_examples=20, deadline=None)
 @given(seeds, st.integers(0, 3))

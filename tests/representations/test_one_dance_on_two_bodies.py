@@ -1,9 +1,7 @@
 """The same dance read from an AMASS file (SMPL-H) and from a SMPL-X file: the same columns."""
 
-import os
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,7 +12,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder import Folder
-from dancedata.evaluation.measuring import conformed, measure_pose
+from dancedata.evaluation.measuring import conformed
 from dancedata.evaluation.protocol import MotionRule
 from dancedata.formats.motion_files import amass_arrays, smplx_arrays
 from dancedata.scene.poses import Pose
@@ -71,31 +69,6 @@ def test_a_protocol_measures_the_same_positions(dances: list[dict[str, Motion]],
         rest = SMPL24.offsets[0] if pelvis == "translation" and body == "smpl24" else 0
         if body == "smpl24":
             np.testing.assert_allclose(smplx[:, 0], dance["smpl"].joints()[:, 0] - rest, atol=1e-9)
-
-
-@pytest.mark.skipif(
-    "DANCEDATA_TEST_NATIVE" in os.environ, reason="units run in another process, which is not counted"
-)
-def test_metrics_of_other_positions_are_recomputed(dances: list[dict[str, Motion]], tmp_path: Path) -> None:
-    """A later `CROSSING` keeps cached evaluations that needed no other body."""
-    measured: list[str] = []
-
-    def counted(*arguments: Any) -> Any:
-        measured.append(arguments[3].motion.skeleton.name)
-        return measure_pose(*arguments)
-
-    def evaluate() -> list[str]:
-        measured.clear()
-        options: dict[str, Any] = {"fps": 60, "pool": clips, "metrics": ["fid_g"], "intervals": False, "jobs": 1}
-        dancedata.evaluate(clips, protocol="fact-aistpp", cache=tmp_path, progress=False, **options)
-        return sorted(measured)
-
-    clips = dict(dances[0])
-    with mock.patch("dancedata.evaluation.measuring.measure_pose", counted):
-        assert {"smpl24", "smplh52", "smplx55"} == set(evaluate())
-        assert evaluate() == []
-        with mock.patch("dancedata.evaluation.measuring.CROSSING", 1):
-            assert set(evaluate()) == {"smplx55"}
 
 
 @pytest.mark.parametrize("name", ["aist++", "synthetic", "finedance", "folder"])

@@ -103,7 +103,7 @@ def capture(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     motion = load_motion(path, Reading(Declared(None, up), Declared(unit="guess")))
     bvh = read_bvh(path)
     of = map_joints(path, bvh.joints, None).of
-    step = -(-motion.n_frames // 40)
+    step = -(-motion.n_frames // 20)
     joints = np.full((len(range(0, motion.n_frames, step)), 24, 3), np.nan)
     joints[:, list(of)] = world(bvh, list(of.values()), slice(None, None, step))[1] @ UPRIGHT[up].T
     rows = slice(None, None, step)

@@ -274,14 +274,6 @@ def test_a_bad_stage_is_a_problem_of_the_recipe(value: object) -> None:
         load_recipe("demo", {"transforms": [{"retarget": value}]})
 
 
-def test_the_stage_is_part_of_the_hash() -> None:
-    plain, staged = load_recipe("demo"), load_recipe("demo", ["transforms.retarget.skeleton=smpl24"])
-    assert plain.document["transforms"] == []
-    assert load_recipe(plain.document).sha256 == plain.sha256
-    assert plain.sha256 != staged.sha256
-    assert load_recipe(staged.document).sha256 == staged.sha256
-
-
 def test_a_build_of_a_bvh_is_on_the_skeleton(dance: Motion, tmp_path: Path) -> None:
     import dancedata
 
