@@ -1,13 +1,11 @@
 """Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
 
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import soundfile
 
@@ -17,9 +15,6 @@ from dancedata.building import build as build_module
 from dancedata.building.describe import describe_store
 from dancedata.core.errors import DataError, SourceError, StoreError
 from dancedata.datasets.aistpp import AistPP
-from dancedata.files import publish
-from dancedata.files.locks import writing_lock
-from dancedata.store import verify_store
 from tests.messages import raises_message
 
 Hashes = Callable[[Path], dict[str, str]]
@@ -47,30 +42,6 @@ def break_clip(source: Path, clip: str = TRAIN) -> None:
     """Leave half of a motion pickle."""
     path = source / "motions" / f"{clip}.pkl"
     path.write_bytes(path.read_bytes()[:1000])
-
-
-@pytest.mark.parametrize("scope", ["track", "window"])
-def test_a_built_dataset_is_whole_and_sound(built_in: dict[str, Path], scope: str):
-    assert {p.name for p in built_in[scope].iterdir()} == FILES
-    assert [p for p in verify_store(built_in[scope]) if p.severity == "error"] == []
-    with dancedata.open(built_in[scope]) as ds:
-        assert ds.splits == ("train", "val", "test")
-        window = ds.windows("train")[0]
-        assert ds.read(window, "edge151").shape == (150, 151)
-        assert ds.read(window, "librosa35").shape == (150, 35)
-
-
-def test_two_jobs_and_a_source_elsewhere_made_in_another_order_give_the_same_bytes(
-    run_build: Any, corpus: Path, built: Path, out: Path, tmp_path: Path, hashes: Hashes
-):
-    elsewhere = tmp_path / "мои dänce 舞 files"
-    for path in sorted(corpus.rglob("*"), reverse=True):
-        if path.is_file():
-            target = elsewhere / path.relative_to(corpus)
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(path, target)
-    run_build(elsewhere, out, jobs=2, cache=tmp_path / "cache")
-    assert hashes(out) == hashes(built)
 
 
 def test_the_second_time_nothing_is_done(run_build: Any, corpus: Path, built_copy: Path):
@@ -123,31 +94,6 @@ def test_overwrite_that_fails_leaves_the_old_dataset(run_build, corpus, built_co
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
 
 
-def test_a_second_writer_fails_at_once(run_build: Any, corpus: Path, out: Path):
-    out.parent.mkdir()
-    with writing_lock(out, "build"), raises_message(StoreError, "writing", where="outs/out"):
-        run_build(corpus, out)
-    assert not out.exists()
-    assert run_build(corpus, out).built
-
-
-@pytest.mark.parametrize("overwrite", [False, True])
-def test_the_rest_of_a_killed_build_is_replaced(run_build, corpus, built, out, hashes, overwrite):
-    out.mkdir(parents=True)
-    if overwrite:
-        shutil.copytree(built, out, dirs_exist_ok=True)
-    unfinished = [out.parent / ".dancedata-out.new-0123abcd"] if overwrite else [out / publish.STAGING]
-    for folder in unfinished:
-        publish.claim(folder)
-        for name in ("train-00000-of-00009.h5", "README.md", "stats.json", ".dancedata-abc_1234.tmp"):
-            (folder / name).write_text("half")
-    if overwrite:
-        shutil.copytree(built, out.parent / ".dancedata-out.old-0123abcd")
-    run_build(corpus, out, overwrite=overwrite)
-    assert hashes(out) == hashes(built)
-    assert [p.name for p in out.parent.iterdir()] == ["out"]
-
-
 @pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
 def test_cached_units_are_not_computed_again(run_build, built, source, out, monkeypatch, scope, extract):
     loads = count_calls(monkeypatch, AistPP, "load")
@@ -156,44 +102,6 @@ def test_cached_units_are_not_computed_again(run_build, built, source, out, monk
     stride = ["windows.stride_s=1"] if scope == "aist++" else []
     run_build(source, out, scope, set=[*stride, "name=another"])
     assert (loads, extracts) == ([], [])
-
-
-def test_another_parameter_of_the_audio_recomputes_no_motion(run_build, built, corpus, out, monkeypatch):
-    loads = count_calls(monkeypatch, AistPP, "load")
-    extracts = count_calls(monkeypatch, Librosa35, "extract")
-    run_build(corpus, out, set=["audio.librosa35.tightness=1"])
-    assert loads == []
-    assert len(extracts) == 2
-    with dancedata.open(out) as new, dancedata.open(built) as old:
-        clip = new.clips()[0].id
-        assert np.array_equal(new[clip].read("edge151"), old[clip].read("edge151"))
-        assert not np.array_equal(new[clip].read("librosa35"), old[clip].read("librosa35"))
-
-
-def test_another_contact_rule_recomputes_no_audio(run_build, built, corpus, out, monkeypatch):
-    extracts = count_calls(monkeypatch, Librosa35, "extract")
-    run_build(corpus, out, set=["motion.edge151.contacts.velocity.max_speed_m_s=1"])
-    assert extracts == []
-    with dancedata.open(out) as new, dancedata.open(built) as old:
-        contacts = [ds[TRAIN].read("edge151")[:, :4] for ds in (new, old)]
-    assert (contacts[0] > contacts[1]).any()
-
-
-def test_a_damaged_entry_of_the_cache_is_made_again(run_build, corpus, built, cache, out, tmp_path, hashes):
-    damaged = shutil.copytree(cache, tmp_path / "cache")
-    paths = list(damaged.rglob("*.npy")) + list(damaged.rglob("*.json"))
-    assert len(paths) > 10
-    for path in paths:
-        os.truncate(path, path.stat().st_size // 2)
-    run_build(corpus, out, cache=damaged)
-    assert hashes(out) == hashes(built)
-
-
-def test_strict_stops_at_a_broken_clip(run_build: Any, source: Path, out: Path):
-    break_clip(source)
-    with raises_message(DataError, f"{source}/motions/{TRAIN}.pkl", reason="broken_file"):
-        run_build(source, out, strict=True)
-    assert not out.exists()
 
 
 def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: Any, source: Path, out: Path):

@@ -17,7 +17,6 @@ from dancedata.core.errors import DanceDataError, DataError, RecipeError, UsageE
 from dancedata.core.resources import resource
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.synthetic import Synthetic
-from dancedata.music.signal import load_audio
 from dancedata.recipes.parse import load_recipe
 from dancedata.testing.examples import random_motion, random_signal
 from tests.commands import as_json, run
@@ -124,15 +123,6 @@ def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: p
     assert list(tmp_path.iterdir()) == []
 
 
-def test_extract_takes_a_file_or_a_signal(corpus: Path):
-    path = corpus / "wavs" / "mHO3.wav"
-    rows = dancedata.features(path, "librosa35", fps=30, bpm=120)
-    assert rows.dtype == np.float32
-    assert rows.shape[1] == 35
-    assert np.array_equal(rows, dancedata.features(str(path), "librosa35", fps=30, bpm=120))
-    assert np.array_equal(rows, dancedata.features(load_audio(path), "librosa35", bpm=120))
-
-
 def test_extract_at_another_rate_and_with_parameters():
     signal = random_signal(3, 16_000)
     assert (
@@ -149,15 +139,6 @@ def test_a_value_without_rotations_is_a_usage_error():
     positions = dancedata.encode(random_motion(SMPL24, 30), "joints")
     with raises_message(UsageError, "turns"):
         dancedata.decode(positions, "joints")
-
-
-def test_encode_takes_another_contact_rule():
-    motion = random_motion(SMPL24, 30, turn_rad=0.01, step_m=0.001)
-    usual = dancedata.encode(motion, "edge151")
-    assert np.array_equal(dancedata.encode(motion, "edge151", contacts="velocity"), usual)
-    wide = dancedata.encode(motion, "edge151", contacts={"velocity": {"max_speed_m_s": 100}})
-    assert wide[:, :4].all()
-    assert not usual[:, :4].all()
 
 
 def test_misspelt_names_are_explained(tmp_path: Path):

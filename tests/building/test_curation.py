@@ -9,7 +9,6 @@ import pytest
 
 import dancedata
 from dancedata.building.plan import make_plan
-from dancedata.core.clip import ClipRef
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.motion import Motion
@@ -20,7 +19,6 @@ from dancedata.store import Store, verify_store
 from dancedata.synthetic import synthesise_motion
 from tests.commands import as_json, run
 from tests.messages import raises_message
-from tests.takes import keys_of, take_of
 
 DOCUMENT: dict[str, Any] = {
     "recipe": 1, "name": "mine",
@@ -183,20 +181,6 @@ def test_mirrored_copies_are_mirrored_repairs(build: Any, plain: Store) -> None:
     assert rows == np.flatnonzero(of_clip.any(axis=1)).tolist() == [149, 150]
 
 
-def test_keys_of_recipes_without_repairs_stay() -> None:
-    clip = ClipRef("a", Path("a.npz"), None, "train", "")
-    recipes = [
-        parse_recipe({**DOCUMENT, **keys})
-        for keys in ({}, {"rules": {"curate": {"spikes": True}}}, {"transforms": [{"repair": {"spikes": True}}]})
-    ]
-    plain, curated, repaired = (keys_of(recipe, take_of(recipe, [(clip, "0" * 64)])) for recipe in recipes)
-    assert plain == {name: curated[name] for name in plain}
-    assert repaired["vitals"] != plain["vitals"]
-    assert repaired["edge151"] != plain["edge151"] == repaired["edge151.original"]
-    for keys in ({"rules": {"curate": False}}, {"transforms": [{"repair": False}]}):
-        assert parse_recipe({**DOCUMENT, **keys}).sha256 == parse_recipe(DOCUMENT).sha256
-
-
 def test_a_recipe_reads_what_it_wrote() -> None:
     keys = {
         "rules": {"curate": {"spikes": 0.1, "up": True, "jitter": {"leave_out": "clip", "splits": ["val", "train"]}}},
@@ -275,16 +259,6 @@ def test_slices_are_scored_by_themselves(build: Any, plain: Store) -> None:
             assert [s[:2] for s in spans] == [(start - clip.slice_start, end - clip.slice_start)]
             assert spans[0][2] == pytest.approx(value, abs=1e-3)
         assert scores[clip.id].scores["floor_drift"].value is None  # 2 s are too short
-
-
-def test_motion_without_music_is_scored(source: Path, tmp_path: Path) -> None:
-    lines = [f"{p.stem},{p.name},m,y,60" for p in sorted(source.iterdir())]
-    for path in source.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
-    (tmp_path / "manifest.csv").write_text("\n".join(["id,motion,unit,up,fps", *lines]))
-    found = quality.quality(tmp_path, dataset="folder", progress=False)
-    assert [clip.clip for clip in found.clips] == ["clean", "held", "sinks", "spike"]
-    assert found.rejects == ()
 
 
 def test_the_report_shows_repairs(build: Any, tmp_path: Path) -> None:

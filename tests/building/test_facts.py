@@ -14,13 +14,12 @@ from dancedata.core.errors import RecipeError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import recipe_hash
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
-from dancedata.core.registry import DATASETS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.recipes.parse import parse_recipe
 from dancedata.segments import annotators as facts
 from dancedata.store import Store, verify_store
+from tests.building.conftest import OwnReader
 from tests.messages import raises_message
 from tests.metrics.test_events import Dance
 
@@ -28,13 +27,10 @@ WORDS = Layer("description", language="de")
 
 
 @dataclass(frozen=True)
-class Planted(Dataset):
+class Planted(OwnReader):
     """A dancer who turns, jumps and walks; and a group of two who stand, one of whom jumps."""
 
     name: ClassVar[str] = "planted"
-    version: ClassVar[int] = 1
-    licence: ClassVar[str] = "none"
-    citation: ClassVar[str] = "none"
 
     def scan(self, source: Path) -> Scan:
         words = (Segment(WORDS, Fraction(0), Fraction(1), texts=("dreht sich nach links",)),)
@@ -64,12 +60,6 @@ class Planted(Dataset):
     def make_example(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         (folder / "any.txt").write_text("x")
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    DATASETS.names()
-    monkeypatch.setitem(DATASETS._classes, "planted", Planted)
 
 
 def document(**keys: Any) -> dict[str, Any]:

@@ -1,68 +1,28 @@
 """Audio fields from files: rows on the clip's frames, what sets a clip aside, keys, plans, and wrong recipes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 
 import dancedata
-from dancedata.audio.file import FileRows
 from dancedata.building.left_out import reasons
 from dancedata.building.plan import Plan, make_plan
 from dancedata.core.audio_signal import wav_bytes
-from dancedata.core.clip import ClipRef, Scan
-from dancedata.core.errors import DataError, RecipeError, StoreError, UsageError
-from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
-from dancedata.core.registry import DATASETS, FEATURES
-from dancedata.core.skeleton import SMPL24
+from dancedata.core.errors import RecipeError, StoreError
 from dancedata.recipes.parse import load_recipe, parse_recipe
-from dancedata.store import Store, verify_store
+from dancedata.store import Store
 from dancedata.synthetic import synthesise_song
 from dancedata.torch import WindowDataset
 from tests.messages import raises_message
 
 #: Frames at 30 per second: 6 s.
 N = 180
-PATH = "muq/{clip}.npy"
-
-
-@dataclass(frozen=True)
-class Silent(Dataset):
-    """Clips without music, or with one song."""
-
-    name: ClassVar[str] = "silent"
-    version: ClassVar[int] = 1
-    licence: ClassVar[str] = "none"
-    citation: ClassVar[str] = "none"
-
-    clips: tuple[str, ...] = ("a",)
-    start: str = "0"
-    music: str = "m"
-
-    def scan(self, source: Path) -> Scan:
-        song = source / "song.wav"
-        audio = song if song.exists() else None
-        return Scan(
-            "silent",
-            tuple(
-                ClipRef(clip, source / "x.npz", audio, "train", music=self.music, audio_start=Fraction(self.start))
-                for clip in self.clips
-            ),
-        )
-
-    def load(self, ref: ClipRef) -> Motion:
-        poses = np.cumsum(np.random.default_rng(0).normal(scale=0.01, size=(N, 24, 3)), axis=0)
-        return Motion(np.tile([0.0, 0.9, 0.0], (N, 1)), poses, FrameGrid.of(30), SMPL24)
-
-    def make_example(self, folder: Path) -> None:
-        folder.mkdir()
+PATH = "rows/{clip}.npy"
 
 
 def ramp(n: int, width: int = 3, dtype: str = "float32") -> np.ndarray:
@@ -70,13 +30,8 @@ def ramp(n: int, width: int = 3, dtype: str = "float32") -> np.ndarray:
 
 
 @pytest.fixture
-def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    DATASETS.names()
-    monkeypatch.setitem(DATASETS._classes, "silent", Silent)
-    folder = tmp_path / "source"
-    (folder / "muq").mkdir(parents=True)
-    (folder / "x.npz").write_bytes(b"x")
-    return folder
+def source(silent_source: Path) -> Path:
+    return silent_source
 
 
 def document(feature: dict[str, Any], dataset: dict[str, Any] | None = None, **keys: Any) -> dict[str, Any]:
@@ -88,14 +43,8 @@ def document(feature: dict[str, Any], dataset: dict[str, Any] | None = None, **k
 
 
 @pytest.fixture
-def build(source: Path, tmp_path: Path, cache: Path) -> Callable[..., Store]:
-    def run(feature: dict[str, Any], dataset: dict[str, Any] | None = None, **keys: Any) -> Store:
-        recipe, out = document(feature, dataset, **keys), tmp_path / "out"
-        store = dancedata.build(recipe, source, out, jobs=1, cache=cache, progress=False, overwrite=True).open()
-        assert verify_store(out) == []
-        return store
-
-    return run
+def build(source: Path, store_of: Callable[..., Store]) -> Callable[..., Store]:
+    return lambda feature, dataset=None, **keys: store_of(document(feature, dataset, **keys), source)
 
 
 #: The transforms of whole clips, and of slices.
@@ -109,7 +58,7 @@ def starts_of(store: Store) -> list[int]:
 
 @pytest.mark.parametrize("scope", ["track", "window"])
 def test_rows_at_their_own_rate(source: Path, build: Callable[..., Store], scope: str) -> None:
-    np.save(source / "muq" / "a.npy", ramp(150))
+    np.save(source / "rows" / "a.npy", ramp(150))
     store = build({"fps": 25}, transforms=SCOPES[scope])
     assert store.field("file.muq").rate == 25
     assert starts_of(store) == [0, 30, 60, 90, 120]
@@ -137,7 +86,7 @@ BETWEEN = np.minimum(np.arange(N) * 25 / 30, 149)[:, None] + np.arange(3) / 10
     ids=["nearest", "between", "fewer"],
 )  # fmt: skip
 def test_rows_at_another_rate(source, build, feature, file, expected):
-    np.save(source / "muq" / "a.npy", file)
+    np.save(source / "rows" / "a.npy", file)
     store = build(feature)
     rows = store["a"].read("file.muq")
     assert store.field("file.muq").dtype == feature.get("dtype", "float32") == rows.dtype
@@ -146,8 +95,8 @@ def test_rows_at_another_rate(source, build, feature, file, expected):
 
 @pytest.mark.parametrize(("begins", "offset"), [("music", 30), ("clip", 0)])
 def test_files_of_songs_that_begin_before_the_clip(source, build, begins, offset):
-    np.save(source / "muq" / "m.npy", ramp(300))
-    feature = {"path": "muq/{music}.npy", "rate": 30, "begins": begins, "tolerance_s": None}
+    np.save(source / "rows" / "m.npy", ramp(300))
+    feature = {"path": "rows/{music}.npy", "rate": 30, "begins": begins, "tolerance_s": None}
     store = build(feature, {"start": "1", "clips": ["a", "b"]})
     for window in store.windows("train"):
         first = window.start + offset
@@ -160,7 +109,7 @@ def test_files_of_songs_that_begin_before_the_clip(source, build, begins, offset
 
 
 def test_a_clip_between_two_rows_needs_a_rule(source: Path, build: Callable[..., Store]) -> None:
-    np.save(source / "muq" / "a.npy", ramp(250))
+    np.save(source / "rows" / "a.npy", ramp(250))
     keys: dict[str, Any] = {"rate": 25, "fps": 25, "tolerance_s": None}
     with raises_message(StoreError, "between_rows", where="source"):
         build(keys, {"start": "0.51"})
@@ -170,7 +119,7 @@ def test_a_clip_between_two_rows_needs_a_rule(source: Path, build: Callable[...,
 
 @pytest.mark.parametrize(("origin", "starts"), [("-1/3", [0, 30, 60, 90]), ("1/2", [30, 60, 90, 120])])
 def test_windows_outside_the_rows_are_left_out(source, build, origin, starts):
-    np.save(source / "muq" / "a.npy", ramp(180))
+    np.save(source / "rows" / "a.npy", ramp(180))
     store = build({"rate": 30, "origin_s": origin})
     assert [w.start for w in store.windows("train")] == starts
     assert [row["reason"] for row in store.rejects] == ["no_audio"]
@@ -194,9 +143,9 @@ BAD: dict[str, tuple[Any, dict[str, Any], str]] = {
 @pytest.mark.parametrize("case", BAD)
 def test_what_sets_a_clip_aside(source: Path, build: Callable[..., Store], case: str, cache: Path) -> None:
     content, keys, reason = BAD[case]
-    np.save(source / "muq" / "a.npy", ramp(150))
+    np.save(source / "rows" / "a.npy", ramp(150))
     if content is not None:
-        np.save(source / "muq" / "b.npy", content, allow_pickle=True)
+        np.save(source / "rows" / "b.npy", content, allow_pickle=True)
     feature = {"fps": 25, **keys}
     store = build(feature, {"clips": ["a", "b"]})
     assert [clip.id for clip in store] == ["a"]
@@ -216,7 +165,7 @@ def test_beside_a_feature_of_music(source, build, cache, scope, seconds, rows, s
     (source / "song.wav").write_bytes(
         wav_bytes(synthesise_song("mBR0", length_s=seconds, sample_rate=24_000, n_channels=1).pcm, 24_000)
     )
-    np.save(source / "muq" / "a.npy", ramp(rows))
+    np.save(source / "rows" / "a.npy", ramp(rows))
     muq = document({"fps": 25, "tolerance_s": 1})["audio"]
     store = build({}, transforms=SCOPES[scope], audio={**muq, "librosa35": {}})
     assert starts_of(store) == starts
@@ -236,14 +185,14 @@ def test_beside_a_feature_of_music(source, build, cache, scope, seconds, rows, s
 def test_names_that_are_no_names_of_files(source: Path, build: Callable[..., Store], music: str) -> None:
     np.save(source / "x.npy", ramp(150))
     with pytest.raises(StoreError, match="missing_feature"):
-        build({"path": "muq/{music}.npy", "fps": 25}, {"music": music})
+        build({"path": "rows/{music}.npy", "fps": 25}, {"music": music})
 
 
 def test_the_content_is_the_key(source: Path, build: Callable[..., Store], tmp_path: Path, cache: Path) -> None:
-    np.save(source / "muq" / "a.npy", ramp(150))
+    np.save(source / "rows" / "a.npy", ramp(150))
     before = build({"fps": 25})["a"].read("file.muq")
     (source / "other").mkdir()
-    (source / "muq" / "a.npy").rename(source / "other" / "a.npy")
+    (source / "rows" / "a.npy").rename(source / "other" / "a.npy")
     moved = {"fps": 25, "path": "other/{clip}.npy"}
     assert plan_of(source, cache, moved).cached["file.muq"]._asdict() == {"unit": "files", "cached": 0, "of": 1}
     np.testing.assert_array_equal(build(moved)["a"].read("file.muq"), before)
@@ -260,7 +209,7 @@ def plan_of(source: Path, cache: Path, feature: dict[str, Any]) -> Plan:
 
 
 def test_a_plan_counts_what_a_build_stores(source: Path, build: Callable[..., Store], cache: Path) -> None:
-    np.save(source / "muq" / "a.npy", ramp(148))
+    np.save(source / "rows" / "a.npy", ramp(148))
     plan = plan_of(source, cache, {"fps": 25})
     store = build({"fps": 25})
     counts = store.info["splits"]["train"]
@@ -272,8 +221,8 @@ def test_a_plan_counts_what_a_build_stores(source: Path, build: Callable[..., St
 
 
 WRONG: dict[str, dict[str, Any]] = {
-    "another rate": {}, "no name": {"path": "muq/all.npy", "fps": 25},
-    "outside": {"path": "../{clip}.npy", "fps": 25}, "absolute": {"path": "/muq/{clip}.npy", "fps": 25},
+    "another rate": {}, "no name": {"path": "rows/all.npy", "fps": 25},
+    "outside": {"path": "../{clip}.npy", "fps": 25}, "absolute": {"path": "/rows/{clip}.npy", "fps": 25},
     "unknown name": {"path": "{clip}{fps}.npy", "fps": 25}, "a format": {"path": "{clip.split}.npy", "fps": 25},
     "a brace": {"path": "{clip.npy", "fps": 25}, "a pickle": {"path": "{clip}.pkl", "fps": 25},
     "negative": {"tolerance_s": -1, "fps": 25}, "negative width": {"columns_per_row": -1, "fps": 25},
@@ -302,32 +251,3 @@ def test_no_copies_at_another_speed(source: Path) -> None:
 def test_one_rate_written_in_several_ways_is_one_recipe(source: Path) -> None:
     hashes = {load_recipe(document({"rate": rate, "fps": 25})).sha256 for rate in (25, 25.0, "25", "50/2")}
     assert len(hashes) == 1
-
-
-def test_a_song_has_no_file(tmp_path: Path) -> None:
-    feature: Any = FEATURES.get("file").make_example(tmp_path)
-    with raises_message(UsageError, "computes", where="{clip}.npy"):
-        dancedata.features(
-            synthesise_song("mBR0", length_s=1).signal, "file", path=feature.path, rate=25, columns_per_row=3,
-            tolerance_s=None, fps=25,
-        )  # fmt: skip
-
-
-def test_a_file_that_changes_during_the_build(source: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    np.save(source / "muq" / "a.npy", ramp(150))
-    read = FileRows.rows
-
-    def replaced(self: FileRows, path: Path, placed: Any) -> Any:
-        np.save(path, ramp(150) + 1)
-        return read(self, path, placed)
-
-    monkeypatch.setattr(FileRows, "rows", replaced)
-    with pytest.raises((StoreError, DataError), match="changed while the build was running"):
-        dancedata.build(
-            document({"fps": 25}),
-            source,
-            source.parent / "out",
-            cache=source.parent / "cache",
-            progress=False,
-            jobs=1,
-        )

@@ -18,12 +18,12 @@ from dancedata.core.clip import ClipRef, Scan, member_id
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
-from dancedata.core.registry import AUGMENTATIONS, DATASETS
+from dancedata.core.registry import AUGMENTATIONS
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.store import Store, verify_store
 from dancedata.torch import GroupDataset
+from tests.building.conftest import OwnReader
 from tests.messages import raises_message
 from tests.takes import keys_of, take_of
 
@@ -32,13 +32,10 @@ WORDS = Layer("words", language="fr")
 
 
 @dataclass(frozen=True)
-class Ensemble(Dataset):
+class Ensemble(OwnReader):
     """One .npz per sequence, all dancers together, and a .wav; world +Y up."""
 
     name: ClassVar[str] = "ensemble"
-    version: ClassVar[int] = 1
-    licence: ClassVar[str] = "none"
-    citation: ClassVar[str] = "none"
 
     def scan(self, source: Path) -> Scan:
         clips = []
@@ -69,9 +66,6 @@ class Ensemble(Dataset):
         moves = Segment(MOVES, Fraction(1), Fraction(2), "left turn", ("turns left",), ("turns right",))
         return [moves, Segment(WORDS, Fraction(0), Fraction(5, 2), "", (f"dancer {ref.member}",))]
 
-    def make_example(self, folder: Path) -> None:
-        write(folder, "a", 3)
-
 
 def write(folder: Path, name: str, size: int, **change: Any) -> None:
     """Dancers 1.2 m apart; the second, if there is one, is carried 60 cm up."""
@@ -84,12 +78,6 @@ def write(folder: Path, name: str, size: int, **change: Any) -> None:
     arrays = {"trans": trans, "poses": poses, "lengths": np.full(size, n), "members": np.arange(size)} | change
     np.savez(folder / f"{name}.npz", **arrays)
     soundfile.write(folder / f"{name}.wav", rng.normal(scale=0.1, size=6 * 16_000), 16_000)
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
-    DATASETS.names()
-    monkeypatch.setitem(DATASETS._classes, "ensemble", Ensemble)
 
 
 def build(source: Path, out: Path, cache: Path, **keys: Any) -> Store:

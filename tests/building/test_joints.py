@@ -16,12 +16,11 @@ from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
-from dancedata.core.registry import DATASETS
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.folder.reader import Folder
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import Store
+from tests.building.conftest import OwnReader
 from tests.messages import raises_message
 
 COPIES = {"mirror": True, "yaw": {}, "root_offset": {}, "noise": {}}
@@ -29,13 +28,10 @@ ROWS = {"path": "{clip}_rows.npy", "rate": 30, "columns_per_row": 3, "tolerance_
 
 
 @dataclass(frozen=True)
-class Troupe(Dataset):
+class Troupe(OwnReader):
     """Translations NAME.npy at 60 FPS, and NAME.wav; groups are told by `groups`, not by files."""
 
     name: ClassVar[str] = "troupe"
-    version: ClassVar[int] = 1
-    licence: ClassVar[str] = "none"
-    citation: ClassVar[str] = "none"
     groups: ClassVar[dict[str, str]] = {}
     starts: ClassVar[dict[str, Fraction]] = {}
     before_load: ClassVar[Callable[[], None]] = staticmethod(lambda: None)
@@ -56,8 +52,6 @@ class Troupe(Dataset):
         translation = np.load(ref.motion_path)
         return Motion(translation, np.zeros((len(translation), 24, 3)), FrameGrid.of(60), SMPL24)
 
-    def make_example(self, folder: Path) -> None: ...
-
 
 def write(folder: Path, name: str, seed: int, n_frames: int = 180, spike: float = 0) -> None:
     folder.mkdir(exist_ok=True)
@@ -73,8 +67,6 @@ def write(folder: Path, name: str, seed: int, n_frames: int = 180, spike: float 
 @pytest.fixture
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Clips a and b."""
-    DATASETS.names()
-    monkeypatch.setitem(DATASETS._classes, "troupe", Troupe)
     for name in ("groups", "starts", "before_load"):
         monkeypatch.setattr(Troupe, name, getattr(Troupe, name) if name == "before_load" else {})
     for seed, name in enumerate("ab"):

@@ -1,7 +1,6 @@
 """Songs that splits share under other names: equal samples, and copies in other formats."""
 
 import dataclasses
-import io
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import lru_cache
@@ -192,31 +191,6 @@ def test_gaps_alone_are_not_alike(write: Callable[..., Path]) -> None:
     """Different songs with their gaps at the same places."""
     songs = {"train": {"first": rows_of(CLOSE[0], 30)}, "test": {"second": rows_of(CLOSE[1], 30)}}
     assert leaks(write(songs, slices=True, n_frames=780, stride=260)) == []
-
-
-@pytest.mark.nightly
-def test_the_margins_of_the_likeness(write: Callable[..., Path], tmp_path: Path, monkeypatch: Any) -> None:
-    """Re-encoded, resampled, padded and trimmed copies are above the threshold; the closest songs are below."""
-    from dancedata.music.samples import resample
-
-    first, second = (song(name) for name in CLOSE)
-    ogg = io.BytesIO()
-    soundfile.write(ogg, first, RATE, format="OGG", subtype="VORBIS")
-    ogg.seek(0)
-    copies = {
-        "mp3": rows(as_mp3(first, tmp_path)),
-        "ogg": rows(soundfile.read(ogg, dtype="float32")[0]),
-        "22 kHz": rows(resample(first, RATE, 22_050), 22_050),
-        "half a row later": rows(np.concatenate([np.zeros(800, "f4"), first])),
-        "3.2 s cut off": rows(first[int(3.217 * RATE) :]),
-    }
-    path = write({"train": {"first": rows(first)}, "test": {"second": rows(second), **copies}})
-    monkeypatch.setattr("dancedata.building.leaks.LIKENESS", -1.0)
-    with open_store(path) as store:
-        found = alike_songs(store, songs_of(store.clips()))
-    likeness = {set(pair.songs).difference({"first"}).pop(): pair.likeness for pair in found}
-    assert min(likeness[name] for name in copies) > LIKENESS + 0.03, likeness
-    assert likeness["second"] < LIKENESS - 0.03, likeness
 
 
 def test_silence_and_short_songs_are_not_alike(write: Callable[..., Path]) -> None:

@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.building.build import build
 from dancedata.building.plan import make_plan
 from dancedata.core.bodies import has_body
-from dancedata.core.errors import RecipeError, SourceError
 from dancedata.core.motion import forward_kinematics
 from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
-from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 from dancedata.synthetic import write_synthetic
-from tests.messages import raises_message
 
 
 @pytest.fixture(scope="module")
@@ -114,39 +111,6 @@ def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
     assert plan.to_json()["splits"]["train"]["windows"] == len(store.windows("train"))
 
 
-def test_a_mirrored_copy_of_columns_with_hands(run_build, tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    DATASETS.get("finedance")().make_example(source)
-    changes = ("audio={}", "windows.length_frames=30", "augment.mirror=true")
-    run_build(source, tmp_path / "out", "finedance", (*changes, "motion={lodge319: {}, finedance319: {}}"))
-    store = dancedata.open(tmp_path / "out")
-    copies = [c for c in store if c.source]
-    assert copies
-    body = REPRESENTATIONS.get("lodge319")().skeleton
-    other_side = list(range(len(body.joints)))
-    for left, right in body.pairs:
-        other_side[left], other_side[right] = right, left
-    for record in copies:
-        for field in ("lodge319", "finedance319"):
-            one, two = (dancedata.decode(store[c].read(field), field) for c in (record.source, record.id))
-            plain = forward_kinematics(body, one.rotations, one.translation)
-            copy = forward_kinematics(body.mirrored(), two.rotations, two.translation)
-            np.testing.assert_allclose(copy[:, other_side] * [-1, 1, 1], plain, atol=1e-5)
-
-
-def test_an_id_that_a_mirrored_copy_would_get(corpus: Path, run_build, names: list[str], tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    shutil.copytree(corpus, source)
-    taken = f"{names[0]}__mirror"
-    shutil.copy(source / "motions" / f"{names[0]}.pkl", source / "motions" / f"{taken}.pkl")
-    recipe = parse_recipe({
-        "recipe": 1, "name": "x", "dataset": {"folder": {"fps": 60, "music": "optional"}},
-        "windows": {"length_s": 5, "stride_s": 1}, "motion": "edge151", "augment": {"mirror": True},
-    })  # fmt: skip
-    with raises_message(SourceError, "gHO_sBM_cAll_d19_mHO3_ch03", where="clip gHO_sBM_cAll_d19_mHO3_ch03__mirror"):
-        build(recipe, source, tmp_path / "out", cache=tmp_path / "cache")
-
-
 def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_path: Path) -> None:
     # 599 frames at 60 a second: 300 at 30, and 599 rows at 60 reach only to frame 299.
     source = tmp_path / "source"
@@ -182,21 +146,6 @@ def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path
     motion = dancedata.decode(fast, "fact219", fps=60)
     joints = forward_kinematics(motion.skeleton, motion.rotations, motion.translation)
     np.testing.assert_allclose(store.read(window, "bailando72").reshape(-1, 24, 3), joints, atol=1e-5)
-
-
-def test_invalid_recipes() -> None:
-    mistakes = {"keymotion": "lodgee", "augment": {"miror": True}}
-    for word, chosen, more in (
-        ("min_std", {"movement": {"field": "lodge39", "min_sdt": 0.1}}, mistakes),
-        ("lodge39", {"movement": {"field": "lodge39"}}, {}),
-        ("still.*movement", {"still": {}}, {}),
-    ):
-        windows = {"length_s": 5, "stride_s": 1}
-        with raises_message(RecipeError, word, where="recipe"):
-            parse_recipe(
-                {"recipe": 1, "name": "x", "dataset": "aist++", "windows": windows, "motion": "lodge139",
-                 "rules": chosen, **more}
-            )  # fmt: skip
 
 
 def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:

@@ -31,7 +31,6 @@ NAMES = {
     b"caf\xe9": r"caf\udce9", b"\xed\xa0\x80": r"\udced\udca0\udc80", b"red\x1b[31m": r"red\x1b[31m",
     b"new\nline": r"new\nline", "back\u202ewards".encode(): r"back\u202ewards",
 }  # fmt: skip
-HALF_A_CHARACTER = b"\x80\x04\x8c\x03\xed\xa0\x80\x8c\x03\xed\xa0\x80\x93."
 Source = Callable[[bytes], Path]
 Run = Callable[..., str]
 
@@ -128,15 +127,6 @@ def test_a_cache_in_a_folder_with_an_umlaut(run: Run, make_source: Source, recip
     source = make_source(b"source")
     shutil.copy(source / "motions" / "smpl.npz", source / "motions" / "two.npz")
     run("build", recipe, source, "--out", tmp_path / "out", "--cache", tmp_path / "für", "--jobs", 2)
-
-
-def test_half_a_character_in_a_pickle(run, make_source, recipe, out, rejects):
-    source = make_source(b"source")
-    (source / "motions" / "half.pkl").write_bytes(HALF_A_CHARACTER)
-    run("build", recipe, source, "--out", out, "--jobs", 1)
-    (reject,) = (r for r in rejects(out) if r["reason"] == "unsafe_pickle")
-    assert reject["clip"] == "half"
-    assert r"\ud800.\ud800" in reject["detail"]
 
 
 def test_control_characters_in_lists_of_names(run: Run, corpus: Path, tmp_path: Path, out: Path) -> None:

@@ -83,6 +83,8 @@ def test_a_clip_that_one_field_cannot_take_is_kept_for_the_others(mixed: Path, c
     again = mixed.parent / "again"
     dancedata.build(RECIPE, captures, again, cache=cache, strict=True)
     assert (again / "dataset.json").read_bytes() == (mixed / "dataset.json").read_bytes()
+    held = make_plan(RECIPE, captures, cache=cache).to_json()["cached"]
+    assert all(units["cached"] == units["of"] for units in held.values()), held
 
 
 def test_rows_that_a_field_has_are_those_of_a_build_without_the_key(mixed: Path, captures: Path, cache: Path) -> None:
@@ -99,20 +101,14 @@ def test_rows_that_a_field_has_are_those_of_a_build_without_the_key(mixed: Path,
     assert set(found["values"].names) == WITHOUT
 
 
-def test_a_plan_finds_in_the_cache_that_there_are_no_rows(mixed: Path, captures: Path, cache: Path) -> None:
-    held = make_plan(RECIPE, captures, cache=cache).to_json()["cached"]
-    assert all(units["cached"] == units["of"] for units in held.values()), held
-
-
 def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     ds = open_store(mixed)
     window = Window("bvh_1", 0, 30)
     assert ds.read(window, "edge151").shape == (30, 151)
     out = np.zeros((30, 319), np.float32)
     reads = [
-        lambda: ds.read(window, FIELD), lambda: ds.read(window, FIELD, out), lambda: ds._locate(window, FIELD),
-        lambda: ds["bvh_1"][FIELD], lambda: ds["bvh_1"].rows_within(FIELD),
-        lambda: ds._window_rows(ds.windows("train", fields=("edge151",)), FIELD), lambda: ds["bvh_1"].motion(FIELD),
+        lambda: ds.read(window, FIELD), lambda: ds.read(window, FIELD, out), lambda: ds["bvh_1"][FIELD],
+        lambda: ds["bvh_1"].rows_within(FIELD), lambda: ds["bvh_1"].motion(FIELD),
     ]  # fmt: skip
     for read in reads:
         with pytest.raises(UsageError, match=f"no rows of field {FIELD}|no field of motion"):
@@ -128,8 +124,6 @@ def test_windows_are_of_clips_that_have_their_fields(mixed: Path, options: dict[
         assert len(every) == 2
         for fields in (None, (FIELD,), ("edge151", FIELD)):
             assert {w.clip for w in ds.windows(split, fields=fields, **options)} == every - WITHOUT
-    assert len(ds._starts("bvh_1", 30)) == 0
-    assert len(ds._starts("bvh_1", 30, fields=("edge151",))) == 91
 
 
 def test_readers_leave_such_clips_out_with_a_reason(mixed: Path) -> None:
@@ -313,25 +307,17 @@ def test_a_skeleton_that_a_field_refuses_is_an_error_of_its_file(captures: Path,
         )  # fmt: skip
 
 
+LODGE: dict[str, Any] = {"keymotion": {"lodge": {"optional": True}}, "rules": {"movement": {"field": "lodge"}}}
+LODGE139: dict[str, Any] = {
+    "motion": {"edge151": {}, "lodge139": {"optional": True}}, "rules": {"movement": {"field": "lodge139"}},
+}  # fmt: skip
 MISTAKES = [
     ({"motion": {"edge151": {"optional": True}}}, "all fields are optional"),
     ({"motion": {"edge151": {}, FIELD: {"optional": "yes"}}}, "optional: must be true or false; found 'yes'"),
     ({"keymotion": {"lodge": {"optional": 1}}}, "keymotion.lodge.optional: must be true or false; found 1"),
-    (
-        {
-            "keymotion": {"lodge": {"optional": True}},
-            "rules": {"movement": {"field": "lodge"}},
-        },
-        "lodge is optional, and clips without it cannot be filtered",
-    ),
     ({"motion": {"edge151": {}, "root_place": {"optional": True}}}, "places of dancers cannot be left out"),
-    (
-        {
-            "motion": {"edge151": {}, "lodge139": {"optional": True}},
-            "rules": {"movement": {"field": "lodge139"}},
-        },
-        "lodge139 is optional, and clips without it cannot be filtered",
-    ),
+    (LODGE, "lodge is optional, and clips without it cannot be filtered"),
+    (LODGE139, "lodge139 is optional, and clips without it cannot be filtered"),
 ]
 
 

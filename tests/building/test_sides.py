@@ -9,14 +9,12 @@ import pytest
 from dancedata.building.annotators import vitals
 from dancedata.building.build import build
 from dancedata.building.check import check
-from dancedata.building.fields.motion import MotionField
 from dancedata.building.plan import make_plan
 from dancedata.core.errors import DataError
 from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import load_recipe
 from dancedata.recipes.recipe import Recipe
 from dancedata.store import open_store
-from tests.commands import run
 from tests.messages import raises_message
 
 RECIPE = """\
@@ -69,21 +67,6 @@ def test_mirrored_arrays_are_flagged(mirrored: Path, tmp_path: Path) -> None:
         build(made, mirrored, tmp_path / "strict", cache=cache, strict=True)
 
 
-def test_a_cache_entry_that_was_not_inspected(mirrored, tmp_path, monkeypatch):
-    cache = tmp_path / "cache"
-    with monkeypatch.context() as before:
-        before.setattr(vitals.Vitals, "version", 0)
-        before.setattr(vitals, "quality_flags", lambda motion: [])
-        build(recipe(tmp_path), mirrored, tmp_path / "before", cache=cache, strict=True)
-    monkeypatch.setattr(MotionField, "make", None)  # what was encoded stays
-    build(recipe(tmp_path), mirrored, tmp_path / "after", cache=cache)
-    with raises_message(DataError, "usual", where="take", reason="implausible_elbows"):
-        build(recipe(tmp_path), mirrored, tmp_path / "strict", cache=cache, strict=True)
-    with open_store(tmp_path / "before") as one, open_store(tmp_path / "after") as two:
-        assert np.array_equal(one["take"].read("edge151"), two["take"].read("edge151"))
-        assert (one.quality, len(two.quality)) == ([], 1)
-
-
 @pytest.mark.parametrize(
     ("field", "kind"), [("edge151", "implausible_elbows"), ("joints", "implausible_up"), ("humanml263", "")]
 )
@@ -95,15 +78,3 @@ def test_check_finds_it_in_a_dataset_without_flags(mirrored, tmp_path, monkeypat
     with open_store(tmp_path / "out") as store:
         assert store.quality == []
     assert notes(tmp_path / "out") == [("note", "take", kind)] * bool(kind)
-
-
-def test_swapped_names_of_a_bvh(example: Path, tmp_path: Path) -> None:
-    source = tmp_path / "source"
-    source.mkdir()
-    text = (example / "own.bvh").read_text().replace("Left", "Other").replace("Right", "Left")
-    (source / "own.bvh").write_text(text.replace("Other", "Right"))
-    mine = tmp_path / "mine.yaml"
-    mine.write_text(RECIPE.replace("FIELD", "edge151").replace("unit: m", "unit: cm"))
-    with raises_message(DataError, "swapped_sides", reason="swapped_sides"):
-        build(load_recipe(mine), source, tmp_path / "out", cache=tmp_path / "cache", strict=True)
-    assert "swapped_sides" in run("check", source, "--recipe", mine, "-q", code=1).output
