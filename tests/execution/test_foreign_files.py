@@ -227,7 +227,7 @@ def test_files_that_come_into_out_during_a_build(run_build, corpus, out, built, 
 
 
 #: A build of these tests renames, or removes, a file or folder some 24 times.
-MOMENTS = [pytest.param(n, marks=() if n in (10, 12, 20) else pytest.mark.nightly) for n in range(1, 26)]
+MOMENTS = [pytest.param(n, marks=() if n in (9, 13, 20) else pytest.mark.nightly) for n in range(1, 26)]
 
 
 @pytest.mark.parametrize("n", MOMENTS)
@@ -242,8 +242,10 @@ def test_killed_at_any_rename_or_removal(run_build, corpus, out, cache, hashes, 
     else:
         shutil.rmtree(out)
     assert killed(corpus, out, cache, n) or n > 20
+    if overwrite and not out.exists():  # in the midst of the swap: the next build puts the dataset back
+        assert not run_build(corpus, out, set=[*QUICK, "windows.stride_s=1"]).built
     if overwrite:
-        assert not out.exists() or hashes(out) in (first, second)
+        assert hashes(out) in (first, second)
     else:
         assert not (out / "dataset.json").exists() or hashes(out) == first
     run_build(corpus, out, set=QUICK, overwrite=True)
