@@ -35,7 +35,7 @@ def evaluate(
     files = Outputs.of(out or (), overwrite=overwrite)
     is_place = pool is not None and (Path(pool).exists() or "/" in pool or "." in pool)
     how |= {"pool" if is_place else "pool_split": pool, "protocol": protocol or "dancedata", "metrics": metric or ()}
-    reports = run_evaluate([*paths], save_pool=files.pool, scheduler=cluster, **how)
+    reports = [run_evaluate(path, save_pool=files.pool, scheduler=cluster, **how) for path in paths]
     files.write(reports)
     return Output(
         lambda: {"reports": [report.to_json() for report in reports]},

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias, overload
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy.typing as npt
 
@@ -28,32 +28,8 @@ __all__ = ["evaluate"]
 MotionSet: TypeAlias = "str | Path | Store | Mapping[str, npt.ArrayLike | Motion]"
 
 
-@overload
 def evaluate(
-    what: MotionSet, *, protocol: str | Protocol = ..., pool: MotionSet | None = ..., split: str | None = ...,
-    pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ..., like: DatasetLike = ...,
-    field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ..., clamp: bool = ...,
-    fps: Number | None = ..., up: str | None = ..., unit: str | None = ..., body: str | None = ...,
-    music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ..., save_pool: str | Path | None = ...,
-    jobs: int | None = ..., cache: str | Path | None = ..., backend: str | None = ..., scheduler: str | None = ...,
-    progress: bool = ...,
-) -> Report: ...  # fmt: skip
-
-
-@overload
-def evaluate(
-    what: list[MotionSet] | tuple[MotionSet, ...], *, protocol: str | Protocol = ..., pool: MotionSet | None = ...,
-    split: str | None = ..., pool_split: str | None = ..., role: Literal["truth", "generated"] | None = ...,
-    like: DatasetLike = ..., field: str | None = ..., normalized: bool | None = ..., scaler: ScalerLike = ...,
-    clamp: bool = ..., fps: Number | None = ..., up: str | None = ..., unit: str | None = ...,
-    body: str | None = ..., music: MusicLike = ..., metrics: Sequence[str] = ..., intervals: bool = ...,
-    save_pool: str | Path | None = ..., jobs: int | None = ..., cache: str | Path | None = ...,
-    backend: str | None = ..., scheduler: str | None = ..., progress: bool = ...,
-) -> list[Report]: ...  # fmt: skip
-
-
-def evaluate(
-    what: MotionSet | list[MotionSet] | tuple[MotionSet, ...],
+    what: MotionSet,
     *,
     protocol: str | Protocol = "dancedata",
     pool: MotionSet | None = None,
@@ -78,14 +54,14 @@ def evaluate(
     backend: str | None = None,
     scheduler: str | None = None,
     progress: bool = False,
-) -> Report | list[Report]:
+) -> Report:
     """Evaluate motion under a named protocol, as ``dancedata evaluate`` does.
 
     Parameters
     ----------
     what
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
-        a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement. Or a list of them.
+        a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement.
     protocol
         Name of a protocol, a YAML file with one, or an object of one.
     pool
@@ -132,8 +108,7 @@ def evaluate(
     -------
     Report
         ``report["fid_k"]`` is a score with its verdict: ``float`` of one that means nothing is an error with the
-        reason. ``str(report)`` is the table, ``report.numbers()`` for loggers, ``report.to_json()`` all of it. Of a
-        list the list of their reports.
+        reason. ``str(report)`` is the table, ``report.numbers()`` for loggers, ``report.to_json()`` all of it.
 
     Raises
     ------
@@ -150,9 +125,6 @@ def evaluate(
     >>> 0 < report["bas"].value < 1
     True
     """
-    if isinstance(what, list | tuple):
-        options = {name: value for name, value in locals().items() if name != "what"}
-        return [evaluate(of, **options) for of in what]
     named, saved = None if like is None else opened(like), saved_samples(what)
     if saved is not None:
         of = saved.like(None if named is None else store_of(named))

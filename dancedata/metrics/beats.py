@@ -117,10 +117,8 @@ def motion_beat_times(joints: Float64Array, fps: float) -> Float64Array:
 
     Parameters
     ----------
-    joints
-        (T, J, 3) positions, metres.
-    fps
-        Frames per second.
+    joints, fps
+        (T, J, 3) positions, metres, and their frames per second.
 
     Returns
     -------

@@ -39,14 +39,10 @@ _PELVIS_M, _ANKLE_STEP_M = 0.03, 0.01
 
 @dataclass(frozen=True, eq=False)
 class Skating:
-    """Counts of frames, for one foot after the other, or for both together.
+    """Counts of frames, for one foot after the other, or for both together."""
 
-    `sliding`: (F,) frames in which the foot slides.
-    `counted`: (F,) frames that these are a share of.
-    """
-
-    sliding: IntArray
-    counted: IntArray
+    sliding: IntArray  # (F,) frames in which the foot slides
+    counted: IntArray  # (F,) frames that these are a share of
 
     @property
     def ratios(self) -> Float64Array:
@@ -113,14 +109,12 @@ class SkatingRule:
     """A definition of skating.
 
     `count`: The rule: positions (T, J, 3) with y up, frames per second -> `Skating`.
-    `feet`: Whether each foot is counted by itself.
-    `pooled`: Whether frames of all clips are added up, in place of a mean of shares.
     """
 
     source: str
     count: Callable[[Float64Array, float], Skating]
-    feet: bool = True
-    pooled: bool = False
+    feet: bool = True  # whether each foot is counted by itself
+    pooled: bool = False  # whether frames of all clips are added up, in place of a mean of shares
 
 
 #: By name. "speed" is Lodge's with the norm of the horizontal speed, 0.3 m/s, so that it does not depend on the rate.

@@ -171,14 +171,6 @@ def geometric(joints: Float64Array, *, up: Up = "y") -> Float64Array:
         "short": below 2 frames.
     DataError
         "missing_joints".
-
-    Examples
-    --------
-    >>> from dancedata.metrics import geometric
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
-    >>> geometric(joints).shape
-    (32,)
     """
     positions = checked_joints(joints)
     first_joints(positions, N_JOINTS)

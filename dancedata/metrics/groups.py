@@ -204,14 +204,13 @@ class Contact(NamedTuple):
 
     `start`, `end`: Frames, half-open.
     `joint`, `other_joint`: Joint of the first dancer and of the second; one of them is a wrist.
-    `distance_m`: The least distance.
     """
 
     start: int
     end: int
     joint: int
     other_joint: int
-    distance_m: float
+    distance_m: float  # the least distance
 
 
 def contact_spans(

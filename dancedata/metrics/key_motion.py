@@ -92,14 +92,6 @@ def kinetic_curve(joints: FloatArray) -> Float64Array:
     ------
     DataError
         "bad_shape", "empty" or "nan".
-
-    Examples
-    --------
-    >>> from dancedata.keymotion import kinetic_curve
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
-    >>> kinetic_curve(joints).shape
-    (119,)
     """
     displacement = np.linalg.norm(np.diff(checked_joints(joints), axis=0), axis=2)
     return np.asarray(displacement.mean(axis=1), dtype=np.float64)
@@ -149,14 +141,6 @@ def key_motion(joints: FloatArray, sigma_frames: float = SIGMA_FRAMES) -> KeyMot
     ------
     DataError
         As `kinetic_curve`.
-
-    Examples
-    --------
-    >>> from dancedata.keymotion import key_motion
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
-    >>> key_motion(joints).to_rows().shape
-    (120, 3)
     """
     curve = smoothed(kinetic_curve(joints), sigma_frames)
     minima = local_minima(curve)

@@ -27,19 +27,13 @@ _MIN_FRAMES = 3
 
 @dataclass(frozen=True)
 class KineticVariant:
-    """Kinetic features as one paper or program computes them.
-
-    `definition`: Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`.
-    `energy`: "fixed", or "code" with the slip of the released code; of `fairmotion` only.
-    `frame_s`: Duration of a frame that is assumed; None: the clip's own.
-    `rounded`: Whether features are rounded to float32, as they are stored there.
-    """
+    """Kinetic features as one paper or program computes them."""
 
     source: str
-    definition: Definition = "fairmotion"
-    energy: Energy = "fixed"
-    frame_s: float | None = None
-    rounded: bool = True
+    definition: Definition = "fairmotion"  # Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`
+    energy: Energy = "fixed"  # "fixed", or "code" with the slip of the released code; of `fairmotion` only
+    frame_s: float | None = None  # duration of a frame that is assumed; None: the clip's own
+    rounded: bool = True  # whether features are rounded to float32, as they are stored there
 
     def __call__(self, joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:
         """Return the features (3 J,) of joints (T, J, 3)."""
@@ -82,10 +76,8 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
 
     Parameters
     ----------
-    joints
-        (T, J, 3) positions, metres.
-    fps
-        Frames per second.
+    joints, fps
+        (T, J, 3) positions, metres, and their frames per second.
     energy
         "code" is the released code's acceleration, in which the earlier position is divided by the frame time and the
         later one is not: ((P[k+1] - P[k]) / dt - (P[k] - P[k-1] / dt)) / dt. It is nearly proportional to the
@@ -102,14 +94,6 @@ def kinetic(joints: Float64Array, fps: float, *, energy: Energy = "fixed", up: U
     ------
     Undefined
         "short": below 3 frames.
-
-    Examples
-    --------
-    >>> from dancedata.metrics import kinetic
-    >>> from dancedata.synthetic import synthesise_motion
-    >>> joints = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=120)[0].joints()
-    >>> kinetic(joints, 60).shape
-    (72,)
     """
     known_name("energy", energy, ("fixed", "code"))
     return _means(frame_features(joints, fps, energy=energy, up=up))

@@ -29,20 +29,13 @@ _MAX_PEAKS = 2
 
 @dataclass(frozen=True)
 class Physics:
-    """Motius' numbers of a clip; per frame, so that only clips of one rate compare. Its table has penetration x 1000.
+    """Motius' numbers of a clip, per frame: only clips of one rate compare. Its table has penetration x 1000."""
 
-    `jitter`: Mean second difference of positions plus that of positions relative to the root, metres.
-    `dynamic`: The same of first differences.
-    `penetration`: Mean depth of the toes below -5 mm; the floor is their lowest point, so it is 0.
-    `floating`: Share of frames with contacts that do not fit the root's motion; its table has it x 100.
-    `sliding`: Mean horizontal step of a toe in contact, metres.
-    """
-
-    jitter: float
-    dynamic: float
-    penetration: float
-    floating: float
-    sliding: float
+    jitter: float  # mean second difference of positions plus that of positions relative to the root, metres
+    dynamic: float  # the same of first differences
+    penetration: float  # mean depth of the toes below -5 mm; the floor is their lowest point, so it is 0
+    floating: float  # share of frames with contacts that do not fit the root's motion; its table has it x 100
+    sliding: float  # mean horizontal step of a toe in contact, metres
 
 
 def physics(joints: Float64Array, *, up: Up = "y") -> Physics:

@@ -54,16 +54,11 @@ REASONS = {
 
 @dataclass(frozen=True, eq=False)
 class RhythmPiece:
-    """A clip and its music.
+    """A clip and its music."""
 
-    `curves`: (T, 4) `rhythm_curves`.
-    `music`: (M,) `music_rhythm` of the whole song.
-    `start_s`: Second of the song at the first row of the curves, as it is stated.
-    """
-
-    curves: npt.NDArray[Any]
-    music: npt.NDArray[Any]
-    start_s: float = 0.0
+    curves: npt.NDArray[Any]  # (T, 4) `rhythm_curves`
+    music: npt.NDArray[Any]  # (M,) `music_rhythm` of the whole song
+    start_s: float = 0.0  # second of the song at the first row of the curves, as it is stated
 
 
 @dataclass(frozen=True)
@@ -72,25 +67,18 @@ class Offset:
 
     `offset_s`: Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step
         with music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
-    `width_s`: Half of its 90 % interval, from resampled segments.
-    `p`: Share of songs at other tempos that fit at least as well at their best offset.
-    `rivals`: Number of other songs, at their tempo, that fit with a `p` of at most the level at some offset.
-    `fit`: Correlation of the sum of rhythm curves with the onsets there.
-    `beat_s`: Seconds of a beat: the offset could as well be this much more or less.
-    `unknown`: A key of `REASONS`; "" if the offset is known.
     `curves`: Offset of each rhythm curve alone, within half a beat of `offset_s`.
-    `seconds`: Length of the motion.
     """
 
     offset_s: float | None = None
-    width_s: float | None = None
-    p: float | None = None
-    rivals: int = 0
-    fit: float | None = None
-    beat_s: float | None = None
-    unknown: str = ""
+    width_s: float | None = None  # half of its 90 % interval, from resampled segments
+    p: float | None = None  # share of songs at other tempos that fit at least as well at their best offset
+    rivals: int = 0  # number of other songs, at their tempo, that fit with a `p` of at most the level at some offset
+    fit: float | None = None  # correlation of the sum of rhythm curves with the onsets there
+    beat_s: float | None = None  # seconds of a beat: the offset could as well be this much more or less
+    unknown: str = ""  # a key of `REASONS`; "" if the offset is known
     curves: dict[str, float] = field(default_factory=dict)
-    seconds: float = 0.0
+    seconds: float = 0.0  # length of the motion
 
 
 def rhythm_curves(joints: Float64Array, fps: float, names: Sequence[str]) -> npt.NDArray[np.float32]:

@@ -61,10 +61,8 @@ def pfc(joints: Float64Array, fps: float, *, variant: str = "rescaled", up: Up =
 
     Parameters
     ----------
-    joints
-        (T, J, 3) positions, metres: SMPL's joints, at least 12.
-    fps
-        Frames per second.
+    joints, fps
+        (T, J, 3) positions, metres: SMPL's joints, at least 12; and their frames per second.
     variant
         A key of `PFC_VARIANTS`.
     up

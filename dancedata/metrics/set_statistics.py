@@ -21,14 +21,12 @@ from dancedata.metrics.arguments import IntArray, known_name
 class Normalisation:
     """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps).
 
-    `ddof`: The standard deviation divides by M - ddof.
-    `eps`: Added to the standard deviation.
     `leaves_out`: Whether columns that are constant in the pool are left out, instead of being divided by eps.
     """
 
     source: str
-    ddof: int
-    eps: float
+    ddof: int  # the standard deviation divides by M - ddof
+    eps: float  # added to the standard deviation
     leaves_out: bool = False
 
     def __call__(self, pool: Float64Array, *sets: Float64Array) -> tuple[Float64Array, ...]:
@@ -153,15 +151,12 @@ def constant_columns(pool: Float64Array) -> IntArray:
 
 @dataclass(frozen=True)
 class SetScores:
-    """Frechet distance to a pool and diversity of a set and of the pool, all normalised by the pool.
-
-    `n_constant`: Columns in which all clips of the pool are equal; `fid_varying` is without them.
-    """
+    """Frechet distance to a pool and diversity of a set and of the pool, all normalised by the pool."""
 
     fid: float
     div: float
     div_pool: float
-    n_constant: int
+    n_constant: int  # columns in which all clips of the pool are equal; `fid_varying` is without them
     fid_varying: float
 
     @classmethod
