@@ -68,10 +68,17 @@ def module_files(package: Path) -> dict[str, Path]:
     return {".".join(p[:-1] if p[-1] == "__init__" else p): path for path, p in names.items()}
 
 
+@cache
+def _nodes(path: Path) -> list[ast.AST]:
+    """Return the imports and calls of a file."""
+    nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    return [node for node in nodes if isinstance(node, ast.ImportFrom | ast.Import | ast.Call)]
+
+
 def imports(path: Path, modules: dict[str, Path]) -> dict[str, set[str]]:
     """Return the modules of the package that a file imports, with the names it takes from each."""
     taken: dict[str, set[str]] = {}
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _nodes(path):
         if isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 whole = f"{node.module}.{alias.name}"

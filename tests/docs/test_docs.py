@@ -4,7 +4,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -157,27 +156,6 @@ def _build_and_check(environment: dict[str, str], folder: Path) -> None:
 
 def test_plug_ins_of_another_distribution_build(distribution, tmp_path: Path) -> None:
     _build_and_check(distribution(_plugins(tmp_path / "new")), tmp_path)
-
-
-@pytest.mark.nightly
-def test_a_plug_in_is_one_file_of_the_tree(tmp_path: Path) -> None:
-    for folder in ("dancedata", "pipelines", "manifests"):
-        shutil.copytree(ROOT / folder, tmp_path / "tree" / folder, ignore=shutil.ignore_patterns("__pycache__"))
-    plugins = {**_plugins(tmp_path / "new"), "tables": ("exports", _template("export", "tables", tmp_path / "new"))}
-    for name, (group, code) in plugins.items():
-        (tmp_path / "tree" / "dancedata" / group / f"{name}.py").write_text(code, encoding="utf-8")
-    paths = os.pathsep.join([str(tmp_path / "tree"), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": paths, "DANCEDATA_CACHE": str(tmp_path / "cache")}
-    _build_and_check(environment, tmp_path)
-    build = ("build", "demo", "--out", "data", "--jobs", "2", "--set", "motion={joints: {}}")
-    _dancedata(environment, tmp_path, *build, cold=True)
-    _dancedata(
-        environment, tmp_path, "export", "data", "--to", "tables", "--out", "tables", "--set", "digits=3", cold=True
-    )
-    with open_store(tmp_path / "data") as store:
-        for clip in store:
-            table = np.loadtxt(tmp_path / "tables" / "clips" / f"{clip.id}.csv", delimiter=",", skiprows=1)
-            np.testing.assert_allclose(table, clip.read("joints"), atol=5.1e-4)
 
 
 def test_the_page_of_exports_names_every_target_and_option() -> None:

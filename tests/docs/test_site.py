@@ -111,14 +111,6 @@ def test_a_dancer_moves_on_the_first_screen(module) -> None:
         hero.add("docs/guides/look", ["# A page without pictures\n"])
 
 
-def test_the_clip_of_the_site_plays_by_itself(module, tmp_path: Path) -> None:
-    hero = module("hero")
-    hero.write_clip(tmp_path)
-    page = (tmp_path / "clip.html").read_text(encoding="utf-8")
-    assert '"audio":{"0":"' in page
-    assert hero.CLIP in page
-
-
 def test_pictures_follow_the_theme(module, tmp_path: Path) -> None:
     nodes = pytest.importorskip("docutils.nodes")  # of the extra docs
     (tmp_path / "docs" / "images").mkdir(parents=True)

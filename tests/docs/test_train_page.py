@@ -1,10 +1,7 @@
 """The tutorial "Run EDGE or Lodge": its commands run, and the trainers' commands are those of the exports."""
 
 import json
-import os
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,19 +10,9 @@ from typer.testing import CliRunner
 from dancedata.cli.app import app
 from dancedata.datasets.finedance import FineDance
 from dancedata.synthetic import write_synthetic
-from tests.docs.pages import ROOT, blocks_of, text_of
+from tests.docs.pages import blocks_of, text_of
 
 EDGE, LODGE = text_of("docs/tutorials/run-edge-or-lodge.md").split("## Lodge on FineDance")
-
-
-def _run(commands: str, folder: Path) -> str:
-    """Run a block of the page as a shell does, in a home folder with the sources."""
-    shell = f'set -eu; dancedata() {{ "{sys.executable}" -m dancedata "$@"; }}\n{commands}'
-    paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "HOME": str(folder), "PYTHONPATH": paths, "DANCEDATA_CACHE": str(folder / "cache")}
-    done = subprocess.run(["bash", "-c", shell], env=environment, cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def _of_trainer(text: str, folder: str) -> list[str]:
@@ -34,16 +21,24 @@ def _of_trainer(text: str, folder: str) -> list[str]:
     return [line for line in lines if "train.py" in line and f"{folder}/" in line]
 
 
-def test_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_synthetic(tmp_path / "aist_plusplus_final", songs=3, clips_per_song=2, clip_s=5.5)
-    (commands,) = blocks_of(EDGE, "sh")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
-    for line in commands.splitlines():  # in this process: four processes take longer than the work
-        name, *words = shlex.split(line.replace("~", str(tmp_path)))
+def run(page: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Run a page's commands in this process, as separate ones take longer than the work; return what they print."""
+    (commands,) = blocks_of(page, "sh")
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("DANCEDATA_CACHE", str(folder / "cache"))
+    printed = []
+    for line in commands.splitlines():
+        name, *words = shlex.split(line.replace("~", str(folder)))
         assert name == "dancedata"
         done = CliRunner().invoke(app, [*words, *(["--jobs", "1"] if words[0] == "build" else [])])
         assert done.exit_code == 0, done.output
+        printed.append(done.output)
+    return printed
+
+
+def test_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_synthetic(tmp_path / "aist_plusplus_final", songs=3, clips_per_song=2, clip_s=5.5)
+    run(EDGE, tmp_path, monkeypatch)
     export = tmp_path / "exports" / "edge"
     assert json.loads((export / "export.json").read_text())["target"] == "edge"
     names = {f: {path.stem for path in (export / "train" / f).iterdir()} for f in ("motions_sliced", "wavs_sliced")}
@@ -53,13 +48,10 @@ def test_edge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert line.replace("~", str(tmp_path)).replace("new/", "NEW_FOLDER/") in guide
 
 
-@pytest.mark.nightly  # in a shell, as a reader runs them
-def test_lodge(tmp_path: Path) -> None:
-    pytest.importorskip("torch")
+@pytest.mark.nightly
+def test_lodge(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     FineDance().make_example(tmp_path / "finedance")
-    (commands,) = blocks_of(LODGE, "sh")
-    printed = _run(commands, tmp_path)
-    assert "Lodge's loader" in printed  # what it will miss of the 202 tracks
+    assert "Lodge's loader" in "".join(run(LODGE, tmp_path, monkeypatch))  # what it will miss of the 202 tracks
     export = tmp_path / "exports" / "lodge"
     assert {path.name for path in export.iterdir()} >= {"assets.yaml", "Normalizer.pth", "finedance"}
     guide = (export / "README.md").read_text()

@@ -88,21 +88,6 @@ def test_a_dirty_tree_and_an_old_tag_are_refused(script: ModuleType, prepared: P
             script.prepare(prepared, version, "2027-03-01")
 
 
-def test_every_extra_has_a_row_of_the_versions() -> None:
-    versions = load(ROOT / ".ci" / "versions.py")
-    names = [row.name for row in versions.rows()]
-    assert {"3.11 lowest", "3.14 pinned", "extra remote", "extra docs lowest", "wheel alone"} <= set(names)
-    assert len(names) == len(set(names))
-
-
-def test_a_table_of_versions_keeps_other_rows(tmp_path: Path) -> None:
-    versions = load(ROOT / ".ci" / "versions.py")
-    table, (first, second, *_) = tmp_path / "table.md", versions.rows()
-    for row, result in ((first, "failed"), (second, "passed"), (first, "passed")):
-        versions.add(table, row, f"| {row.name} | {result} |")
-    assert table.read_text().splitlines()[2:] == [f"| {first.name} | passed |", f"| {second.name} | passed |"]
-
-
 @pytest.mark.parametrize(
     ("command", "seconds", "finishes"),
     [("exit 0", 600, True), ("exit 3", 600, False), ("sleep 9; echo late", 0.01, False),

@@ -1,7 +1,6 @@
 """Protocols whose beats are those of bailando438: from a dataset with that column, and from the music itself."""
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -55,11 +54,6 @@ def test_the_column_of_a_dataset(sixty: Store, protocol: str) -> None:
     assert found == bas(sixty, protocol, music=beats)
     late = {clip: MusicBeats.of(own.frames + 7, own.grid) for clip, own in beats.items()}
     assert found != bas(sixty, protocol, music=late)
-
-
-def test_the_music_gives_the_same(sixty: Store) -> None:
-    wavs = Path(f"{sixty.path}-source") / "wavs"
-    assert bas(sixty, "bailando-aistpp", music=wavs) == bas(sixty, "bailando-aistpp")
 
 
 def test_a_dataset_without_it_has_no_beats_for_the_protocol(sixty: Store, motions: Mapping[str, Motion]) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.core.clip import Reject
 from dancedata.core.columns import Columns, Group
 from dancedata.pages import write_report
 from dancedata.pages.bin_counts import ClipHistogram
@@ -145,12 +144,6 @@ def test_rows_of_lists_are_cards_on_small_screens() -> None:
     html = table(("clip", "split <b>"), [("a", "train")], "list")
     assert '<td data-label="split &lt;b&gt;">train</td>' in html
     assert "data-label" not in table(("", "train"), [("train", 1)], "matrix")
-
-
-def test_left_out_reasons_of_a_build_are_notes(relabelled: Any) -> None:
-    path = relabelled(lambda k: {}, rejects=[Reject("missing_motion", "c1"), Reject("ignored", "c2")])
-    found = [f for f in findings(write_report(path).numbers) if f.figure == "left_out"]
-    assert [f.kind for f in found] == ["note"]
 
 
 def test_the_outline_does_not_cross_a_number() -> None:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dancedata
 from dancedata.metrics import collisions, contact_spans, facing_angles, intersection_frequency, root_distances
 from dancedata.pages import Report, write_report
 from dancedata.pages.findings import findings
@@ -144,19 +143,3 @@ def test_a_dataset_of_groups_is_compared_with_one_of_dancers(duets: Path, demo: 
         assert ("Groups by size" in page) == (pair[0] == duets)
     write_report(duets, tmp_path / "again.html", against=demo, clips="none")
     assert (tmp_path / "again.html").read_bytes() == (tmp_path / "0.html").read_bytes()
-
-
-def test_single_dancers_have_no_groups(demo: Path, tmp_path: Path) -> None:
-    found = write_report(demo, tmp_path / "page.html").document
-    assert found["totals"]["groups"] == 0
-    assert found["groups"]["groups"] == []
-    assert "Dancers together" not in (tmp_path / "page.html").read_text()
-
-
-def test_the_music_of_groups_is_embedded(crowd: Path, crowd_source: Path, tmp_path: Path) -> None:  # noqa: F811
-    write_report(
-        crowd, tmp_path / "page.html", clips=2, audio="embed", source=crowd_source, rights="granted to the tests"
-    )
-    data = json.loads((tmp_path / "page.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
-    assert set(data["audio"]) == {"0", "1"}
-    assert dancedata.open(crowd).clips()[0].group

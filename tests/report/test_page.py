@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-import numpy as np
 import pytest
 
 from dancedata import comparison
@@ -16,7 +15,7 @@ from dancedata.core.errors import UsageError
 from dancedata.files.page_files import PageFiles
 from dancedata.pages import Report, write_report
 from dancedata.pages.markup import Figure, number
-from dancedata.pages.page import grid, packed
+from dancedata.pages.page import grid
 from dancedata.scene.page import source_hash
 from dancedata.store import open_store
 from tests.messages import raises_message
@@ -321,35 +320,6 @@ def test_two_pages_whose_folders_have_one_name(tmp_path: Path) -> None:
     _with_a_folder(tmp_path / "r.html", 13)
     assert sorted(path.name for path in folder.iterdir()) == ["clip-00013.js", "export.json"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["r.html", "r_files"]
-
-
-def _balanced(heights: list[float]) -> float:
-    """Return the least height of three columns that are filled one after the other, as CSS balances them."""
-    for limit in sorted({sum(heights[a:b]) for a in range(len(heights)) for b in range(a + 1, len(heights) + 1)}):
-        columns, room = 1, limit
-        for height in heights:
-            if height > room:
-                columns, room = columns + 1, limit
-            room -= height
-        if columns <= 3 and max(heights) <= limit:
-            return limit
-    return 0
-
-
-def test_figures_are_packed_into_columns() -> None:
-    def figure(height: float) -> Figure:
-        return Figure(f"of_{height}", "", "", f'<svg viewBox="0 0 390 {height - 64}"></svg>')
-
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        figures = [figure(float(height)) for height in rng.integers(100, 500, rng.integers(1, 12))]
-        heights = [found.height for found in packed(figures)]
-        assert sorted(heights) == sorted(float(found.key[3:]) for found in figures)
-        # Graham (1969): at most 4/3 - 1/9 of the best, which is no less than a third of the sum.
-        assert _balanced(heights) <= (4 / 3 - 1 / 9) * max(*heights, _balanced(sorted(heights)), sum(heights) / 3)
-    assert [found.key for found in packed([figure(100.0), figure(200.0), figure(300.0)])] == [
-        "of_100.0", "of_200.0", "of_300.0",
-    ]  # fmt: skip
 
 
 def test_wide_figures_stand_before_or_after_the_columns() -> None:

@@ -19,7 +19,7 @@ from dancedata.pages.findings import findings
 from dancedata.pages.measure import ClipNumbers, SongOffsets, physics
 from dancedata.pages.outliers import outliers, robust_z
 from dancedata.scene.pieces import ClipReader, Piece
-from dancedata.scene.pose_space import Space, components, distances, duplicates, frechet_levels, frontal, nearness
+from dancedata.scene.pose_space import Space, components, duplicates, frechet_levels, frontal
 from dancedata.store import open_store
 
 
@@ -120,13 +120,6 @@ def test_distances_to_train_are_those_of_a_loop(numbers: Document, poses: Any) -
     two = np.concatenate([poses["train"][clip] for clip in clips if clip not in half])
     assert numbers.poses.chance is not None
     np.testing.assert_allclose(numbers.poses.chance.p50, np.median(brute(one, two)), atol=1.5e-4)
-
-
-def test_a_pose_of_train_has_no_distance() -> None:
-    rows = np.random.default_rng(0).normal(size=(2500, 6)).astype(np.float32)
-    assert distances(rows, rows, 2).max() < 1e-6
-    moved = rows + np.float32(0.03) * np.array([1, 0, 0, 1, 0, 0], np.float32)
-    assert nearness(moved[:5], rows, 2).p50 == pytest.approx(0.03, abs=1e-4)
 
 
 # Splits

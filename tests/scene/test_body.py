@@ -1,6 +1,5 @@
 """The floor and the limbs of a figure, against plain numpy."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +16,6 @@ from dancedata.datasets.folder.load import Reading, load_motion
 from dancedata.plot.bodies import cone_outlines
 from dancedata.scene.figure import Figure
 from dancedata.scene.limbs import Limbs, chest_looks, looks
-from dancedata.scene.scenes import Scenes
 
 N = 200
 REST = np.zeros((24, 3))
@@ -82,14 +80,6 @@ def test_parts_and_copies_of_a_figure_have_floors_of_their_own() -> None:
     figure = planted(np.where(np.arange(N) < N // 2, 0.0, 0.1), np.ones((N, 4), dtype=bool))
     assert figure.part(0, 2).floor == pytest.approx(0, abs=0.005)
     assert figure.part(5, 1).floor == pytest.approx(0.1, abs=0.005)
-
-
-def test_synthetic_dancers_stand_on_the_floor(scenes: Callable[[str], Scenes]) -> None:
-    for item in scenes("thirty").items[:3]:
-        figure = scenes("thirty").scene(item).figure
-        assert figure is not None
-        toes = figure.joints[:, [10, 11], 1][figure.contacts[:, 2:]]
-        assert np.median(np.abs(toes - SOLE - figure.floor)) < 0.01
 
 
 def test_real_dancers_stand_on_the_floor(shared: Path) -> None:

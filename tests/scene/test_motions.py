@@ -179,15 +179,6 @@ def test_motions_of_python_are_shown(tmp_path: Path) -> None:
         plot.write_page(motion, tmp_path / "page.html")
 
 
-def test_a_video_of_motions(tmp_path: Path) -> None:
-    pytest.importorskip("PIL")
-    clicks("wav", tmp_path / "song.wav")
-    path = plot.write_video(
-        {"a": dance()}, "", tmp_path / "a.mp4", music=tmp_path / "song.wav", length_s=0.2, size=(192, 160)
-    )
-    assert path.stat().st_size > 1000
-
-
 def test_a_wall_of_the_clips_of_a_song() -> None:
     scenes = motion_scenes_of([dance(k, 120) for k in range(14)])
     wall = Wall(scenes)
@@ -235,21 +226,6 @@ def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, 
     members = page["clips"]["0"]["members"]
     assert [m["part"] for m in members] == ["odd", "mine", "short"]
     assert dict(members[1]["numbers"])["distance"] == "1 mm"
-
-
-@pytest.mark.parametrize("wall", [False, True])
-def test_without_a_clip_the_first_that_has_a_sample_is_shown(odd: Path, tmp_path: Path, wall: bool) -> None:
-    ds = dancedata.open(odd)
-    clip = ds.clips()[-1]
-    assert clip.id != ds.clips()[0].id
-    (tmp_path / "samples").mkdir()
-    joints = dancedata.decode(clip.read("edge151"), "edge151", fps=FPS).joints()
-    np.savez(tmp_path / "samples" / f"{clip.id}.npz", joints=joints, fps=FPS)
-    opened = ViewSelection.of(ViewRequest(odd, compare=(tmp_path / "samples",), wall=wall))
-    assert opened.item.name == clip.id
-    if wall:
-        assert [member.item.part for member in opened.scenes.scene(opened.item).members] == ["odd", "samples"]
-    assert ViewSelection.of(ViewRequest(odd, compare=(odd,), wall=wall)).item.name == ds.clips()[0].id
 
 
 def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_path: Path) -> None:

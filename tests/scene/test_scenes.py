@@ -11,7 +11,7 @@ import pytest
 import dancedata
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.columns import Columns, Group
-from dancedata.core.errors import DataError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.skeleton import SMPL24
@@ -19,7 +19,7 @@ from dancedata.scene.comparisons import comparison_of, comparison_payload, file_
 from dancedata.scene.figure import Figure
 from dancedata.scene.payload import curve, figure_payload, link, scene_payload
 from dancedata.scene.scenes import Scenes, rhythm_fields
-from dancedata.scene.source import ClipSource, cut, flac
+from dancedata.scene.source import ClipSource, cut
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_columns, write_random_store
 from tests.messages import raises_message
@@ -214,17 +214,6 @@ def test_music_before_its_begin_and_after_its_end_is_silence() -> None:
     assert cut(signal, Fraction(1, 2), Fraction(1)).samples.tolist() == [6, 7, 8, 9, 10, 0, 0, 0, 0, 0]
 
 
-def test_flac_gives_every_sample_back() -> None:
-    import io
-
-    import soundfile
-
-    samples = (np.arange(-500, 500) / 500 * 0.9).astype(np.float32)
-    decoded, rate = soundfile.read(io.BytesIO(flac(AudioSignal(samples, 22050))), dtype="float32")
-    assert rate == 22050
-    assert np.abs(decoded - samples).max() < 1e-4
-
-
 def test_the_original_is_the_source_of_the_build(scenes, dances: Path) -> None:
     dataset = scenes("slices")
     clip_source = ClipSource(dataset.store, dances)
@@ -262,13 +251,6 @@ def test_another_dataset_is_compared(scenes) -> None:
     assert comparison_payload(comparison, dataset.scene(dataset.items[0]))["mean"] < 1
     copy = next(item for item in dataset.items if item.clip.source)
     assert "no clip of this name" in comparison_payload(comparison, dataset.scene(copy))["note"]
-
-
-def test_nothing_to_compare_with_is_an_error(scenes, tmp_path: Path) -> None:
-    dataset = scenes("thirty")
-    for path, problem in ((tmp_path / "gone", "nothing to compare with"), (tmp_path, "nothing to compare with")):
-        with raises_message(DataError, problem, reason="nothing_matched"):
-            comparison_of(path, dataset, file_format(dataset.store))
 
 
 def test_distance_is_taken_at_equal_instants() -> None:

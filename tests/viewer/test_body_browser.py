@@ -42,6 +42,7 @@ def sides(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_limbs_of_both_sides_have_two_tones_of_grey(browser: Browser, served: str, theme: str) -> None:
     browser.open(at(served, "wav", f"&t=1&theme={theme}"))
+    assert browser.js("return document.documentElement.dataset.theme") == theme
     assert luminance("#ffffff") == 1
     left, right = sides(stage(browser))
     assert min(len(left), len(right)) > 500

@@ -192,21 +192,6 @@ def test_flags_are_visited_one_after_the_other(browser: Browser, odd: Path, tmp_
     assert browser.log() == []
 
 
-def drawn_joints(browser: Browser) -> np.ndarray:
-    """Joints of the clip that is shown, (T, J, 3), as the page draws them."""
-    code = f"const f = {V}.state.clip.figure; return [f.frames, f.count, Array.from(f.places)]"
-    frames, count, places = browser.js(code)
-    return np.array(places).reshape(frames, count, 3)
-
-
-def test_joints_in_the_page_are_the_decoded_ones(browser: Browser, served: str, odd: Path) -> None:
-    store = dancedata.open(odd)
-    for clip in ("wav", "mp3"):
-        browser.open(at(served, clip))
-        wanted = dancedata.decode(store[clip].read("edge151"), "edge151", fps=30).joints()
-        assert np.abs(drawn_joints(browser) - wanted).max() <= 0.0005 + 1e-6
-
-
 def test_every_control_has_a_name_and_can_be_reached(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav"))
     nodes = browser.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
@@ -221,21 +206,6 @@ def test_every_control_has_a_name_and_can_be_reached(browser: Browser, served: s
     assert focusable == 0
     slider = browser.js("return document.querySelector('[role=slider]').getAttribute('aria-valuetext')")
     assert slider.startswith("0.00 seconds, frame 0")
-
-
-@pytest.mark.parametrize("theme", ["dark", "light"])
-def test_a_narrow_page(browser: Browser, served: str, theme: str) -> None:
-    browser.size(420, 860)
-    try:
-        browser.open(at(served, HOSTILE[0], f"&theme={theme}&t=1"))
-        assert browser.js("return document.documentElement.scrollWidth <= innerWidth")
-        assert browser.js("return document.documentElement.dataset.theme") == theme
-        assert browser.js("return document.querySelector('[data-dd=figure]').getBoundingClientRect().height") >= 300
-        # The dancer is in the picture: both sides have their colours.
-        assert colour_count(browser, "left") > 200
-        assert colour_count(browser, "right") > 200
-    finally:
-        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def colour_count(browser: Browser, name: str) -> int:
@@ -355,22 +325,16 @@ def test_clicks_are_heard_when_they_are_drawn(browser: Browser, served: str, fmt
     browser.wait(f"return {V}.state.clip.sound")
     frame = 1 / FPS
     play_from(browser, 0.0)
-    assert sync_error(browser, f"{V}.state.t < 3 || {V}.seek(0)", 2.2) <= frame  # play
-    assert sync_error(browser, f"{V}.seek(3.1)", 1.6) <= frame  # seek while it plays
-    browser.js(f"{V}.setLoop([60, 90])")
-    browser.later("await new Promise(r => setTimeout(r, 2100))")
-    assert sync_error(browser, "0", 1.7, (2.0, 3.0)) <= frame  # the third pass of a loop
+    assert sync_error(browser, f"{V}.state.t < 3 || {V}.seek(0)", 1.2) <= frame  # play
+    assert sync_error(browser, f"{V}.seek(3.1)", 1.2) <= frame  # seek while it plays
+    browser.js(f"{V}.setLoop([60, 75])")
+    browser.later("await new Promise(r => setTimeout(r, 1100))")
+    assert sync_error(browser, "0", 1.2, (2.0, 2.5)) <= frame  # the third pass of a loop
     if whole:
         browser.js(f"{V}.setLoop(null)")
         browser.key("2")
         assert sync_error(browser, f"{V}.seek(1.0)", 3.0) <= frame  # half speed
     browser.later(f"await {V}.play(false)")
-
-
-def test_the_dancer_jumps_with_the_click(served: str, odd: Path) -> None:
-    figure = Scenes(dancedata.open(odd)).scene(Scenes(dancedata.open(odd)).find("ogg")).figure
-    jumps = np.flatnonzero(np.abs(np.diff(figure.joints[:, 0, 0])) > 0.2) + 1
-    assert np.abs(jumps / FPS - CLICKS).max() <= 1 / FPS
 
 
 def test_a_comparison_that_has_ended_has_no_distance(browser: Browser, odd: Path, tmp_path: Path) -> None:

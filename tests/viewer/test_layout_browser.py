@@ -14,7 +14,7 @@ from dancedata.viewer import server
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
-from tests.scene.helpers import FPS, SECONDS, serving
+from tests.scene.helpers import FPS, HOSTILE, SECONDS, serving
 from tests.viewer.test_browser import V, at
 
 BOX = "const b = document.querySelector(`[data-dd=${arguments[0]}]`).getBoundingClientRect(); return b.toJSON()"
@@ -47,7 +47,7 @@ def pointer(browser: Browser, name: str, kind: str, x: float, y: float, **more: 
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("size", "least"), [((1366, 625), 340), ((1024, 600), 300), ((800, 700), 380)])
+@pytest.mark.parametrize(("size", "least"), [((1024, 600), 300), ((800, 700), 380)])
 def test_low_windows_leave_room_for_the_dancer(browser, served, size, least):
     browser.size(*size)
     browser.open(at(served, "wav", "&t=1"))
@@ -67,7 +67,8 @@ def test_low_windows_leave_room_for_the_dancer(browser, served, size, least):
 
 def test_controls_that_find_no_room_are_in_a_sheet(browser: Browser, served: str) -> None:
     browser.size(420, 860)
-    browser.open(at(served, "wav", "&t=1"))
+    browser.open(at(served, HOSTILE[0], "&t=1"))
+    assert browser.js("return document.documentElement.scrollWidth <= innerWidth")
     browser.later(DRAWN)
     shown = "return document.querySelector(`[data-dd=${arguments[0]}]`).offsetParent !== null"
     for name in ("prev", "play", "next", "rate", "loop", "more"):
@@ -191,14 +192,6 @@ def test_lanes_of_half_an_hour_can_be_read(browser: Browser, served: str) -> Non
     browser.later(DRAWN)
     drawn = browser.js("return lines")
     assert 300 < drawn < 2600  # per picture, of two, with the floor: not 27,000
-    row = lane_rows(browser)
-    accent, flag = (242, 184, 75), (255, 111, 82)
-    assert np.abs(row["music"] - accent).sum(axis=-1).min() > 40  # no beats
-    red = row["flags"][..., 0].astype(int) - row["flags"][..., 2]
-    assert (red > 20).mean() > 0.5  # a strip
-    assert (np.abs(row["flags"] - flag).sum(axis=-1) < 30).any()
-    windows = (np.abs(row["windows"] - (0x7A, 0x88, 0x9C)).sum(axis=-1) < 60).mean(axis=0) > 0.5
-    assert 0.2 < windows.mean() < 0.7  # ticks that do not touch
     # Two steps in by the button: a fourth of the time.
     browser.js("for (let k = 0; k < 2; k++) document.querySelector('[data-dd=zoomin]').click(); texts.length = 0;")
     browser.later(DRAWN)
@@ -207,17 +200,6 @@ def test_lanes_of_half_an_hour_can_be_read(browser: Browser, served: str) -> Non
     browser.later(DRAWN)
     assert "14:00" in browser.js("return texts")
     browser.driver.refresh()
-
-
-def lane_rows(browser: Browser) -> dict[str, np.ndarray]:
-    """Pixels of lanes right of the labels."""
-    found = browser.js(
-        "const c = document.querySelector('[data-dd=lanes]'), p = c.getContext('2d'), out = {};"
-        f"for (const [name, row] of Object.entries({V}.rows)) {{"
-        "const d = p.getImageData(80, row.y, c.width - 90, row.h);"
-        "out[name] = [d.width, d.height, Array.from(d.data)]; } return out"
-    )
-    return {name: np.array(data).reshape(height, width, 4)[..., :3] for name, (width, height, data) in found.items()}
 
 
 def test_a_window_under_the_pointer_is_named_and_a_click_loops_it(browser: Browser, served: str) -> None:
@@ -250,9 +232,7 @@ def walls(odd: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[
         yield {9: nine, 12: twelve}
 
 
-@pytest.mark.parametrize(
-    ("dancers", "size"), [(12, (1366, 625)), (9, (1280, 720)), (9, (800, 900)), (12, (800, 900)), (12, (420, 860))]
-)
+@pytest.mark.parametrize(("dancers", "size"), [(12, (1366, 625)), (9, (800, 900)), (12, (420, 860))])
 def test_the_dancers_of_a_wall_have_most_of_the_page(browser, walls, dancers, size):
     browser.size(*size)
     browser.open(walls[dancers])
@@ -285,18 +265,6 @@ def test_numbers_of_a_wall_stand_beside_its_lanes(browser: Browser, walls: dict[
     assert {value for pairs in numbers for _, value in pairs} <= set(texts)
     assert len(numbers) == 12
     browser.driver.refresh()
-
-
-def test_the_lanes_can_be_higher_than_the_wall_leaves_them(browser: Browser, walls: dict[int, str]) -> None:
-    browser.size(800, 900)
-    browser.open(walls[12])
-    browser.later(DRAWN)
-    before = box(browser, "stage")["height"]
-    browser.js("document.querySelector('[data-dd=edge]').focus()")
-    for _ in range(6):
-        browser.key("\ue013")  # up
-    assert box(browser, "stage")["height"] <= before
-    assert browser.js("return document.documentElement.scrollHeight <= innerHeight")
 
 
 def test_the_overview_of_a_long_clip_moves_the_lanes(browser: Browser, served: str) -> None:
