@@ -263,7 +263,7 @@ def unpack(source: Path, target: Path) -> Path:
 
 
 def _columns(data: bytes) -> np.ndarray:
-    """Columns (T, D) float32 of second differences of their bits, byte by byte; see pack.py."""
+    """Columns (T, D) float32 of second differences of their bits: T and D, then all first bytes, and so on."""
     n_rows, n_columns = np.frombuffer(data[:16], "<i8")
     planes = np.frombuffer(data[16:], np.uint8).reshape(4, -1)
     bits = np.ascontiguousarray(planes.T).view(np.uint32).reshape(n_columns, n_rows).T

@@ -1,4 +1,4 @@
-"""Compares our front end and conformer of MuQ with the package muq, on the kept tiny model of test_golden.
+"""Compares our front end and conformer of MuQ with the package muq, on the kept tiny model of test_direct.
 
     pip install --no-deps --target FOLDER muq==0.1.0 nnAudio easydict einops torchaudio==2.11.0
     pip install --no-deps --target FOLDER transformers==4.57.6 huggingface-hub==0.36.0 tokenizers==0.22.1

@@ -1,17 +1,23 @@
-"""Primitives as the paper describes them."""
+"""Primitives as the paper describes them, and as Lodge's released code takes them."""
 
 import hashlib
+import json
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dancedata.core.errors import UsageError
+from dancedata.contacts.height import Height
+from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
+from dancedata.datasets.finedance import FineDance
 from dancedata.keymotion import Primitives, borders, primitives
 from dancedata.keymotion.lodge import Lodge
+from dancedata.keymotion.primitives_as_released import Key, key_frames, pieces
 from dancedata.metrics.key_motion import KeyMotion
+from dancedata.representations.lodge139 import Lodge139
 from tests.messages import raises_message
 
 #: Results of 4 segments, in the order of time.
@@ -130,7 +136,7 @@ def test_without_minima_the_windows_own_are_taken(dance, columns) -> None:
 
 
 @st.composite
-def windows(draw: st.DrawFn) -> tuple[int, int, list[int], list[float]]:
+def cases(draw: st.DrawFn) -> tuple[int, int, list[int], list[float]]:
     n, segments = draw(st.integers(48, 300)), draw(st.integers(1, 5))
     minima = sorted(draw(st.sets(st.integers(0, n * segments - 1), max_size=60)))
     # Few values, so that there are equals.
@@ -138,7 +144,7 @@ def windows(draw: st.DrawFn) -> tuple[int, int, list[int], list[float]]:
     return n, segments, minima, depth
 
 
-@given(windows())
+@given(cases())
 def test_every_window_has_its_primitives(case: tuple[int, int, list[int], list[float]]) -> None:
     n, segments, minima, depth = case
     window = np.arange(n * segments, dtype=np.float32)[:, None].repeat(2, axis=1)
@@ -199,3 +205,175 @@ def test_borders() -> None:
 def test_borders_of_no_window(shape: tuple[int, ...]) -> None:
     with raises_message(UsageError, "borders"):
         borders(np.zeros(shape))
+
+
+# ---- as Lodge's released code takes them
+
+
+CLIPS = range(4)
+SEGMENTS = (128, 256)
+
+
+@pytest.fixture(scope="module")
+def golden(peers: Any) -> Any:
+    return peers.load("lodge_key_motion.npz")
+
+
+@pytest.fixture(scope="module")
+def windows(peers: Any, golden: Any) -> list[np.ndarray]:
+    """Lodge's input: its own columns, or where only some of them exist, ours of the same motion."""
+    sources = [source.split("+") for source in golden["clip_source"].tolist()]
+    assert len(sources) == len(CLIPS)
+    tracks = peers.load("lodge_mofea319.npz")
+    if not peers.whole:
+        reader = FineDance()
+        refs = {ref.id: ref for ref in reader.scan(peers / "inputs" / "finedance").clips}
+        tracks = {name: Lodge139().encode(reader.load(refs[name]), Height()) for name, _ in sources}
+    return [tracks[track][int(start) : int(start) + 1024, :139] for track, start in sources]
+
+
+@pytest.mark.parametrize("n", SEGMENTS)
+@pytest.mark.parametrize("clip", CLIPS)
+def test_key_motion(peers: Any, golden: Any, windows: list[np.ndarray], clip: int, n: int) -> None:
+    window, key = windows[clip], f"L1024_fi{n}.key_motion"
+    wanted, columns = golden[key][clip], golden.index(key, axis=2)
+    before = hashlib.sha256(window.tobytes()).digest()
+    cues = primitives(window, 1024, n, variant="code")
+    assert (cues.start[~cues.hard] + 4).tolist() == golden[f"L1024_fi{n}.selected"][clip].tolist()
+    # Equal for Lodge's own columns, within the gate of columns for ours.
+    found = cues.frames.reshape(-1, 139)[:, columns]
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=0 if peers.whole else 1e-5)
+    assert hashlib.sha256(window.tobytes()).digest() == before
+    # Lodge wrote the frames of all pieces but the first into its batch.
+    changed = np.zeros(1024, dtype=bool)
+    changed[cues.start[1:, None] + np.arange(8)] = True
+    np.testing.assert_array_equal(changed, golden[f"L1024_fi{n}.input_changed_frames"][clip])
+
+
+def test_get_list(peers: Any) -> None:
+    cases = json.loads((peers / "lodge_get_list_cases.json").read_text())
+    assert len(cases) >= 10
+    for case, wanted in cases.items():
+        minima, count = case.split("|")
+        assert [key.frame for key in key_frames(json.loads(minima), int(count), 1024)] == wanted, case
+
+
+def test_the_next_of_a_dropped_minimum_survives() -> None:
+    # By hand: 3 goes, 7 is not examined; 11 goes, 500 is not; 1015 goes, 1020 is not.
+    kept = [key for key in key_frames([3, 7, 11, 500, 1015, 1020, 1023], 3, 1024) if not key.filled]
+    assert [key.frame for key in kept] == [7, 500, 1020]
+
+
+def test_gaps_are_halved_and_marked() -> None:
+    assert key_frames([], 3, 1024) == [Key(260, True), Key(512, True), Key(764, True)]
+    assert key_frames([512], 3, 1024) == [Key(260, True), Key(512, False), Key(764, True)]
+    # No gap of 10 frames or more: the first one is taken, at any width.
+    assert [key.frame for key in key_frames([12, 20], 4, 32)] == [9, 10, 12, 20]
+
+
+def test_many_minima_leave_out_the_end() -> None:
+    assert [key.frame for key in key_frames(range(20, 1000, 25), 16, 1024)][-1] == 770
+
+
+def test_sources_and_flags(windows: list[np.ndarray]) -> None:
+    cues = primitives(windows[0], 1024, 256, variant="code")
+    assert cues.source == ("start", *["minimum", "minimum", "border"] * 3, "minimum", "minimum", "end")
+    assert cues.hard.tolist() == [True, False, False] * 4 + [True]
+    # Inner hard cues lie at n i / K, within the first segment: not in the order of time.
+    assert (cues.start[[3, 6, 9]] + 4).tolist() == [64, 128, 192]
+
+
+@pytest.fixture
+def window(dance, columns) -> np.ndarray:
+    return columns(dance(1024))
+
+
+def test_bias_shifts_all_but_the_first_and_last(window: np.ndarray) -> None:
+    straight = primitives(window, variant="code").start
+    for bias in range(-2, 3):
+        shifted = primitives(window, variant="code", bias=bias).start
+        assert (shifted - straight).tolist() == [0, *[bias] * 11, 0]
+
+
+def test_a_generator_draws_the_bias(window: np.ndarray) -> None:
+    part = window[:256]
+    straight = primitives(part, 256, 128, variant="code").start[1]
+    twice = []
+    for _ in range(2):
+        rng = np.random.default_rng(0)
+        drawn = [primitives(part, 256, 128, variant="code", bias=rng).start[1] - straight for _ in range(25)]
+        assert {int(bias) for bias in drawn} == {-2, -1, 0, 1, 2}
+        twice.append(drawn)
+    assert twice[0] == twice[1]
+
+
+def test_a_piece_is_relative_to_its_first_frame(window: np.ndarray) -> None:
+    cues = primitives(window, variant="code")
+    assert (cues.frames[1:, 0][:, [4, 6]] == 0).all()
+    np.testing.assert_array_equal(cues.frames[0], window[:8])
+    rest = [j for j in range(139) if j not in (4, 6)]
+    for cue, start in zip(cues.frames, cues.start, strict=True):
+        np.testing.assert_array_equal(cue[:, rest], window[start : start + 8][:, rest])
+
+
+def test_overlapping_pieces_see_earlier_writes() -> None:
+    window = np.zeros((64, 7))
+    window[:, 4] = np.arange(64.0)
+    taken = pieces(window, [Key(12, False), Key(20, False)], 64, -2)
+    assert taken.start.tolist() == [0, 6, 14, 56]
+    # The first piece is a view until the first key is joined: its frames 6 and 7 are relative already.
+    assert taken.frames[0][:, 4].tolist() == [0, 1, 2, 3, 4, 5, 0, 1]
+    taken = pieces(window, [Key(30, False), Key(34, False)], 64, 0)
+    assert taken.frames[0][:, 4].tolist() == list(range(8))
+    # Frames 30 .. 33 were 4 .. 7 in the first key's piece, so the second begins at 4, not at 30.
+    assert taken.frames[2][:, 4].tolist() == [0, 1, 2, 3, 30, 31, 32, 33]
+    assert window[:, 4].tolist() == list(range(64))
+
+
+def test_keys_near_the_ends_are_moved_inside() -> None:
+    window = np.zeros((64, 7))
+    assert pieces(window, [Key(3, False), Key(62, False)], 64, 0).start.tolist() == [0, 4, 52, 56]
+
+
+@given(n=st.integers(16, 256), segments=st.integers(1, 4), bias=st.integers(-2, 2), data=st.data())
+def test_any_window(n: int, segments: int, bias: int, data: st.DataObject) -> None:
+    n_window = n * segments
+    minima = sorted(data.draw(st.sets(st.integers(0, n_window - 2), max_size=80)))
+    keys = key_frames(minima, 2 * segments, n_window)
+    assert len(keys) == 2 * segments
+    assert all(key.filled or key.frame in minima for key in keys)
+    window = np.zeros((n_window, 7), dtype=np.float32)
+    window.setflags(write=False)
+    try:
+        taken = pieces(window, keys, n, bias)
+    except UsageError as error:
+        # The first inner border is at n / K, which a small n puts before frame 4 - bias.
+        assert n // segments < 4 - bias  # noqa: PT017
+        assert "outside the window" in str(error)  # noqa: PT017
+        return
+    assert taken.frames.shape == (3 * segments + 1, 8, 7)
+
+
+@pytest.mark.parametrize("bias", [3, -3, 0.5, "1"])
+def test_unknown_bias(window: np.ndarray, bias: object) -> None:
+    with raises_message(UsageError, "generator"):
+        primitives(window, variant="code", bias=bias)
+
+
+def test_it_takes_no_minima(window: np.ndarray) -> None:
+    with raises_message(UsageError, "finds"):
+        primitives(window, variant="code", minima=[100], prominence=[0.1])
+
+
+def test_segments_too_short_for_the_slip(window: np.ndarray) -> None:
+    with raises_message(UsageError, "piece"):
+        primitives(window, 1024, 32, variant="code")
+    with raises_message(UsageError, "short"):
+        primitives(window[:8], 8, 8, variant="code")
+
+
+def test_only_lodges_columns() -> None:
+    with raises_message(UsageError, "minima"):
+        primitives(np.zeros((1024, 151)), variant="code")
+    with raises_message(DataError, "rotation", where="primitives, frame 0, pelvis", reason="bad_rotation"):
+        primitives(np.zeros((1024, 139)), variant="code")
