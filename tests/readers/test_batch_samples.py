@@ -53,17 +53,6 @@ def test_batches_equal_reading_step_by_step_bit_for_bit(mixed_store: Store, mode
             assert bits(item[name]) == bits(torch.from_numpy(plain(dataset, place, item["mirrored"], name)))
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_collated_as_torch_does_it(mixed_store: Store, mode: str) -> None:
-    dataset = dataset_of(mixed_store, mode)
-    items = dataset.__getitems__([5, 1, 3, 1])
-    wanted = default_collate([dict(item) for item in items])
-    assert isinstance(wanted["clip"], list)
-    for found in (default_collate(items), WindowDataset.collate(items)):
-        assert type(found) is dict
-        assert_equal(found, wanted)
-
-
 def is_copied(batch: Mapping[str, Any], items: Any) -> list[str]:
     """Name the fields whose batch does not begin where the first sample does."""
     return [f for f in FIELDS if batch[f].data_ptr() != items[0][f].data_ptr()]

@@ -130,11 +130,23 @@ def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[i
 
 @pytest.mark.parametrize(
     "where",
-    [{"x/levle": 1}, {"x/level": "three"}, {"x/level": True}, {"x/level": ()}, {"id": "a"}, "x/level", {"role": 1}],
+    [
+        {"x/levle": 1},
+        {"x/level": "three"},
+        {"x/level": True},
+        {"x/level": ()},
+        {"id": "a"},
+        "x/level",
+        {"role": 1},
+        {"x/level": 4},
+    ],
 )
 def test_wrong_choices(path: Path, where: Any) -> None:
-    with raises_message(UsageError, "level|role"):
+    with raises_message(UsageError, r"level|role|store\.to_pandas"):
         WindowDataset(path, select=Select(where))
+    for columns in (["x/levle"], ["genre"], ["x/level"]):
+        with raises_message(UsageError, "level|genre"):
+            WindowDataset(path, fields=(*USUAL, *columns))
 
 
 def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path) -> None:
@@ -150,17 +162,6 @@ def test_whole_numbers_of_pandas_are_exact_where_a_clip_has_none(tmp_path: Path)
     assert table["x/all"].tolist() == [2**60 + 1, 3]
 
 
-def test_no_clip_is_left(path: Path) -> None:
-    with raises_message(UsageError, r"store\.to_pandas"):
-        WindowDataset(path, select=Select({"x/level": 4}))
-
-
-def test_wrong_columns(path: Path) -> None:
-    for columns in (["x/levle"], ["genre"], ["x/level"]):
-        with raises_message(UsageError, "level|genre"):
-            WindowDataset(path, fields=(*USUAL, *columns))
-
-
 # ---- info, report, exports
 
 
@@ -173,14 +174,6 @@ def test_info_and_report_name_the_columns(path: Path, tmp_path: Path) -> None:
     assert columns["x/indoors"]["values"] == {"true": 3, "false": 2}
     with open_store(path) as store:
         assert [column.name for column in store.free_columns()] == sorted(columns)
-
-
-def test_what_is_not_there_is_not_mentioned(tmp_path: Path) -> None:
-    made = write_random_store(tmp_path / "plain")
-    assert "columns" not in as_json("info", made.path)
-    assert "licences" not in as_json("info", made.path)
-    with open_store(made.path) as store:
-        assert store.free_columns() == store.licences == ()
 
 
 # ---- licences

@@ -144,17 +144,6 @@ def test_a_file_system_that_maps_nothing(store, caplog, monkeypatch):
     assert "No such device" in caplog.text
 
 
-def test_a_shard_cut_short_after_it_was_opened(tmp_path: Path, store: Store) -> None:
-    store = copy_of(store, tmp_path)
-    windows = store.windows("train")
-    shard = store._locate(windows[0], "tune").shard
-    layout = shard.layout("tune")
-    with shard.path.open("r+b") as file:
-        file.truncate(layout.offset + layout.n_rows * layout.row_bytes - 10)
-    with pytest.raises(StoreError, match="not those that the build wrote"):
-        store._window_rows(windows, "tune")
-
-
 def test_mapped_rows_stay_readable_after_closing(store: Store) -> None:
     store = open_store(store.path)
     rows = store._window_rows(store.windows("train"), "pose")

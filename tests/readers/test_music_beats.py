@@ -79,21 +79,6 @@ def test_samples_have_labels(store: Store, scale: Any) -> None:
     assert np.array_equal(whole["downbeat"], store[whole["clip"]].read("beats")[:, 1] == 1)
 
 
-def test_batches_have_labels(store: Store) -> None:
-    windows = WindowDataset(store, "train", FIELDS)
-    batch = next(iter(DataLoader(windows, batch_size=3)))
-    other = next(iter(BatchLoader(windows, batch_size=3)))
-    assert batch["beat"].shape == (3, 120)
-    assert torch.equal(batch["beat"], other["beat"])
-    assert torch.equal(batch["downbeat"], other["downbeat"])
-    assert torch.equal(batch["beat"], batch["beats"][:, :, 0] == 1)
-
-
-def test_without_the_field_there_are_no_labels(store: Store) -> None:
-    assert "beat" not in WindowDataset(store, "train", ("edge151", "librosa35"))[0]
-    assert "beat" not in ClipDataset(store, "train", ("edge151", "librosa35"))[0]
-
-
 def test_labels_are_padded_and_packed(store: Store) -> None:
     clips = ClipDataset(store, "train", FIELDS)
     samples = [
@@ -106,11 +91,17 @@ def test_labels_are_padded_and_packed(store: Store) -> None:
     assert not padded["downbeat"][1, 50:].any()
     packed = pack_clips(samples)
     assert torch.equal(packed["beat"], packed["beats"][:, 0] == 1)
+    windows = WindowDataset(store, "train", FIELDS)
+    for batch in (next(iter(DataLoader(windows, batch_size=3))), next(iter(BatchLoader(windows, batch_size=3)))):
+        assert torch.equal(batch["beat"], batch["beats"][:, :, 0] == 1)
+        assert torch.equal(batch["downbeat"], batch["beats"][:, :, 1] == 1)
+    assert "beat" not in WindowDataset(store, "train", ("edge151", "librosa35"))[0]
 
 
 @pytest.mark.parametrize("at", ["beat", "downbeat"])
 def test_windows_begin_at_beats(store: Store, at: str) -> None:
-    windows = WindowDataset(store, "train", FIELDS, windows=Windows(length_s=4, stride=1, start_at=at))
+    fields = ("fast", "beats")
+    windows = WindowDataset(store, "train", fields, windows=Windows(length_s=4, stride=1, start_at=at))
     column = ("beat", "downbeat").index(at)
     expected = {
         (clip.id, start)
@@ -144,19 +135,6 @@ def test_beats_of_another_field(store: Store) -> None:
         store, "train", ("edge151", "librosa35"), windows=Windows(length_s=2, start_at="downbeat")
     )
     assert all(store.read(w, "beats")[0, 1] == 1 for w in windows.windows)
-
-
-def test_fields_of_two_rates(store: Store) -> None:
-    windows = WindowDataset(store, "train", ("fast", "beats"), windows=Windows(length_s=2, start_at="downbeat"))
-    sample = windows[0]
-    assert sample["fast"].shape[0] == 2 * sample["beats"].shape[0]
-    assert bool(sample["downbeat"][0])
-
-
-def test_the_scaler_is_that_of_other_windows(store: Store) -> None:
-    plain = WindowDataset(store, "train", FIELDS, scale=Scale(over="all"))
-    cut = WindowDataset(store, "train", FIELDS, windows=Windows(start_at="downbeat"), scale=Scale(over="all"))
-    assert np.array_equal(plain.scaler("edge151").data_min, cut.scaler("edge151").data_min)
 
 
 def test_clips_without_downbeats_are_left_out(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:

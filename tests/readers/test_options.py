@@ -4,11 +4,9 @@ import io
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 import yaml
-from torch.utils.data import DataLoader
 
 import dancedata
 from dancedata.core.errors import UsageError
@@ -193,35 +191,6 @@ def test_readers_print_what_a_sample_is(built: Path) -> None:
     assert "mirror p=0.5" in text
     assert "edge151: (180, 151) float32" in str(ClipDataset(built))  # whole clips of one length
     assert "edge151: (90, 151) float32" in str(ClipDataset(built, windows=Windows(length=90)))
-
-
-def test_a_preset_of_a_dataset_with_lists_names_what_takes_the_splits(built: Path) -> None:
-    with raises_message(UsageError, "select=Select", where=built.name):
-        WindowDataset(built, fields=("edge151",), select=PRESETS["lodge-local"]["select"])
-
-
-def test_edge_by_its_preset(built: Path) -> None:
-    data = WindowDataset(built, **PRESETS["edge"])
-    batch = next(iter(DataLoader(data, 4, sampler=EpochSampler(data, seed=0))))
-    assert batch["edge151"].shape == (4, 150, 151)
-    assert float(batch["edge151"].abs().max()) <= 1
-
-
-def test_z_scores_of_mirrored_and_turned_windows(built: Path) -> None:
-    arguments: dict[str, Any] = {
-        "fields": ("edge151", "librosa35"),
-        "windows": Windows(length_s=4, stride_s=1),
-        "seed": 1,
-    }
-    data, raw = (
-        WindowDataset(built, scale=scale, augment={"mirror": 0.5, "yaw": True}, **arguments)
-        for scale in (Scale("zscore"), None)
-    )
-    for reader in (data, raw):
-        reader.set_epoch(2)
-    scaler = dancedata.open(built).scaler("edge151", "zscore")
-    np.testing.assert_allclose(data[3]["edge151"], scaler.normalize(raw[3]["edge151"]), atol=1e-5)
-    assert data.scaler("edge151").sha256 == scaler.sha256
 
 
 def test_groups_cover_what_changes_them(tmp_path: Path, store_of_groups: Store) -> None:

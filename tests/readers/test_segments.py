@@ -88,11 +88,9 @@ def test_a_window_has_the_segments_that_it_overlaps(store: Store) -> None:
     assert store.segments(Window("train0_p1", 28, 20), "moves") == []
     with raises_message(UsageError, "french"):
         store.segments(Window("train0_p1", 0, 20), "move")
-
-
-def test_the_mask_of_a_layer(store: Store) -> None:
-    mask = store.mask(Window("train0_p0", 20, 20), "moves")
-    assert np.flatnonzero(mask).tolist() == [5, 6, 7]
+    with raises_message(UsageError, "descriptions"):
+        windows(store, Text("descriptions"))
+    assert np.flatnonzero(store.mask(Window("train0_p0", 20, 20), "moves")).tolist() == [5, 6, 7]
     assert store.mask(Window("train0_p0", 0, 20), "description").all()
 
 
@@ -104,6 +102,8 @@ def test_samples_and_batches_keep_lists(store: Store) -> None:
     assert batch["segments"] == [dataset[k]["segments"] for k in range(4)]
     (loaded,) = DataLoader(dataset, 4, sampler=range(4), collate_fn=WindowDataset.collate)
     assert loaded["segments"] == batch["segments"]
+    for sample in windows(store, Segments(), augment=["crop"]).samples(range(20), 0):
+        assert sample["segments"] == store.segments(Window(sample["clip"], sample["start"], sample["length"]))
 
 
 def test_a_text_is_drawn_by_seed_epoch_and_index(store: Store) -> None:
@@ -167,16 +167,6 @@ def test_words_that_may_name_sides_are_never_given_mirrored_unasked(store: Store
     assert kept.samples([0], 0)[0]["text"] == "à gauche"
     assert windows(store, Text("description"), augment={"mirror": 0.5})
     assert windows(store, Text("french")).samples([0], 0)[0]["text"] == "à gauche"
-
-
-def test_arguments_are_checked(store: Store) -> None:
-    with raises_message(UsageError, "descriptions"):
-        windows(store, Text("descriptions"))
-
-
-def test_windows_moved_by_crop_are_asked_anew(store: Store) -> None:
-    for sample in windows(store, Segments(), augment=["crop"]).samples(range(20), 0):
-        assert sample["segments"] == store.segments(Window(sample["clip"], sample["start"], sample["length"]))
 
 
 def test_a_group_has_a_text_for_each_dancer_and_one_for_all(store: Store) -> None:

@@ -19,7 +19,7 @@ from dancedata.store.normalize import Scaler
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
-from dancedata.torch import PRESETS, BatchLoader, Primitives, Relative, Scale, Select, WindowDataset, Windows
+from dancedata.torch import PRESETS, BatchLoader, Primitives, Scale, Select, WindowDataset, Windows
 
 N, LENGTH = 600, 120
 
@@ -75,6 +75,8 @@ def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
         "test_c00",
     ]
     assert _ids(_read(store, split="val", select=Select(protocol="other"))) == ["train_c00", "test_c01"]
+    assert "train_c02" in _ids(_read(store, select=Select(protocol="one")))
+    assert "train_c02" not in _ids(_read(store, select=Select(protocol="one", ignore=("ignored",))))
     with raises_message(UsageError, "split", where="out"):
         _read(store, split="test", select=Select(protocol="other"))
     # A misspelt protocol would read the stored splits.
@@ -82,11 +84,6 @@ def test_a_protocol_defines_the_clips_of_a_split(store: Store) -> None:
         _read(store, select=Select(protocol="ohter"))
     with raises_message(UsageError, "no clip is in a list named 'ohter.train'. Did you mean 'other.train'"):
         _read(store, select=Select(ignore=("ohter.train",)))
-
-
-def test_a_protocols_own_ignore_list(store: Store) -> None:
-    assert "train_c02" in _ids(_read(store, select=Select(protocol="one")))
-    assert "train_c02" not in _ids(_read(store, select=Select(protocol="one", ignore=("ignored",))))
 
 
 def test_windows_begin_after_the_trim(store: Store) -> None:
@@ -148,18 +145,6 @@ def test_a_preset_with_primitives(store: Store) -> None:
     assert "train_c01" not in _ids(data)
 
 
-def test_relative_root(store: Store) -> None:
-    dataset = _read(store, fields=(Relative("lodge139"),), augment={"mirror": 1.0})
-    window = dataset.windows[5]
-    mirror = store.fields["lodge139"].mirror
-    assert mirror is not None
-    rows = mirror.apply(store.read(window, "lodge139"))
-    rows[:, 4:7] -= rows[0, 4:7].copy()
-    np.testing.assert_array_equal(dataset[5]["lodge139"].numpy(), rows)
-    with raises_message(UsageError, "Relative"):
-        _read(store, fields=(Relative("lodge139"),), scale=Scale())
-
-
 def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.LogCaptureFixture) -> None:
     dataset = WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), split="val")
     assert "that of the train split of protocol other, not the stored one" in caplog.text
@@ -168,24 +153,15 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
     wanted = Scaler("minmax", rows.min(axis=0), rows.max(axis=0))
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, wanted.data_min)
     np.testing.assert_array_equal(dataset.scaler("lodge139").data_max, wanted.data_max)
+    # Those of whole clips, however their windows are chosen.
+    for windows in (Windows(trim=True), Windows(length=300)):
+        chosen = WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), windows=windows)
+        np.testing.assert_array_equal(chosen.scaler("lodge139").data_min, wanted.data_min)
     everything = WindowDataset(store, fields=("lodge139",), scale=Scale(over="all")).scaler("lodge139")
     rows = np.concatenate([store[c.id].read("lodge139") for c in store])
     np.testing.assert_array_equal(everything.data_max, rows.max(axis=0))
     with raises_message(UsageError, "zscore"):
         WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))
-
-
-def test_a_scaler_is_that_of_whole_clips_however_their_windows_are_chosen(store: Store) -> None:
-    plain = WindowDataset(store, fields=("lodge139",), select=Select(protocol="one")).scaler("lodge139")
-    filtered = Select(protocol="one", filter={"movement": {"field": "lodge139"}})
-    for options in ({"windows": Windows(trim=True)}, {"windows": Windows(length=300)}, {"select": filtered}):
-        dataset = WindowDataset(store, **{"fields": ("lodge139",), "select": Select(protocol="one"), **options})  # type: ignore[arg-type]
-        np.testing.assert_array_equal(dataset.scaler("lodge139").data_min, plain.data_min)
-    # Fewer clips of the stored train split are another set of train clips too.
-    fewer = WindowDataset(store, fields=("lodge139",), select=Select(ignore=("ignored",), protocol="one"))
-    rows = np.concatenate([store.read(w, "lodge139") for w in fewer.windows])
-    np.testing.assert_array_equal(fewer.scaler("lodge139").data_min, rows.min(axis=0))
-    np.testing.assert_array_equal(fewer.scaler("lodge139").data_max, rows.max(axis=0))
 
 
 def _with_clips(store_path: Path, change: Callable[[StoredClip], StoredClip]) -> Store:
@@ -205,11 +181,9 @@ def test_mirrored_copies_are_for_training_under_every_protocol(tmp_path: Path) -
     options = {"fields": ("edge151",), "select": Select(protocol="p"), "scale": None}
     assert _ids(WindowDataset(made, **options)) == ["train_c00", "train_c01"]  # type: ignore[arg-type]
     assert _ids(WindowDataset(made, "val", **options)) == ["train_c03"]  # type: ignore[arg-type]
-
-
-def test_clips_that_a_protocol_does_not_know_are_named(tmp_path: Path) -> None:
-    made = _with_clips(tmp_path, lambda c: replace(c, lists=()) if c.id == "train_c02" else c)
-    dataset = WindowDataset(made, fields=("edge151",), select=Select(protocol="p"), scale=None)
+    (tmp_path / "other").mkdir()
+    made = _with_clips(tmp_path / "other", lambda c: replace(c, lists=()) if c.id == "train_c02" else c)
+    dataset = WindowDataset(made, **options)  # type: ignore[arg-type]
     assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [("unassigned", "train_c02", "on no list of p")]
 
 

@@ -101,15 +101,6 @@ def test_decoding_every_representation(name: str, device: str) -> None:
         np.testing.assert_array_equal(flat(found.contacts), stored)
 
 
-def test_every_representation_has_joints() -> None:
-    for name in (name for name in REPRESENTATIONS.names() if name != "root_place"):  # a place, without a body
-        made = REPRESENTATIONS.get(name)()
-        found = joints(batched(columns_of(name)), name)
-        assert found.shape == (3, 4, made.skeleton.n_joints, 3)
-        if name in WITH_ROTATIONS:
-            assert decode(torch.zeros(0, made.columns.width), made).joints().shape == (0, made.skeleton.n_joints, 3)
-
-
 def test_positions_are_taken_as_they_are() -> None:
     motion = random_motion(SMPL24)
     for made in (REPRESENTATIONS.get("bailando72")(), Joints("smpl24")):
@@ -175,12 +166,6 @@ def test_autocast_changes_nothing(device: str) -> None:
         turned = decode(columns, "edge151").rotations()
     assert torch.equal(found, wanted)
     assert torch.equal(turned, decode(columns, "edge151").rotations())
-
-
-@pytest.mark.parametrize("name", ["edge151", "lodge139", "fact219"])
-def test_gradients_of_joints(name: str) -> None:
-    columns = torch.from_numpy(columns_of(name).astype(np.float64)).requires_grad_()
-    assert torch.autograd.gradcheck(lambda x: joints(x, name), columns, fast_mode=True)
 
 
 def test_gradients_of_rotations() -> None:

@@ -57,13 +57,6 @@ def test_unknown_tempo_is_nan_so_that_collate_works(store: Store) -> None:
     assert batch[MOTION].shape == (2, 150, 151)
 
 
-def test_items_are_the_callers_own(store: Store) -> None:
-    dataset = WindowDataset(store, scale=None)
-    before = dataset[0][MOTION].clone()
-    dataset[0][MOTION].zero_()
-    assert torch.equal(dataset[0][MOTION], before)
-
-
 def test_negative_and_foreign_indices(store: Store) -> None:
     dataset = WindowDataset(store)
     last = dataset[len(dataset) - 1]
@@ -75,14 +68,6 @@ def test_negative_and_foreign_indices(store: Store) -> None:
             dataset[outside]
         with pytest.raises(IndexError):
             dataset.__getitems__([0, outside])
-
-
-def test_fields(store: Store) -> None:
-    assert WindowDataset(store).fields == (MOTION, AUDIO)
-    only = WindowDataset(store, fields=(AUDIO,))[0]
-    assert AUDIO in only
-    assert MOTION not in only
-    assert WindowDataset(store, fields=AUDIO).fields == (AUDIO,)
 
 
 @pytest.mark.parametrize(
@@ -100,6 +85,22 @@ def test_wrong_arguments_say_what_is_allowed(store: Store, wrong: dict[str, obje
         WindowDataset(store, **wrong)  # type: ignore[arg-type]
 
 
+def test_fields_that_are_read_and_normalised(store: Store, tmp_path: Path) -> None:
+    only = WindowDataset(store, fields=AUDIO)
+    assert only.fields == (AUDIO,)
+    assert MOTION not in only[0]
+    with raises_message(UsageError, "librosa35"):
+        only.scaler(MOTION)
+    raw, usual, audio = (WindowDataset(store, "val", scale=s)[7] for s in (None, Scale(), Scale(fields=(AUDIO,))))
+    for found, normal, plain in ((usual, MOTION, AUDIO), (audio, AUDIO, MOTION)):
+        assert torch.equal(raw[plain], found[plain])
+        np.testing.assert_allclose(found[normal], store.scaler(normal).normalize(raw[normal].numpy()), atol=1e-6)
+    fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
+    write_random_store(tmp_path, fields=fields, fps=Fraction(60))
+    with raises_message(UsageError, "30 frames per second"):
+        WindowDataset(tmp_path, **PRESETS["edge"] | {"fields": (MOTION,)})
+
+
 def test_preset_edge(store: Store) -> None:
     dataset = WindowDataset(store, **PRESETS["edge"])
     assert dataset.fields == (MOTION, AUDIO)
@@ -107,19 +108,6 @@ def test_preset_edge(store: Store) -> None:
     assert float(dataset[0][MOTION].abs().max()) <= 1.0
     shorter = WindowDataset(store, **PRESETS["edge"] | {"fields": (MOTION,), "windows": Windows(length=60)})
     assert shorter[0][MOTION].shape == (60, 151)
-
-
-def test_slices_and_half_precision(tmp_path: Path) -> None:
-    motion, audio = random_fields({MOTION: 151}, {AUDIO: 35})
-    written = write_random_store(tmp_path, slices=True, fields=(motion, replace(audio, dtype="float16")))
-    dataset = WindowDataset(tmp_path, scale=None)
-    for place in (0, len(dataset) - 1):
-        item = dataset[place]
-        assert item[AUDIO].dtype == torch.float16
-        for field in (MOTION, AUDIO):
-            rows = written.rows(item["clip"], field, item["start"], item["length"])
-            np.testing.assert_array_equal(item[field].numpy(), rows)
-    assert WindowDataset(tmp_path, scale=Scale(fields=(AUDIO,)))[0][AUDIO].dtype == torch.float32
 
 
 def test_genres_that_the_dataset_does_not_number_are_numbered_by_name(store: Store) -> None:
@@ -144,24 +132,7 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
         assert clips[0][name].shape[1] == windows.store.fields[name].width
 
 
-def test_preset_at_another_frame_rate(tmp_path: Path) -> None:
-    fields = random_fields({MOTION: 151}, {}, **{MOTION: 60})
-    write_random_store(tmp_path, fields=fields, fps=Fraction(60))
-    with raises_message(UsageError, "30 frames per second"):
-        WindowDataset(tmp_path, **PRESETS["edge"] | {"fields": (MOTION,)})
-
-
 # --- normalising
-
-
-@pytest.mark.parametrize("split", ["train", "val"])
-@pytest.mark.parametrize(("options", "normal"), [({}, MOTION), ({"scale": Scale(fields=(AUDIO,))}, AUDIO)])
-def test_the_named_fields_are_normalised_else_motion_alone(store, split, options, normal):
-    raw, found = (WindowDataset(store, split, **given)[7] for given in ({"scale": None}, options))
-    (plain,) = {MOTION, AUDIO} - {normal}
-    assert torch.equal(raw[plain], found[plain])
-    assert found[normal].dtype == torch.float32
-    np.testing.assert_allclose(found[normal], store.scaler(normal).normalize(raw[normal].numpy()), atol=1e-6)
 
 
 def test_normalising_spans_train_and_comes_back(store: Store) -> None:
@@ -173,11 +144,6 @@ def test_normalising_spans_train_and_comes_back(store: Store) -> None:
     assert float(normal.max()) == pytest.approx(1.0, abs=1e-6)
     back = dataset.scaler(MOTION).unnormalize(normal)
     torch.testing.assert_close(back.to(torch.float32), plain, atol=1e-5, rtol=1e-5)
-
-
-def test_scaler_of_a_field_that_is_not_read(store: Store) -> None:
-    with raises_message(UsageError, "librosa35"):
-        WindowDataset(store, fields=(AUDIO,)).scaler(MOTION)
 
 
 # --- mirroring
