@@ -72,9 +72,8 @@ def _read_aist(path: Path) -> None:
 
 def _read_finedance(path: Path) -> None:
     from dancedata.core.bodies import SMPLX55
-    from dancedata.datasets.finedance import load_motion, motion_length
+    from dancedata.datasets.finedance import load_motion
 
-    motion_length(path)
     _both(lambda: load_motion(path, SMPLX55), lambda: _read_folder(path))
 
 

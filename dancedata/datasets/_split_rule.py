@@ -34,12 +34,8 @@ _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
 _TRAIN, _VAL, _TEST = "train", "val", "test"
 _KEYS = (_VAL, _TEST, _TRAIN, "by", "seed", "balance")
 _FIX = "write it as {val: 0.1, test: 0.1, by: music}"
-#: Seeds that are tried to find one that comes closer to the fractions.
-_SEEDS_TRIED = 100
 #: Samples at the beginning of songs that are compared before whole songs are.
 _BEGINNING = 1 << 15
-#: Relative deviation of a fraction from the requested one above which another seed is suggested.
-_CLOSE = Fraction(1, 4)
 
 
 @dataclass(frozen=True)
@@ -92,23 +88,23 @@ class SplitRule:
         texts = {key: str(value).lower() if key == "balance" else value for key, value in self.document().items()}
         return f"{{{', '.join(f'{key}: {value}' for key, value in texts.items())}}}"
 
-    def split(self, group: str, seed: int | None = None) -> str:
+    def split(self, group: str) -> str:
         """Return the split of a group by its name."""
-        place = self._place(group, seed)
+        place = self._place(group)
         return _TEST if place < self.test else _VAL if place >= 1 - self.val else _TRAIN
 
-    def _place(self, group: str, seed: int | None = None) -> Fraction:
+    def _place(self, group: str) -> Fraction:
         """Return the number of a group, in [0, 1)."""
-        text = f"{self.seed if seed is None else seed}\n{unicodedata.normalize('NFC', group)}"
+        text = f"{self.seed}\n{unicodedata.normalize('NFC', group)}"
         digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()
         return Fraction(int.from_bytes(digest[:8], "big"), 2**64)
 
-    def _splits(self, sizes: Mapping[str, int], fixed: Mapping[str, str], seed: int | None = None) -> dict[str, str]:
+    def _splits(self, sizes: Mapping[str, int], fixed: Mapping[str, str]) -> dict[str, str]:
         """Return the split of every group; `sizes` are their numbers of clips, `fixed` splits of the manifest."""
         if not self.balance:
-            return {group: fixed.get(group) or self.split(group, seed) for group in sizes}
+            return {group: fixed.get(group) or self.split(group) for group in sizes}
         splits = {group: fixed.get(group) or _TRAIN for group in sizes}
-        free = sorted((group for group in sizes if not fixed.get(group)), key=lambda g: (self._place(g, seed), g))
+        free = sorted((group for group in sizes if not fixed.get(group)), key=lambda g: (self._place(g), g))
         n = sum(sizes.values())
         for name, part, groups in ((_TEST, self.test, free), (_VAL, self.val, free[::-1])):
             left, target = [g for g in groups if splits[g] == _TRAIN], part * n
@@ -137,9 +133,8 @@ class SplitRule:
         fixed = self._fixed_splits(clips)
         splits = self._splits(Counter(self.group(clip) for clip in clips), fixed)
         assigned = [replace(clip, split=splits[self.group(clip)]) for clip in clips]
-        closer = self._closer_seed(clips, fixed)
-        self._require_all(assigned, closer)
-        return assigned, [self._note(assigned, closer)]
+        self._require_all(assigned)
+        return assigned, [self._note(assigned)]
 
     def _fixed_splits(self, clips: Iterable[ClipRef]) -> dict[str, str]:
         fixed: dict[str, ClipRef] = {}
@@ -157,24 +152,7 @@ class SplitRule:
         requested = {_TRAIN: 1 - self.val - self.test, _VAL: self.val, _TEST: self.test}
         return {name: part for name, part in requested.items() if part}
 
-    def _closer_seed(self, clips: Sequence[ClipRef], fixed: Mapping[str, str]) -> int | None:
-        """Return a seed that comes closer and leaves no split empty, if the present one deviates much."""
-        sizes, requested = Counter(self.group(clip) for clip in clips), self._requested()
-
-        def off(seed: int) -> tuple[int, Fraction]:
-            """Return the number of empty splits, and the largest relative deviation from a requested fraction."""
-            splits: Counter[str] = Counter()
-            for group, split in self._splits(sizes, fixed, seed).items():
-                splits[split] += sizes[group]
-            parts = [abs(Fraction(splits[name], splits.total()) - part) / part for name, part in requested.items()]
-            return sum(not splits[name] for name in requested), max(parts)
-
-        if not clips or off(self.seed) <= (0, _CLOSE):
-            return None
-        (empty, worst), seed = min((off(seed), seed) for seed in range(_SEEDS_TRIED))
-        return seed if not empty and (empty, worst) < off(self.seed) else None
-
-    def _require_all(self, clips: Sequence[ClipRef], closer: int | None) -> None:
+    def _require_all(self, clips: Sequence[ClipRef]) -> None:
         splits = Counter(clip.split for clip in clips)
         empty = [name for name in self._requested() if not splits[name]]
         if not empty or not clips:
@@ -182,11 +160,10 @@ class SplitRule:
         enough = len({self.group(clip) for clip in clips}) >= len(self._requested())
         balance = "set balance: true, " if enough and not self.balance else ""
         larger = "use larger fractions" if enough else f"ask for fewer splits than {len(self._requested())}"
-        seed = f"set seed: {closer}, the best of 0 to {_SEEDS_TRIED - 1}; or " if closer is not None else ""
         by_clip = "" if self.by == "clip" else ", split by clip"
         raise SourceError(f"folder: no clip is in {' and '.join(empty)} by the rule {self._text()}",
                           found=self._count(clips),
-                          fix=f"{seed}{balance}{larger}{by_clip}, or write splits into a manifest")  # fmt: skip
+                          fix=f"{balance}{larger}{by_clip}, or write splits into a manifest")  # fmt: skip
 
     def _count(self, clips: Sequence[ClipRef]) -> str:
         text = counted(len(clips), "clip")
@@ -194,7 +171,7 @@ class SplitRule:
             return text
         return f"{text} of {counted(len({self.group(clip) for clip in clips}), _NOUNS[self.by])}"
 
-    def _note(self, clips: Sequence[ClipRef], closer: int | None) -> str:
+    def _note(self, clips: Sequence[ClipRef]) -> str:
         if not clips:
             return f"Splits by {self.by}: no clip is left."
         requested, parts = self._requested(), []
@@ -202,9 +179,8 @@ class SplitRule:
             of_split = [clip for clip in clips if clip.split == name]
             origin = f"requested {float(requested[name]):.1%}" if name in requested else "from the manifest"
             parts.append(f"{name} {len(of_split) / len(clips):.1%} ({origin}; {self._count(of_split)})")
-        hint = f"; seed {closer} would come closer" if closer is not None else ""
         balanced = ", balanced: a clip that is added may move others" if self.balance else ""
-        return f"Splits by {self.by}, seed {self.seed}{balanced}: {', '.join(parts)}{hint}."
+        return f"Splits by {self.by}, seed {self.seed}{balanced}: {', '.join(parts)}."
 
 
 def same_songs(clips: Iterable[ClipRef]) -> dict[str, str]:

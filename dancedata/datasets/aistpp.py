@@ -1,28 +1,7 @@
 """AIST++ (Li et al. 2021): dance to music in ten genres, 1,408 sequences, 60 FPS.
 
-There are two layouts; the reader tells them apart by the files it finds. In the official one the music is a
-separate download, one file per song, which the user puts next to the motion:
-
-.. code-block:: text
-
-    SOURCE/
-        motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl   smpl_poses (N, 72), smpl_trans (N, 3), smpl_scaling (1,)
-        wavs/mBR2.wav                            or music/, audio/, musics/, SOURCE; wav, flac, mp3 or ogg
-        cameras/mapping.txt                      optional: all sequence names
-        splits/crossmodal_{train,val,test}.txt   optional
-        ignore_list.txt                          optional; may also lie in splits/
-
-In EDGE's (Tseng et al. 2023) each sequence has its own audio file, cut to its length:
-
-.. code-block:: text
-
-    SOURCE/
-        edge_aistpp/
-            motions/gBR_sBM_cAll_d04_mBR2_ch08.pkl
-            wavs/gBR_sBM_cAll_d04_mBR2_ch08.wav
-
-A sequence with both kinds of music uses its own file. Facts (tempos, split rule, ignore
-list, copies) are in ``manifests/aistpp.yaml``.
+Of the two layouts (docs/datasets/aistpp.md) the official one has a file of music per song, EDGE's one per sequence,
+which is preferred; files tell them apart. Tempos, split rule and ignore list are in ``manifests/aistpp.yaml``.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -87,15 +66,12 @@ class AistPP(PairedDataset):
         Name of the split. ``SOURCE/splits/<split>_train.txt``, ``_val.txt``, ``_test.txt`` are read; if
         any of them exists only the files decide, and a missing one is an empty split. Without files
         ``crossmodal`` follows the rule over the names. ``all`` puts every clip into one split of that name.
-    split_dir
-        Folder with your own split files, relative to the source or absolute; no other one is searched.
     ignore
         ``list`` leaves out the sequences on the ignore list: the source's ``ignore_list.txt`` (even an
         empty one), else the official list, which is shipped. ``none`` keeps them.
     """
 
     split: str = field(default="crossmodal", metadata={"scan": True})
-    split_dir: str | None = field(default=None, metadata={"path": True})
     ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
 
     version: ClassVar[int] = 1
@@ -125,11 +101,7 @@ class AistPP(PairedDataset):
         super().__post_init__()
         if not self.split or Path(self.split).name != self.split:
             raise UsageError("aist++: split must be a name, not a path", found=repr(self.split),
-                             allowed="crossmodal, all, or NAME of files NAME_train.txt",
-                             fix="set split_dir to the folder of the files")  # fmt: skip
-        if self.split == ALL and self.split_dir is not None:
-            raise UsageError("aist++: split 'all' takes no split_dir", found=f"split_dir {self.split_dir!r}",
-                             fix="remove split_dir, or set split to a name")  # fmt: skip
+                             allowed="crossmodal, all, or NAME of files splits/NAME_train.txt")  # fmt: skip
 
     @property
     @override
@@ -187,7 +159,7 @@ class AistPP(PairedDataset):
             listed_names, notes = _mapping(listing.folders)
             text = "Splits: none requested; every clip is in the split 'all'."
             return Splits(dict.fromkeys(names, ALL), (text, *notes, last), {}, listed_names, ignored=ignored)
-        places, without = self._split_places(listing.folders), f"in no {self.split} split"
+        places, without = _split_places(listing.folders), f"in no {self.split} split"
         for place in places:
             paths = {split: place / f"{self.split}_{split}.txt" for split in SPLITS}
             existing = {split: path for split, path in paths.items() if path.is_file()}
@@ -195,7 +167,7 @@ class AistPP(PairedDataset):
                 of, read = _from_files(listing.folders, self.split, existing)
                 lists = {f"{self.split}_{s}": [n for n, split in of.items() if split == s] for s in existing}
                 return Splits(of, (*read, last), lists, frozenset(of), without, ignored)
-        if self.split != RULE or self.split_dir is not None:
+        if self.split != RULE:
             self._no_such_split(places)
         listed_names, notes = _mapping(listing.folders)
         parsed = {name: parts for name in {*listed_names, *names} if (parts := parse_name(name))}
@@ -293,18 +265,6 @@ class AistPP(PairedDataset):
         motions, music = listing.motions.files.keys(), listing.music.files.keys()
         return {self.song_of(name) for name in motions - music} & music
 
-    def _split_places(self, folders: Folders) -> list[Path]:
-        if self.split_dir is None:
-            return [place / "splits" for place in folders.places if (place / "splits").is_dir()]
-        # Joining an absolute split_dir to a folder leaves it unchanged.
-        custom = [place / Path(self.split_dir).expanduser() for place in reversed(folders.places)]
-        existing = [place for place in custom if place.is_dir()]
-        if not existing:
-            raise SourceError("aist++: the folder of the split files does not exist", where=str(custom[0]),
-                              allowed="a folder with NAME_train.txt, NAME_val.txt, NAME_test.txt",
-                              fix="correct split_dir, relative to the source or an absolute path")  # fmt: skip
-        return existing
-
     def _no_such_split(self, places: list[Path]) -> None:
         available = {
             path.stem.removesuffix(f"_{split}")
@@ -315,21 +275,19 @@ class AistPP(PairedDataset):
         }
         expected = ", ".join(f"{self.split}_{split}.txt" for split in SPLITS)
         where = ", ".join(str(place) for place in places)
-        allowed = sorted(available | ({RULE} if self.split_dir is None else set())) + [ALL] * (self.split_dir is None)
         raise SourceError(f"aist++: there is no split {self.split!r}; expected {expected}",
                           where=where or "no folder splits/ in the source",
                           found=", ".join(describe(place) for place in places) or "no split files",
-                          allowed=listed(allowed, 20) or "a split with files",
-                          fix="correct split in the recipe, or split_dir")  # fmt: skip
+                          allowed=listed([*sorted(available | {RULE}), ALL], 20),
+                          fix="correct split in the recipe")  # fmt: skip
 
     def _ignored(self, listing: Listing) -> tuple[dict[str, str], str]:
         """Return the names on the first ignore list of the source, even an empty one, or of the shipped one."""
         if self.ignore != "list":
             return {}, "Ignore list: not applied, as requested."
         folders = listing.folders
-        custom = self._split_places(folders) if self.split_dir is not None else []
         usual = [folder for place in folders.places for folder in (place, place / "splits")]
-        paths = [path for folder in (*custom, *usual) if (path := folder / _IGNORE_LIST).is_file()]
+        paths = [path for folder in usual if (path := folder / _IGNORE_LIST).is_file()]
         names = [frozenset(read_names(path)) for path in paths] or [frozenset(manifest("aistpp")["ignored"])]
         where = listing.relative(paths[0]) if paths else "the official list (shipped)"
         other = [listing.relative(path) for path, of in zip(paths[1:], names[1:], strict=True) if of != names[0]]
@@ -337,6 +295,10 @@ class AistPP(PairedDataset):
         n = f"{counted(len(names[0]), 'name')}, {len(names[0] & listing.motions.files.keys()):,} of them"
         note = f"Ignore list: {where}{unused}; {n} among the motion files found."
         return dict.fromkeys(names[0], f"on {where}"), note
+
+
+def _split_places(folders: Folders) -> list[Path]:
+    return [place / "splits" for place in folders.places if (place / "splits").is_dir()]
 
 
 def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> tuple[dict[str, str], list[str]]:

@@ -1,16 +1,6 @@
 """DCM (Wang et al. 2024, DanceCamera3D): dances and cameras of MikuMikuDance, 108 sequences, 30 FPS, in pieces.
 
-The files that DanceCamera3D's scripts write, and the lists of its repository:
-
-.. code-block:: text
-
-    SOURCE/
-        amc_aligned_data_split/
-            Simplified_MotionGlobalTransform/m4_0_gt.json    piece 0 of sequence 4: matrices of 60 bones by frame
-            Audio/a4_0.wav                                   its music; second 0 is frame 0
-            CameraCentric/c4_0.json                          the camera, which is not read
-        split/{train,validation,test}.json                   names, with the letter of a language: "C_4_0"
-        split/music_categories.json                          sequences by language, optional
+The files, as DanceCamera3D's scripts write them, and the lists of its repository: docs/datasets/dcm.md.
 """
 
 from collections.abc import Mapping, Sequence

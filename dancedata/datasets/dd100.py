@@ -1,15 +1,6 @@
 """DD100 (Siyao et al. 2024, Duolando): 100 minutes of duets in ten genres with hands, 30 FPS, +Z up.
 
-The published files:
-
-.. code-block:: text
-
-    SOURCE/
-        motion/smplx/all/GENRE_CHOREO_TAKE_00.npy    follower: a dict in an array of objects; train/ and test/ as well
-        motion/smplx/all/GENRE_CHOREO_TAKE_01.npy    leader
-        music/mp3/all/GENRE_CHOREO_TAKE.mp3          or wav, flac, ogg
-
-The dict has ``poses`` (T, 165) or (T, 55, 3), ``global_orient`` (T, 3), ``transl`` (T, 3) in metres.
+The files: docs/datasets/dd100.md; ``poses`` may also be (T, 55, 3), and files lie in train/ and test/ as well.
 """
 
 import re

@@ -1,16 +1,6 @@
 """FineDance (Li et al. 2023): full-body dance with hands to music in 16 genres, 211 sequences, 30 FPS.
 
-The published archive, unpacked:
-
-.. code-block:: text
-
-    SOURCE/
-        motion/001.npy        (T, 315): root translation 3, then 52 joints x 6D (two rows of the matrix)
-        music_wav/001.wav     wav, flac, mp3 or ogg; motion and music both start at t = 0
-        label_json/001.json   style1 (coarse), style2 (the genre), the song's name
-        music_npy/001.npy     not read: features are computed from the audio
-
-Facts (splits, ignore lists, trims, genres) are in ``manifests/finedance.yaml``.
+The files: docs/datasets/finedance.md. Splits, ignore lists, trims and genres are in ``manifests/finedance.yaml``.
 """
 
 import re
@@ -36,15 +26,12 @@ from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, req
 from dancedata.datasets.files import ALL, extra_file, files_by_stem
 from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder
-from dancedata.files.regular_file import open_regular
 from dancedata.files.strict_json import read_json
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
 
 RATE, JOINTS = 30, SMPLX52.n_joints
 COLUMNS = 3 + 6 * JOINTS
-#: Largest difference between motion and music in the published files, in frames, as reported by users.
-MAX_DIFFERENCE = 2
 #: All published ids.
 IDS = tuple(f"{n:03d}" for n in range(1, 212))
 KEY, MUSIC, LABELS = "style2", "music_wav", "label_json"
@@ -133,8 +120,6 @@ class FineDance(PublishedDataset):
     keep
         Ids that stay in their split although the split's ignore list contains them, as text (``["120"]``), or
         ``all``. Without it the ignore list takes precedence, as in Lodge and FineDance.
-    trim
-        Set the clips' ``trim_start`` to the first frame that Lodge keeps. The frames are stored either way.
     labels
         ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
         them, without a genre.
@@ -147,7 +132,6 @@ class FineDance(PublishedDataset):
 
     split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
     keep: Literal["all"] | tuple[str, ...] = field(default=(), metadata={"scan": True})
-    trim: bool = True
     labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
@@ -234,24 +218,14 @@ class FineDance(PublishedDataset):
         if beside:
             why = " Music features are computed from the audio." if "music_npy" in beside else ""
             yield f"Not read: {listed(f'{name}/' for name in beside)}.{why}"
-        yield from _clip_notes(clips, self.trim)
-        lengths = {clip.id: length_note(clip.motion_path, clip.audio_path) for clip in clips if clip.audio_path}
-        differing = [f"{clip} ({note})" for clip, note in lengths.items() if note]
-        if differing:
-            n = counted(len(differing), "clip")
-            yield (f"Lengths: motion and music differ by more than {MAX_DIFFERENCE} frames in {n}: "
-                   f"{listed(differing, 12)}. The shorter one counts: windows without music are left out "
-                   "(no_audio).")  # fmt: skip
+        yield from _clip_notes(clips)
         if self.body_model is not None:  # an unusable one raises here, before any clip is loaded
             yield f"Bones: of the body model {self.body_model.name} ({self._skeleton().name})."
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the motion of one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints, jaw and eyes still.
-
-        The clip's id decides how many frames Lodge trims at its beginning.
-        """
-        return load_motion(ref.motion_path, self._skeleton(), trims().get(ref.id, 0) if self.trim else 0)
+        """Read one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints; it begins where Lodge trims it."""
+        return load_motion(ref.motion_path, self._skeleton(), trims().get(ref.id, 0))
 
     @override
     def make_example(self, folder: Path) -> None:
@@ -307,11 +281,9 @@ def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) 
         yield f"Ignore list: {listed(sorted(kept), 12)} kept, as requested."
 
 
-def _clip_notes(clips: Sequence[ClipRef], trim: bool) -> Iterable[str]:
+def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
     cuts = [f"{clip.id} ({trims()[clip.id]:,} frames)" for clip in clips if clip.id in trims()]
-    if cuts and not trim:
-        yield f"Trims: not applied, as requested; Lodge trims the beginning of {listed(cuts, 12)}."
-    elif cuts:
+    if cuts:
         kept = "The frames are kept; trim_start is the first of the dance."
         yield f"Trims: Lodge trims the beginning of {listed(cuts, 12)}. {kept}"
     n, of = len({clip.genre for clip in clips if clip.genre}), len(manifest("finedance")["genres"])
@@ -326,32 +298,13 @@ def _clip_notes(clips: Sequence[ClipRef], trim: bool) -> Iterable[str]:
         yield f"Music: {n_clips} without a file in {MUSIC}/ ({listed(silent)}), for recipes without audio features."
 
 
-def length_note(motion: Path, music: Path) -> str:
-    """Return both lengths if they differ by more than `MAX_DIFFERENCE` frames; "" if not, or if one is unknown."""
-    import soundfile
-
-    frames = motion_length(motion)
-    try:
-        with open_regular(music) as file:
-            info = soundfile.info(file)
-    except (soundfile.SoundFileError, OSError, ValueError, TypeError):
-        return ""
-    if frames is None or info.frames <= 0:
-        return ""
-    # The rows of audio features: one for every frame that begins within the audio.
-    rows = FrameGrid.of(max(info.samplerate, 1)).rows_up(info.frames, of=FrameGrid.of(RATE))
-    if abs(frames - rows) <= MAX_DIFFERENCE:
-        return ""
-    return f"motion {frames / RATE:.2f} s, music {info.frames / info.samplerate:.2f} s"
-
-
 def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
 
     Returns: 30 FPS, metres, +Y up; axis-angle (T, 55, 3), jaw and eyes zero; the dance begins at `trim_start`.
     """
     with open_arrays(path) as arrays:
-        _length(arrays)
+        _check_shape(arrays)
         array = arrays.read("")
     require_finite(path, "the motion", array, columns=True)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
@@ -359,21 +312,12 @@ def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
     if trim_start >= len(array):
         raise DataError("no frame of the motion is left after the trim", reason="too_short", where=str(path),
                         found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
-                        fix="check that this is the file of that id, or set trim: false")  # fmt: skip
+                        fix="check that this is the file of that id")  # fmt: skip
     return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(RATE), skeleton, trim_start)
 
 
-def motion_length(path: Path) -> int | None:
-    """Return the number of frames in the file's header; None if the file is not a readable motion."""
-    try:
-        with open_arrays(path) as arrays:
-            return _length(arrays)
-    except DataError:
-        return None
-
-
-def _length(arrays: ArrayFile) -> int:
-    """Check the shape in the header, (T, 315), and return T."""
+def _check_shape(arrays: ArrayFile) -> None:
+    """Check the shape in the header, (T, 315)."""
     shape = arrays.shape("")
     if len(shape) != 2 or shape[1] != COLUMNS:
         raise DataError("the motion file has the wrong shape", reason="bad_shape", where=str(arrays.path),
@@ -382,7 +326,6 @@ def _length(arrays: ArrayFile) -> int:
                         fix=_shape_advice(shape))  # fmt: skip
     if shape[0] == 0:
         raise no_frames(arrays.path)
-    return shape[0]
 
 
 def _shape_advice(shape: tuple[int, ...]) -> str:

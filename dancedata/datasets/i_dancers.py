@@ -1,13 +1,6 @@
 """I-Dancers (CoheDancers, Yang et al. 2025): groups of dancers, SMPL by rotation matrices.
 
-.. code-block:: text
-
-    SOURCE/
-        motion/NAME_smpl.pkl    smpl_poses (P, T, 24, 3, 3), smpl_trans (P, T, 3)
-        music/NAME.wav          music of the sequence; second 0 is frame 0
-        train.txt, test.txt     names, as they are or with the ending _smpl.pkl
-
-Neither the rate nor the axis that is up is published. CoheDancers' loader takes frames 15 to -15 (`trim_frames`).
+The files: docs/datasets/i-dancers.md. Neither the rate nor the axis that is up is published.
 """
 
 from collections import Counter

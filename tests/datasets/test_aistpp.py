@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dancedata.core.clip import ClipRef
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.resources import manifest
 from dancedata.datasets.aistpp import AistPP, crossmodal_split
 from dancedata.formats.aist_names import parse_name, tempo_bpm
@@ -53,7 +53,6 @@ def test_edge_layout(empty_copy: Any) -> None:
     assert scan.rejects == ()
     assert "one audio file per sequence in edge_aistpp/wavs/" in notes(scan)
     assert "Not read: 2/, 8/" in notes(scan)
-    assert splits(AistPP(split_dir="lists").scan(empty_copy.root)) == {TRAIN: "val"}
 
 
 def test_mixed_music_own_file_wins(official: Any) -> None:
@@ -164,29 +163,15 @@ def test_an_own_split(official: Any) -> None:
     assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, "rule: no such file"
 
 
-@pytest.mark.parametrize("absolute", [True, False])
-def test_split_dir(official: Any, absolute: bool) -> None:
-    official.names("splits/crossmodal_train.txt", TRAIN)
-    folder = official.names("my lists/crossmodal_val.txt", TEST).parent
-    reader = AistPP(split_dir=str(folder) if absolute else "my lists")
-    assert splits(reader.scan(official.root)) == {TEST: "val"}
-
-
 @pytest.mark.parametrize(
-    ("keys", "word", "where"),
-    [
-        ({"split": "min"}, r"min_val\.txt", "мой dänce 舞/splits"),
-        ({"split_dir": "nowhere"}, r"NAME_val\.txt", "мой dänce 舞/nowhere"),
-        ({"split_dir": "lists"}, r"crossmodal_val\.txt", "мой dänce 舞/lists"),
-        ({"split": "mine"}, r"mine_val\.txt", "no folder splits/ in the source"),
-    ],
+    ("split", "word", "where"),
+    [("min", r"min_val\.txt", "мой dänce 舞/splits"), ("mine", r"mine_val\.txt", "no folder splits/ in the source")],
 )
-def test_no_such_split(official: Any, keys: dict[str, Any], word: str, where: str) -> None:
-    if keys != {"split": "mine"}:
+def test_no_such_split(official: Any, split: str, word: str, where: str) -> None:
+    if split == "min":
         official.names("splits/mine_train.txt", TEST)
-    official.write("lists/other.txt", b"")
     with raises_message(SourceError, word, where=where):
-        AistPP(**keys).scan(official.root)
+        AistPP(split=split).scan(official.root)
 
 
 def test_clip_in_two_splits(official: Any) -> None:
@@ -217,11 +202,6 @@ def test_ignore_list_of_the_source_replaces_the_shipped_one(official: Any, file:
     scan = AistPP().scan(official.root)
     assert rejects(scan, "ignored") == [TRAIN]
     assert "not used: splits/ignore_list.txt" in notes(scan)
-
-
-def test_a_folder_of_lists_without_lists() -> None:
-    with raises_message(UsageError, "split_dir"):
-        AistPP(split="all", split_dir="x")
 
 
 def test_motion_is_canonical(official: Any) -> None:

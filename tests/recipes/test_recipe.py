@@ -230,7 +230,7 @@ def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
         {"audio": {"librosa35": {"tightness": 100.0}}},
         {"fps": "30", "transforms": [], "store": {"shard_mb": 256}},
         {"motion": {"edge151": {"contacts": {"velocity": {"max_speed_m_s": 0.3}}}}},
-        {"dataset": {"aist++": {"split_dir": "elsewhere"}}},
+        {"dataset": {"aist++": {"music_dir": "elsewhere"}}},
     ],
 )
 def test_the_hash_does_not_depend_on_wording(changes: dict[str, Any]):

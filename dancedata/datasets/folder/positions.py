@@ -91,15 +91,12 @@ def joint_names(arrays: ArrayFile, name: str, declared: Sequence[str] | str | No
     if not names:
         by_count = _COUNTS.get(count)
         if by_count is None or not _has_proportions(arrays, name, JOINT_SETS[by_count]):
-            raise DataError(
-                "it is unknown which joints these positions belong to",
-                reason="unknown_joints",
-                where=str(arrays.path),
-                found=f"{name or 'the array'} {arrays.shape(name)} without names of joints",
-                allowed=f"{', '.join(JOINT_SETS)}, or the names of the {count} joints in their order",
-                fix="name them in the recipe: dataset.folder.joints=NAME or [NAME, ...]; or in the file: "
-                "numpy.savez(file, positions=..., joint_names=[...])",
-            )
+            raise DataError("it is unknown which joints these positions belong to", reason="unknown_joints",
+                            where=str(arrays.path),
+                            found=f"{name or 'the array'} {arrays.shape(name)} without names of joints",
+                            allowed=f"{', '.join(JOINT_SETS)}, or the names of the {count} joints in their order",
+                            fix="name them in the recipe: dataset.folder.joints=NAME or [NAME, ...]; or in the file: "
+                            "numpy.savez(file, positions=..., joint_names=[...])")  # fmt: skip
         names, where = JOINT_SETS[by_count], "SMPL's order, by their number and the lengths of bones"
     if len(names) != count:
         raise DataError("the number of names differs from the number of joints", reason="bad_declaration",

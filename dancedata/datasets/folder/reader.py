@@ -1,4 +1,4 @@
-"""The reader of a folder of your own files; the tree on disk is in the package's docstring."""
+"""The reader of a folder of your own files."""
 
 import json
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The reader of Motorica Dance; the tree on disk is in the package's docstring."""
+"""The reader of Motorica Dance."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence

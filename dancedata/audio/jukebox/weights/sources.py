@@ -48,13 +48,10 @@ class TorchFile:
                     file.seek(0)
                     loaded = self._head(file)
         except Exception as error:  # torch may raise anything for a damaged file
-            raise SourceError(
-                "torch cannot read this file as weights; nothing of it was run",
-                where=path,
-                found=shown(error),
-                allowed="a complete file that torch.save wrote, of tensors and plain containers",
-                fix="get the file again with `dancedata pull jukebox`",
-            ) from error
+            raise SourceError("torch cannot read this file as weights; nothing of it was run", where=path,
+                              found=shown(error),
+                              allowed="a complete file that torch.save wrote, of tensors and plain containers",
+                              fix="get the file again with `dancedata pull jukebox`") from error  # fmt: skip
         self.tensors: Mapping[str, torch.Tensor] = {
             name: tensor for name, tensor in _model(loaded, path).items() if isinstance(tensor, torch.Tensor)
         }
