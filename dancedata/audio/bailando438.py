@@ -1,7 +1,6 @@
 """The 438 columns of music that Bailando and Bailando++ read."""
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from dancedata.audio._bailando import BailandoFeature
 from dancedata.core.registry import FEATURES
@@ -20,5 +19,3 @@ class Bailando438(BailandoFeature):
         rate and are empty: envelope, beats and tempogram are zero in every row, as in the published data.
         "nyquist": half the sample rate, as in librosa 0.10 and later.
     """
-
-    version: ClassVar[int] = 1

@@ -26,7 +26,6 @@ class Bailando54(BailandoFeature):
 
     onset_fmax: Literal["era", "nyquist"] = "nyquist"
 
-    version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns(GROUPS[:-1], None)
     min_sample_rate: ClassVar[int] = _MIN_SAMPLE_RATE
     usual_rates: ClassVar[str] = "use 30 rows per second (Duolando)"

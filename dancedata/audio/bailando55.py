@@ -28,7 +28,6 @@ class Bailando55(BailandoFeature):
 
     onset_fmax: Literal["era", "nyquist"] = "nyquist"
 
-    version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns((*GROUPS[:-1], Group("tempogram", 1, "1")), None)
     usual_rates: ClassVar[str] = "use 30 rows per second (InfiniteDance)"
 

@@ -70,7 +70,6 @@ class FileRows(FileFeature):
         from frame 0 to the last frame, and have no mirror image.
     """
 
-    version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("numpy",)
     uses_tempo: ClassVar[bool] = False
 

@@ -34,7 +34,6 @@ class Stft193(HopFeature):
 
     part: Literal["real", "magnitude"] = "real"
 
-    version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns((Group("stft", 1 + N_FFT // 2, "full scale"),), None)
     usual_rates: ClassVar[str] = "use 30 rows per second (GCDance)"
     uses_tempo: ClassVar[bool] = False

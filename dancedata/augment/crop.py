@@ -26,7 +26,6 @@ class Crop(SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
     chooses_windows: ClassVar[bool] = True
 
     within: Literal["clip", "stride"] = "clip"

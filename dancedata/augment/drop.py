@@ -32,7 +32,6 @@ class Drop(SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
 
     fields: tuple[str, ...] = ()
     p: float = 0.25

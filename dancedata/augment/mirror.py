@@ -24,7 +24,6 @@ class MirrorImage(CopyAugmentation, SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "rows"
     mirrors: ClassVar[bool] = True
 

@@ -42,7 +42,6 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "body"
-    version: ClassVar[int] = 1
 
     std_degrees: float = 2.0
     every_s: float = 0.5

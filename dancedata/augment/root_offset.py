@@ -31,7 +31,6 @@ class RootOffset(CopyAugmentation, SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
 
     max_m: float = 0.5
     seed: int = 0

@@ -33,7 +33,6 @@ class Tempo(CopyAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
     changes: ClassVar[Literal["rows", "motion", "time"]] = "time"
 
     speeds: tuple[float, ...] = (0.9, 1.1)

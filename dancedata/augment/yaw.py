@@ -33,7 +33,6 @@ class Yaw(CopyAugmentation, SampleAugmentation):
     """
 
     acts_on: ClassVar[Literal["world", "body"]] = "world"
-    version: ClassVar[int] = 1
 
     max_degrees: float = 180.0
     seed: int = 0

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -31,8 +30,6 @@ class Height(ContactRule):
     toe_m
         Limit of both toes in metres, exclusive.
     """
-
-    version: ClassVar[int] = 1
 
     ankle_m: float = 0.12
     toe_m: float = 0.05

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +28,6 @@ class Velocity(ContactRule):
     max_speed_m_s
         Limit in metres per second, exclusive. EDGE's 0.01 m per frame at 30 FPS is 0.3 m/s.
     """
-
-    version: ClassVar[int] = 1
 
     max_speed_m_s: float = 0.3
 

@@ -88,7 +88,6 @@ class Registry(Generic[P]):
                              found=", ".join(b.__qualname__ for b in cls.__bases__),
                              fix=f"derive the class from {base}")  # fmt: skip
         missing = sorted(m for m in getattr(cls, "__abstractmethods__", ()))
-        missing += [] if hasattr(cls, "version") else ["version"]
         if missing:
             raise UsageError(
                 f"the plug-in lacks {', '.join(missing)}", where=where, fix=f"see the documentation of {base}"

@@ -139,7 +139,6 @@ class AiozGdance(PairedDataset):
     genre_column: str = field(default="", metadata={"scan": True})
     style_column: str = field(default="", metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPL24
     licence: ClassVar[str] = (
         "AIOZ-GDANCE's own licence: one user, non-commercial research only; no distribution, in whole or in part."

@@ -74,7 +74,6 @@ class AistPP(PairedDataset):
     split: str = field(default="crossmodal", metadata={"scan": True})
     ignore: Literal["list", "none"] = field(default="list", metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPL24
     may_share_motion: ClassVar[bool] = True
     licence: ClassVar[str] = (

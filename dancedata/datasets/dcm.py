@@ -54,7 +54,6 @@ class DCM(PairedDataset):
 
     split: Literal["official", "by-sequence"] = field(default="official", metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     licence: ClassVar[str] = (
         "DCM's EULA: academic use only. Dances, cameras and music are of their creators: no redistribution."
     )

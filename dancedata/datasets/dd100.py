@@ -77,7 +77,6 @@ class DD100(PairedDataset):
     split: Literal["official", "by-choreography"] = field(default="official", metadata={"scan": True})
     up: Literal["z", "y"] = "z"
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPLX55
     licence: ClassVar[str] = (
         "S-Lab License 1.0 (Duolando's repository): non-commercial use only; ask the authors about redistribution."

@@ -136,7 +136,6 @@ class FineDance(PublishedDataset):
     body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
 
-    version: ClassVar[int] = 1
     licence: ClassVar[str] = (
         "Non-commercial scientific research, education and art only (Tsinghua University's licence for the FineDance "
         "data); no redistribution, in whole or in part."

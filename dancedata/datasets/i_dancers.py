@@ -55,7 +55,6 @@ class IDancers(PairedDataset):
     up: Literal["auto", "y", "z"] = "auto"
     trim_frames: int = field(default=0, metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPL24
     licence: ClassVar[str] = (
         "I-Dancers: no licence is published with the files. Motion was estimated from videos of third parties, whose "

@@ -143,7 +143,6 @@ class InfiniteDance(PublishedDataset):
     clips: Literal["all", "own"] = field(default="all", metadata={"scan": True})
     up: Literal["auto", "y", "z", "-y"] = "auto"
 
-    version: ClassVar[int] = 1
     has_audio: ClassVar[bool] = False
     licence: ClassVar[str] = (
         "InfiniteDance Non-Commercial Research License: academic research, education and evaluation; redistribution "

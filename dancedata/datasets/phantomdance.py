@@ -64,7 +64,6 @@ class PhantomDance(PairedDataset):
     split: Literal["by-song", "all"] = field(default="by-song", metadata={"scan": True})
     motions: str | None = field(default=None, metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPL24_EDGE
     licence: ClassVar[str] = (
         "PhantomDance's repository: MIT (it links the data). Terms of the music are not stated: no redistribution."

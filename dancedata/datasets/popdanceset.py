@@ -54,7 +54,6 @@ class PopDanceSet(PairedDataset):
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
     scale: Literal["multiply", "none"] = field(default="none", metadata={"scan": True})
 
-    version: ClassVar[int] = 1
     body: ClassVar[Skeleton] = SMPL24_EDGE
     licence: ClassVar[str] = (
         "POPDG's code and lists: MIT. Motion was estimated from videos of third parties, whose videos and music "

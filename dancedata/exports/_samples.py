@@ -164,7 +164,6 @@ class SampleExport(Export):
         Size of the fields of a file in MiB, before compression; a sample is never split.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
 
     samples: Literal["windows", "clips"] = "windows"

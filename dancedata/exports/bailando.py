@@ -115,7 +115,6 @@ class Bailando(Export):
         their names, so its training set has them.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "fps": _RATE,
         "windows": {"length_frames": 240, "stride_frames": 40},

@@ -1,7 +1,7 @@
 """BVH files, one per clip, for Blender, Maya, MotionBuilder and other programs for animation."""
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 from dancedata.core.typing import override
 from dancedata.exports._motions import MotionExport, decoded, field_name
@@ -20,8 +20,6 @@ class BvhFiles(MotionExport):
     unit
         ``m``: metres, which Blender reads at a scale of 1. ``cm``: centimetres, as Maya and MotionBuilder expect.
     """
-
-    version: ClassVar[int] = 1
 
     unit: Literal["m", "cm"] = "m"
 

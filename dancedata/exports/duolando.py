@@ -54,7 +54,6 @@ class Duolando(MotionExport):
         Audio feature of 54 columns at 30 rows per second.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "dataset": {"dd100": {}},
         "motion": {"finedance319": {}},

@@ -43,7 +43,6 @@ class Edge(SliceExport):
         Write the split val to the test folder too: EDGE has no validation split.
     """
 
-    version: ClassVar[int] = 1
     reference: ClassVar[str] = "Stanford-TML/EDGE, commit 17c3428, dataset/dance_dataset.py"
     guide_text: ClassVar[str] = _GUIDE
 

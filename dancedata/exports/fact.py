@@ -130,7 +130,6 @@ class Fact(Export):
         other songs. mint's script writes ten, without a seed, and may draw the motion's own song.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {"fps": _RATE, "motion": {_MOTION: {}}, "audio": {"librosa35": {}}}
     reference: ClassVar[str] = "google-research/mint, commit b8f8bdf, tools/preprocessing.py and mint/core/inputs.py"
     guide_text: ClassVar[str] = _GUIDE

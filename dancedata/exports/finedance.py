@@ -40,7 +40,6 @@ class FineDance(Export):
         Audio feature of 35 columns.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "dataset": {"finedance": {}},
         "motion": {_MOTION: {}},

@@ -40,7 +40,6 @@ class Gcd(MotionExport):
         Audio feature of `jukebox_features`, at 30 rows per second.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "dataset": {"aioz-gdance": {}},
         "motion": {"edge151": {}},

@@ -46,7 +46,6 @@ class HumanML3D(Export):
         ``stored``: ``word/POS`` as the source states them. ``plain``: ``word/OTHER`` where there are none.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"humanml263": {}}}
     reference: ClassVar[str] = (
         "EricGuo5513/HumanML3D, commit 9176e8f, motion_representation.ipynb and cal_mean_variance.ipynb"

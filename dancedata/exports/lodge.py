@@ -130,7 +130,6 @@ class Lodge(Export):
         ``all``: the normaliser covers all tracks, test included, as Lodge's does. ``train``: those of train.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "dataset": {"finedance": {}},
         "motion": {"lodge139": {}},

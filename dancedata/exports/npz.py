@@ -30,7 +30,6 @@ class Npz(Export):
         Names of the fields to write. Default: all.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}, "audio": {"librosa35": {}}}
 
     fields: tuple[str, ...] = ()

@@ -36,7 +36,6 @@ class SmplFiles(MotionExport):
         Written into the files: the body model that a viewer takes. AIST++ was fitted with the male one.
     """
 
-    version: ClassVar[int] = 1
     reference: ClassVar[str] = "AMASS's and SMPL-X's .npz (amass.is.tue.mpg.de)"
 
     gender: Literal["neutral", "male", "female"] = "neutral"

@@ -57,7 +57,6 @@ class Tcdiff(MotionExport):
         of each slice, as TCDiff does.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {
         "dataset": {"aioz-gdance": {}},
         "motion": {"edge151": {}},

@@ -37,7 +37,6 @@ class WebDataset(SampleExport):
         the dataset's order.
     """
 
-    version: ClassVar[int] = 1
     recipe: ClassVar[Mapping[str, Any]] = {"motion": {"edge151": {}}}
     reference: ClassVar[str] = "webdataset (github.com/webdataset/webdataset)"
 

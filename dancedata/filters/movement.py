@@ -36,7 +36,6 @@ class Movement(WindowFilter):
         Splits that are filtered.
     """
 
-    version: ClassVar[int] = 1
     reason: ClassVar[str] = "still"
 
     min_std: float = MIN_STD

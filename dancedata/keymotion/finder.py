@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,6 @@ from dancedata.metrics.key_motion import KeyMotion
 @dataclass(frozen=True)
 class CharacteristicPrimitives(PrimitiveFinder):
     """The 4 + 4 border frames of a window of one local segment; hard and soft cues of a longer one."""
-
-    version: ClassVar[int] = 1
 
     @override
     def find(

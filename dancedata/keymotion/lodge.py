@@ -35,7 +35,6 @@ class Lodge(KeyMotionFinder):
         Width of the Gaussian, in frames of the recipe; Lodge's 5 are for 30 frames per second.
     """
 
-    version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns(_GROUPS, mirror=Mirror((0, 1, 2), (1, 1, 1)))
     skeleton: ClassVar[Skeleton] = SMPLX55
 

@@ -26,7 +26,6 @@ class SmplX6D(Representation):
     Subclasses define `skeleton`, `default_contacts`, `axes` and whether they are `grounded`.
     """
 
-    version: ClassVar[int] = 1
     spatial: ClassVar[Spatial | None] = Spatial("y", ROLES)
 
     @property

@@ -27,7 +27,6 @@ class Bailando72(Representation):
     not determine the rotation of a bone about its own axis. Mirroring reflects across the plane x = 0.
     """
 
-    version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
     columns: ClassVar[Columns] = parts.columns_of(parts.positions(SMPL24))
     axes: ClassVar[str] = "right-handed, +Y up, metres"

@@ -34,7 +34,6 @@ class Edge151(Representation):
     6D is the first two rows of each matrix. Mirroring reflects across the plane x = 0.
     """
 
-    version: ClassVar[int] = 1
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
     columns: ClassVar[Columns] = _LAYOUT.columns

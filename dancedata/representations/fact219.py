@@ -33,7 +33,6 @@ class Fact219(Representation):
     omitted here. Mirroring reflects across the plane x = 0.
     """
 
-    version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
     columns: ClassVar[Columns] = parts.columns_of(parts.translation(), parts.rotations(SMPL24, n_rows=3))
     axes: ClassVar[str] = "right-handed, +Y up, metres"

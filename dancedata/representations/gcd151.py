@@ -65,7 +65,6 @@ class Gcd151(Representation):
     translation. 6D is the first two rows of each matrix. Mirroring reflects across the plane x = 0.
     """
 
-    version: ClassVar[int] = 1
     default_contacts: ClassVar[str | None] = "velocity"
     skeleton: ClassVar[Skeleton] = SMPL24
     columns: ClassVar[Columns] = parts.columns_of(

@@ -66,7 +66,6 @@ class Humanml263(Representation):
     Mirroring swaps the sides and reflects across the plane x = 0; the body itself is not symmetric (by 7 mm).
     """
 
-    version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = HUMANML22
     columns: ClassVar[Columns] = parts.columns_of(*ROOT, *BODY)
     axes: ClassVar[str] = "right-handed, +Y up, each frame facing +Z; metres, metres per frame"

@@ -34,7 +34,6 @@ class Joints(Representation):
         The skeleton: the name of one that comes with the package, or a mapping as `Skeleton.to_json` returns it.
     """
 
-    version: ClassVar[int] = 1
     axes: ClassVar[str] = "right-handed, +Y up, metres"
     spatial: ClassVar[Spatial | None] = Spatial("y", {"position": "place"})
 

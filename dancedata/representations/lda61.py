@@ -51,7 +51,6 @@ class Lda61(Representation):
     Lost are the toes' rotations, the fingers, the bones of the recording, and place and facing of the first frame.
     """
 
-    version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = MOTORICA21
     columns: ClassVar[Columns] = parts.columns_of(*_PARTS)
     axes: ClassVar[str] = "right-handed, +Y up, centimetres, each frame facing +Z"

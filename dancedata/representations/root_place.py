@@ -36,7 +36,6 @@ class RootPlace(Representation):
     reflects across the plane x = 0.
     """
 
-    version: ClassVar[int] = 1
     skeleton: ClassVar[Skeleton] = SMPL24
     columns: ClassVar[Columns] = parts.columns_of(
         parts.Part(Group("place", 3, "m", _AXES), _REFLECTED), parts.Part(Group("facing", 3, "1", _AXES), _REFLECTED)

@@ -37,7 +37,6 @@ class Facts(Annotator):
         Least distance, metres.
     """
 
-    version: ClassVar[int] = 1
     copies: ClassVar[Literal["own", "parent", "none"]] = "own"
 
     kinds: tuple[Kind, ...] = KINDS  # type: ignore[assignment]

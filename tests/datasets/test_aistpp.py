@@ -46,7 +46,6 @@ def test_edge_layout(empty_copy: Any) -> None:
         empty_copy.motion(name, folder="edge_aistpp/motions")
         empty_copy.song(f"edge_aistpp/wavs/{name}.wav")
         empty_copy.motion(name, folder=f"{name[-1]}/motions")
-    empty_copy.names("edge_aistpp/lists/crossmodal_val.txt", TRAIN)
     scan = AistPP().scan(empty_copy.root)
     assert scan.layout == "edge"
     assert [clip.audio_path.name for clip in scan.clips if clip.audio_path] == [f"{TRAIN}.wav", f"{TEST}.wav"]

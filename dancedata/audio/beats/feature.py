@@ -57,7 +57,6 @@ class Beats(NetworkFeature):
         Such as "cuda:1" or "cpu"; "auto": every card, one process each, else the CPU.
     """
 
-    version: ClassVar[int] = 1
     columns: ClassVar[Columns] = Columns(tuple(Group(name, 1, unit) for name, unit in _UNITS.items()))
     #: Not torch: another version of it moves logits by about 1e-6, and beats are whole frames of 20 ms.
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")

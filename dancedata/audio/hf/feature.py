@@ -78,7 +78,6 @@ class HuggingFace(NetworkFeature):
         Chunks or windows at once, all of equal length; 0: 16 on a card, halved where memory runs out, 1 on a CPU.
     """
 
-    version: ClassVar[int] = 1
     #: Not transformers: its releases do not change these numbers, as the golden test checks.
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
     weights_key: ClassVar[str] = "model"

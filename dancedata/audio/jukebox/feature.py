@@ -66,7 +66,6 @@ class Jukebox(NetworkFeature):
         Windows at once; 0: as many as fit into the device's free memory.
     """
 
-    version: ClassVar[int] = 1
     packages: ClassVar[tuple[str, ...]] = ("torch", "soxr")
 
     weights: Path | None = field(default=None, metadata={"path": True})

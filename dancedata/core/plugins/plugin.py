@@ -20,9 +20,9 @@ class Plugin(ABC):
     name
         What recipes call it; set by the registry.
     version
-        To be raised whenever the same input results in other numbers: it is part of the cache keys.
+        To be raised from 1 whenever the same input results in other numbers: it is part of the cache keys.
     """
 
     name: ClassVar[str]
-    version: ClassVar[int]
+    version: ClassVar[int] = 1
     __dataclass_fields__: ClassVar[dict[str, Any]]

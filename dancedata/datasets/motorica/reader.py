@@ -133,7 +133,6 @@ class Motorica(PairedDataset):
     takes: Literal["first", "both"] = field(default="first", metadata={"scan": True})
     labels: Path | None = field(default=None, metadata={"path": True})
 
-    version: ClassVar[int] = 1
     licence: ClassVar[str] = (
         "Motorica Dance: no commercial use, training of models included; no redistribution. The music has terms "
         "of its own: no redistribution."

@@ -155,8 +155,8 @@ class Family(ABC):
     """
 
     name: ClassVar[str]
-    version: ClassVar[int] = 1
     model_types: ClassVar[tuple[str, ...]]
+    version: ClassVar[int] = 1
     outputs: ClassVar[tuple[Output, ...]] = ("hidden",)
     depth: ClassVar[tuple[str, int]] = ("num_hidden_layers", 12)
     size: ClassVar[tuple[str, int]] = ("hidden_size", 768)
