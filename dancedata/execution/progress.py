@@ -3,17 +3,11 @@
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
 from dancedata.core.text import printable
-
-#: Seconds between two lines of progress where there is neither a terminal nor a notebook.
-LINE_INTERVAL_S = 15.0
-#: Columns of the name of a stage on a terminal.
-_LABEL = 24
 
 
 class Progress:
@@ -44,16 +38,21 @@ class Progress:
 
         `total` is None for work whose steps are not counted.
         """
-        bar = _has_cursor(self.stream)
         if self.quiet:
             yield lambda _: None
-        elif known == total:
-            self.announce(_row(label, total, "cached") if bar else f"{label}: {total}/{total} in the cache")
+            return
+        from dancedata.execution.stage_display import show_bar, show_lines, stage_row
+
+        bar = _has_cursor(self.stream)
+        if known == total:
+            self.announce(stage_row(label, total, "cached") if bar else f"{label}: {total}/{total} in the cache")
             yield lambda _: None
-        else:
-            if self._announced:
-                self.write(self._announced.pop())
-            yield from (self._bar if bar else self._lines)(label, total, known)
+            return
+        if self._announced:
+            self.write(self._announced.pop())
+        yield from (
+            show_bar(self.stream, label, total, known) if bar else show_lines(self.write, label, total, known)
+        )
 
     @contextmanager
     def megabytes(self, label: str, total: int) -> Iterator[Callable[[int], None]]:
@@ -69,44 +68,6 @@ class Progress:
 
             yield count
             advance(-(-total // 1_000_000) - done // 1_000_000)
-
-    def _bar(self, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
-        """Show a bar while the stage runs; a row of a table replaces it."""
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bar
-
-        # In a notebook too: rich's own display there needs ipywidgets.
-        console = Console(file=self.stream, force_terminal=True, force_jupyter=False, highlight=False)
-        counts = [MofNCompleteColumn(), TimeRemainingColumn()] if total is not None else []
-        columns = [TextColumn("{task.description}"), BarColumn(bar_width=24), *counts]
-        started = time.monotonic()
-        with Bar(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as display:
-            task = display.add_task(label.ljust(_LABEL), total=total, completed=known)
-            yield lambda n: display.advance(task, n)
-        style = None if os.environ.get("NO_COLOR") else "dim"
-        console.print(_row(label, total, f"{time.monotonic() - started:.1f} s"), style=style, markup=False)
-
-    def _lines(self, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
-        started = last = time.monotonic()
-        done = known
-
-        def advance(n: int) -> None:
-            nonlocal done, last
-            done += n
-            now = time.monotonic()
-            if total is not None and done < total and now - last >= LINE_INTERVAL_S:
-                last = now
-                left = (now - started) / (done - known) * (total - done)
-                self.write(f"{label}: {done}/{total}, about {left:.0f} s left")
-
-        yield advance
-        count = "done" if total is None else f"{done}/{total}"
-        self.write(f"{label}: {count} in {time.monotonic() - started:.1f} s")
-
-
-def _row(label: str, total: int | None, end: str) -> str:
-    return f"{label.ljust(_LABEL)} {'' if total is None else f'{total:,}':>8} {end:>9}"
 
 
 def _has_cursor(stream: TextIO) -> bool:

@@ -97,8 +97,10 @@ def _set(folder: Path, file: Path) -> tuple[str, ...]:
 
     def replaced(store: Store) -> dict[str, list[Segment]]:
         with open_store(folder, segments=file) as laid:
-            of_file = laid.overlay.segments
-            notes.extend(laid.overlay.notes)
+            overlay = laid.overlay
+        assert overlay is not None  # noqa: S101 (that of the file)
+        of_file = overlay.segments
+        notes.extend(overlay.notes)
         copies, lexicons = _recipe(store)
         stored_layers: dict[tuple[Any, ...], Layer] = {
             (_layer_id(layer), layer.kind): layer for layer in store.layers

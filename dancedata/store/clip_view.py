@@ -16,8 +16,8 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.text import quoted, shown
 from dancedata.store.clip_columns import ClipRecord
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.schema import Field
-from dancedata.store.segment_queries import SegmentQueries
 from dancedata.store.windowing import require_field
 
 if TYPE_CHECKING:
@@ -39,10 +39,10 @@ class Clip(ClipRecord):
         The `Store` that it is read from.
     """
 
-    store: SegmentQueries
+    store: RowQueries
 
     @classmethod
-    def of(cls, store: SegmentQueries, record: ClipRecord) -> Self:
+    def of(cls, store: RowQueries, record: ClipRecord) -> Self:
         """Make the view of a row of the table /clips."""
         # Not through __init__, which sets field by field: lists of clips are made for whole splits.
         view = object.__new__(cls)
@@ -229,7 +229,7 @@ class Clips(Sequence[Clip]):
     Made by `Store.clips`.
     """
 
-    def __init__(self, store: SegmentQueries, rows: range | npt.NDArray[np.int64]) -> None:
+    def __init__(self, store: RowQueries, rows: range | npt.NDArray[np.int64]) -> None:
         self._store, self._tables, self._rows = store, store._tables, rows
 
     def __len__(self) -> int:

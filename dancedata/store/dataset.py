@@ -21,9 +21,8 @@ from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import REBUILD, field_weights
 from dancedata.store.listed_file import FileHash, open_listed, rebuilt_error
 from dancedata.store.normalize import Scaler
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.schema import SEGMENTS_FILE, STATS_FILE, TABLES_FILE, Field
-from dancedata.store.segment_overlay import SegmentOverlay
-from dancedata.store.segment_queries import SegmentQueries
 from dancedata.store.window_list import IntArray
 
 _KINDS = ("minmax", "zscore", "zscore_grouped")
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
 
     from dancedata.core.sample_steps import Augment
     from dancedata.store.clip_view import Clip, Clips
+    from dancedata.store.segment_overlay import SegmentOverlay
 
 
 def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), mapped: bool = True) -> Store:
@@ -78,13 +78,15 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     store = Store(folder, description, listed)
     store._mapped = mapped
     if files:
+        from dancedata.store.segment_overlay import SegmentOverlay
+
         store.overlay = SegmentOverlay.read(
             [Path(f).expanduser() for f in files], store._description.self_sha256, store._seconds_of
         )
     return store
 
 
-class Store(SegmentQueries):
+class Store(RowQueries):
     """A built dataset.
 
     Safe to pickle, to fork and to read from several threads: tables are read once, rows straight from the
@@ -107,7 +109,7 @@ class Store(SegmentQueries):
     info
         dataset.json.
     overlay
-        Segments of files that were named when the dataset was opened, and notes on them.
+        Segments of files that were named when the dataset was opened, and notes on them; None without.
     """
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -10,14 +10,14 @@ import numpy as np
 from dancedata.core.clip import FreeColumn
 from dancedata.core.segments import LayerNumbers
 from dancedata.store.clip_columns import FREE, ClipRecord
-from dancedata.store.segment_queries import SegmentQueries
+from dancedata.store.row_queries import RowQueries
 from dancedata.store.window_list import IntArray
 
 #: Most values of a column, and labels of a layer, that are listed.
 _VALUES = 12
 
 
-def free_columns(store: SegmentQueries, clips: Iterable[ClipRecord]) -> tuple[FreeColumn, ...]:
+def free_columns(store: RowQueries, clips: Iterable[ClipRecord]) -> tuple[FreeColumn, ...]:
     """Return the free columns of a dataset, by name."""
     types = store._tables.types
     of_clips = [clip for clip in clips if not clip.source] if types else []
@@ -47,7 +47,7 @@ def _most_frequent(counts: Counter[str]) -> dict[str, int]:
     return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:_VALUES])
 
 
-def layer_numbers(store: SegmentQueries) -> tuple[LayerNumbers, ...]:
+def layer_numbers(store: RowQueries) -> tuple[LayerNumbers, ...]:
     """Return the numbers of every layer, in the order of `store.layers`, over clips that are not copies."""
     tables, table = store._tables, store._segment_table
     columns, source = {} if table is None else table.columns, tables.columns.get("source")

@@ -1,4 +1,6 @@
-"""Fields, tables and files of an open store; its windows and their rows."""
+"""Fields, tables and files of an open store; its windows, their rows and segments."""
+
+from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -6,7 +8,7 @@ from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,7 @@ from dancedata.core.grid import WindowGrid
 from dancedata.core.licence import Licence
 from dancedata.core.text import shown
 from dancedata.files.strict_json import read_json
+from dancedata.store.clip_columns import ClipRecord
 from dancedata.store.dataset_json import (
     MAX_BYTES,
     MAX_LINES_BYTES,
@@ -39,21 +42,16 @@ from dancedata.store.schema import (
     Kind,
     sort_splits,
 )
-from dancedata.store.segment_overlay import SegmentOverlay
 from dancedata.store.shard_reader import ShardReader, WindowRows
-from dancedata.store.table_file import SegmentTable, read_segments, read_tables
+from dancedata.store.table_file import read_tables
 from dancedata.store.tables import Tables
 from dancedata.store.window_list import Whole, WindowList
-from dancedata.store.windowing import (
-    cut_windows,
-    locate_view,
-    locate_windows,
-    stored_windows,
-    whole_clips,
-    whole_period,
-    window_frames,
-    window_starts,
-)
+from dancedata.store.windowing import locate_view, locate_windows, stored_windows, window_frames
+
+if TYPE_CHECKING:
+    from dancedata.core.segments import Layer, Segment
+    from dancedata.store.segment_overlay import SegmentOverlay
+    from dancedata.store.stored_segments import PlacedRow, PlacedSegment, SegmentTable, StoredSegments
 
 T = TypeVar("T")
 #: Clips of which a reader's attributes are remembered.
@@ -89,7 +87,7 @@ class RowQueries:
         self.grid = description.grid
         self._files = files
         self._shard_readers = tuple(ShardReader(files[s.file], s, description.fields) for s in description.shards)
-        self.overlay = SegmentOverlay()
+        self.overlay: SegmentOverlay | None = None
 
     def field(self, name: str) -> Field:
         """Return a field by name; UsageError with the closest name if there is none."""
@@ -178,9 +176,75 @@ class RowQueries:
         return read_tables(self._files[TABLES_FILE], self._description)
 
     @cached_property
+    def layers(self) -> tuple[Layer, ...]:
+        """Layers of segments, by their numbers; those of laid-over files are the last."""
+        return self._description.layers + (() if self.overlay is None else self.overlay.layers)
+
+    @cached_property
+    def _segments(self) -> StoredSegments:
+        from dancedata.store.stored_segments import StoredSegments, read_segments
+
+        file, tables = self._files.get(SEGMENTS_FILE), self._tables
+        table = None if file is None else read_segments(file, tables.n_clips, self._description)
+        return StoredSegments(table, self.overlay, self.layers, tables, self.grid)
+
+    @property
     def _segment_table(self) -> SegmentTable | None:
-        file = self._files.get(SEGMENTS_FILE)
-        return None if file is None else read_segments(file, self._tables.n_clips, self._description)
+        return self._segments.table
+
+    @overload
+    def segments(self, of: str | ClipRecord, layer: str | None = None) -> list[Segment]: ...
+
+    @overload
+    def segments(self, of: Window, layer: str | None = None) -> list[PlacedSegment]: ...
+
+    def segments(
+        self, of: str | ClipRecord | Window, layer: str | None = None
+    ) -> list[Segment] | list[PlacedSegment]:
+        """Return the segments of a clip by their first frames, or those that a window overlaps.
+
+        Of a window they are placed: with the frames of the window that they cover. Segments of the whole group are
+        among those of each of its dancers. With `layer` those of the layers of this name.
+
+        Raises UsageError: for an unknown clip or layer.
+        """
+        self._require_layer(layer)
+        if isinstance(of, Window):
+            return [placed.loaded() for placed in self._segment_rows_in(of, layer)]
+        return self._segments.of_clip(self._row(of.id if isinstance(of, ClipRecord) else of), layer)
+
+    def _segment_rows_in(self, window: Window, layer: str | None = None) -> list[PlacedRow]:
+        """Return the same as `segments` of a window, except that each segment is read when it is asked for."""
+        return self._segments.in_window(self._row_of(window), window, layer)
+
+    def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
+        """Return which frames of a window segments of a layer cover, (length,).
+
+        Raises UsageError: for an unknown clip or layer.
+        """
+        self._require_layer(layer)
+        mask = np.zeros(window.length, dtype=np.bool_)
+        for placed in self._segment_rows_in(window, layer):
+            mask[placed.start : placed.end] = True
+        return mask
+
+    def _require_layer(self, layer: str | None) -> None:
+        names = sorted({stored.name for stored in self.layers})
+        if layer is not None and layer not in names:
+            raise UsageError(f"no layer named {layer!r}", where=str(self.path), fix=did_you_mean(layer, names))
+
+    @property
+    def quality(self) -> list[dict[str, Any]]:
+        """Quality flags: by clip in stored order, and by time; StoreError for damaged ones."""
+        try:
+            return list(self._segments.flags())
+        except (ValueError, IndexError) as error:
+            raise StoreError("the quality flags cannot be read", where=str(self.path), found=shown(error)) from error
+
+    def _seconds_of(self, clip_id: str) -> Fraction | None:
+        """Return the length of a clip in seconds; None if there is no such clip."""
+        row = self._tables.find(clip_id)
+        return None if row is None else self.grid.seconds(int(self._tables.n_frames[row]))
 
     def _rows_of_split(self, split: str) -> SplitRows:
         """Return the rows of a split in the tables, and its shards; UsageError for an unknown one."""
@@ -231,6 +295,8 @@ class RowQueries:
         window_fields = [self.field(name) for name in names("fields", fields or tuple(self._fields))]
         if requested == stored and not trim and not whole:
             return stored_windows(tables, split, window_fields)
+        from dancedata.store.window_cuts import cut_windows, whole_clips
+
         if whole:
             return whole_clips(tables, split, self._description, window_fields, trim)
         return cut_windows(tables, split, self._description, requested, window_fields, trim)
@@ -258,6 +324,8 @@ class RowQueries:
         self, clip_id: str, length: int, *, fields: tuple[str, ...] | None = None, trim: bool = False
     ) -> range:
         """Return every first frame that a window of `length` frames can have in a clip."""
+        from dancedata.store.window_cuts import whole_period, window_starts
+
         window_fields = [self.field(name) for name in fields or self._fields]
         tables, row = self._tables, self._row(clip_id)
         window_grid = WindowGrid(length, whole_period(self._description, window_fields))

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from dancedata.core.errors import SourceError
 from dancedata.core.segments import Layer, Segment
+from dancedata.core.sided_words import with_mirrored_words
 from dancedata.core.text import listed
+from dancedata.files.segment_files import read_segment_file
 
 _log = logging.getLogger(__name__)
 
@@ -26,9 +28,6 @@ class SegmentOverlay:
         cls, files: Sequence[Path], self_sha256: str, length_of: Callable[[str], Fraction | None]
     ) -> "SegmentOverlay":
         """Read files of segments; `length_of` returns the seconds of a clip. SourceError for a mistake in a file."""
-        from dancedata.core.sided_words import with_mirrored_words  # few datasets are opened with files
-        from dancedata.files.segment_files import read_segment_file
-
         by_clip: dict[str, list[Segment]] = defaultdict(list)
         notes = []
         for path in files:

@@ -1,21 +1,17 @@
-"""Segments in a store: rows of the table /segments from `Segment`s, and back."""
+"""Rows of the table /segments from `Segment`s."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dancedata.core.clip import Window
-from dancedata.core.errors import DataError, StoreError
+from dancedata.core.errors import StoreError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.hashing import canonical_json
 from dancedata.core.segments import TICKS_PER_SECOND, Layer, Segment, ticks
-from dancedata.core.text import shown
-from dancedata.store.dataset_json import json_object
-from dancedata.store.table_file import SegmentTable
 
 #: Layers of the quality flags: of places, and of whole clips.
 QUALITY = "quality"
@@ -81,86 +77,6 @@ def segment_rows(
 
 def _stored_s(seconds: Fraction) -> float:
     return ticks(seconds) / TICKS_PER_SECOND
-
-
-def _exact_s(seconds: float) -> Fraction:
-    """Return the tick that a stored time is the nearest float64 of: exact within 73 days."""
-    return Fraction(round(seconds * TICKS_PER_SECOND), TICKS_PER_SECOND)
-
-
-class PlacedSegment(NamedTuple):
-    """A segment that a window overlaps: frames [start, end) of the window, and the share of it that they are."""
-
-    segment: Segment
-    start: int
-    end: int
-    share: float
-
-
-class PlacedRow(NamedTuple):
-    """A segment that a window overlaps, as `PlacedSegment`, which `load` reads: a text needs one of many."""
-
-    start: int
-    end: int
-    share: float
-    whole: bool
-    n_texts: int
-    load: Callable[[], Segment]
-
-    @classmethod
-    def of_segment(cls, segment: Segment, begin: int, end: int, window: Window) -> PlacedRow:
-        """Place frames [begin, end) of a clip in a window."""
-        return cls._placed(begin, end, window, segment.whole, len(segment.texts), lambda: segment)
-
-    @classmethod
-    def of_table(
-        cls, table: SegmentTable, k: int, layers: Sequence[Layer], ids: Sequence[str], window: Window
-    ) -> PlacedRow:
-        """Place row k of a table in a window."""
-        columns, texts = table.columns, table.columns["texts"].offset
-        begin, end = int(columns["start"][k]), int(columns["end"][k])
-        n_texts, whole = int(texts[k + 1]) - int(texts[k]), bool(columns["whole"][k])
-        return cls._placed(begin, end, window, whole, n_texts, lambda: segments_of(table, [k], layers, ids)[0])
-
-    @classmethod
-    def _placed(
-        cls, begin: int, end: int, window: Window, whole: bool, n_texts: int, load: Callable[[], Segment]
-    ) -> PlacedRow:
-        begin, end = max(begin - window.start, 0), min(end - window.start, window.length)
-        return cls(begin, end, (end - begin) / window.length, whole, n_texts, load)
-
-    def loaded(self) -> PlacedSegment:
-        """Read the segment."""
-        return PlacedSegment(self.load(), self.start, self.end, self.share)
-
-
-def segments_of(
-    table: SegmentTable, rows: Iterable[int], layers: Sequence[Layer], ids: Sequence[str]
-) -> list[Segment]:
-    """Return the segments of rows of the table."""
-    columns = table.columns
-    segments = []
-    for k in rows:
-        start, end = (_exact_s(float(columns[name][k])) for name in ("start_s", "end_s"))
-        other, data = int(columns["other"][k]), columns["data"][k]
-        texts, mirrored, tokens = (columns[name][k] for name in ("texts", "texts_mirrored", "tokens"))
-        layer = layers[int(columns["layer"][k])]
-        if layer.sided == "mirrored":
-            mirrored = mirrored or texts
-        value = float(columns["value"][k])
-        try:
-            segment = Segment(
-                layer, start, end, columns["label"][k], texts, mirrored, tokens,
-                value=math.nan if math.isnan(value) else value, other=ids[other] if other >= 0 else "",
-                joint=int(columns["joint"][k]), whole=bool(columns["whole"][k]),
-                data=json_object(data) if data else {},
-            )  # fmt: skip
-        except (DataError, ValueError) as error:
-            raise StoreError(
-                "a segment of the dataset cannot be read", where=f"/segments, row {k}", found=shown(error)
-            ) from error
-        segments.append(segment)
-    return segments
 
 
 def quality_segments(

@@ -13,10 +13,9 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.segments import MAX_JOINT
 from dancedata.store import hdf5
 from dancedata.store.clip_columns import ALWAYS, CLIP_COLUMNS, FREE
-from dancedata.store.columns import MAX_ROWS, Column, Lists, Texts, broken, kind_of, require_within
+from dancedata.store.columns import Column, Lists, Texts, broken, kind_of
 from dancedata.store.dataset_json import Description
 from dancedata.store.listed_file import ListedFile
 from dancedata.store.tables import Tables, check_references, check_spans
@@ -131,7 +130,7 @@ def _bytes(listed: ListedFile) -> bytes | mmap.mmap:
 
 
 #: Kinds of columns that are read, by those of `ClipColumn` and `SEGMENT_COLUMNS`.
-_KINDS = {"text": "text", "texts": "texts", "int32": "int", "float": "float", "bool": "bool"}
+KINDS = {"text": "text", "texts": "texts", "int32": "int", "float": "float", "bool": "bool"}
 
 
 def read_tables(listed: ListedFile, description: Description) -> Tables:
@@ -141,7 +140,10 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
     n_clips, n_windows = int(shard_begin[-1]), sum(shard.windows for shard in shards)
     with TableFile.opened(listed) as source:
         stored = {*ALWAYS, *source.names("clips")}
-        kinds = {c.name: _KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {"split": "text", "file": "text"}
+        kinds = {c.name: KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {
+            "split": "text",
+            "file": "text",
+        }
         columns = {name: source.column(f"clips/{name}", n_clips, kind) for name, kind in kinds.items()}
         free = {FREE + name: source.column(f"clips/{FREE}{name}", n_clips) for name in source.names(f"clips/{FREE}")}
         spans = {}
@@ -167,47 +169,9 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
         return check_references(tables, len(description.meta.get("licences", ())), where)
 
 
-#: Longest time of a segment, seconds: far above `CLIP_END`.
-_LONGEST_S = 1e12
 #: Columns of segments.
 SEGMENT_COLUMNS = {
     "clip": "int32", "whole": "bool", "start": "int32", "end": "int32", "start_s": "float", "end_s": "float",
     "layer": "int32", "label": "text", "texts": "texts", "texts_mirrored": "texts", "tokens": "texts",
     "value": "float", "other": "int32", "joint": "int32", "data": "text",
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class SegmentTable:
-    """Segments of a dataset: columns, and the rows [first[k], first[k + 1]) of clip k."""
-
-    columns: dict[str, Any]
-    first: npt.NDArray[np.int64]
-
-    def rows_of(self, clip: int) -> range:
-        """Return the rows of a clip."""
-        return range(int(self.first[clip]), int(self.first[clip + 1]))
-
-    def overlapping(self, clip: int, start: int, length: int, layers: npt.NDArray[np.bool_]) -> list[int]:
-        """Return the rows of a clip, of the layers that are chosen, that cover a frame of [start, start + length)."""
-        rows = slice(int(self.first[clip]), int(self.first[clip + 1]))
-        begins, ends, layer = (np.asarray(self.columns[name][rows]) for name in ("start", "end", "layer"))
-        covers = (begins < start + length) & (ends > start) & layers[layer]
-        return (np.flatnonzero(covers) + rows.start).tolist()
-
-
-def read_segments(listed: ListedFile, n_clips: int, description: Description) -> SegmentTable:
-    """Read the segments of a dataset; StoreError for a table that does not fit its clips and layers."""
-    bounds: dict[str, tuple[float, float]] = {
-        "clip": (0, n_clips - 1), "start": (0, MAX_ROWS), "end": (0, MAX_ROWS), "other": (-1, n_clips - 1),
-        "start_s": (-_LONGEST_S, _LONGEST_S), "end_s": (-_LONGEST_S, _LONGEST_S),
-        "layer": (0, len(description.layers) - 1), "joint": (-1, MAX_JOINT),
-    }  # fmt: skip
-    with TableFile.opened(listed) as source:
-        columns = source.table("segments", **{name: _KINDS[kind] for name, kind in SEGMENT_COLUMNS.items()})
-        first = np.asarray(source.column("segments/first", n_clips + 1, "int"), dtype=np.int64)
-    if not columns or int(first[0]) != 0 or int(first[-1]) != len(columns["clip"]) or (np.diff(first) < 0).any():
-        problem = "rows of clips that do not ascend from 0 to the last"
-        raise broken(f"{listed.path}, /segments/first", problem, f"{first[:3]}")
-    require_within(f"{listed.path}, /segments", columns, bounds)
-    return SegmentTable(columns, first)

@@ -11,13 +11,13 @@ from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.packages import load
 from dancedata.core.text import shown
 from dancedata.store.clip_columns import FREE, ClipRecord
-from dancedata.store.segment_queries import SegmentQueries
+from dancedata.store.row_queries import RowQueries
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> DataFrame:
+def table_of(store: RowQueries, clips: Iterable[ClipRecord], name: str) -> DataFrame:
     """Return a table of `Store.to_pandas`; UsageError for an unknown one, or without pandas."""
     if not isinstance(name, str) or name not in _TABLES:
         raise UsageError(f"no table named {shown(name)!r}", fix=did_you_mean(str(name), _TABLES))
@@ -31,7 +31,7 @@ def table_of(store: SegmentQueries, clips: Iterable[ClipRecord], name: str) -> D
     return frame
 
 
-def clip_row(store: SegmentQueries, clip: ClipRecord) -> dict[str, Any]:
+def clip_row(store: RowQueries, clip: ClipRecord) -> dict[str, Any]:
     """Return a clip's row of the table of clips."""
     row = {"id": clip.id, "split": clip.split, "seconds": float(store.grid.seconds(clip.n_frames))}
     names = [each.name for each in fields(ClipRecord) if each.name not in {*row, "columns"}]
@@ -42,14 +42,14 @@ def clip_row(store: SegmentQueries, clip: ClipRecord) -> dict[str, Any]:
     return row | {name: clip.columns.get(name.removeprefix(FREE)) for name in store._tables.types}
 
 
-def window_row(store: SegmentQueries, split: str, window: Window) -> dict[str, Any]:
+def window_row(store: RowQueries, split: str, window: Window) -> dict[str, Any]:
     """Return a row of the table of windows."""
     seconds = float(store.grid.seconds(window.start)), float(store.grid.seconds(window.length))
     return {"clip": window.clip, "split": split, "start": window.start, "length": window.length,
             "start_s": seconds[0], "length_s": seconds[1]}  # fmt: skip
 
 
-def _windows(store: SegmentQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
+def _windows(store: RowQueries, clips: Iterable[ClipRecord]) -> Iterator[dict[str, Any]]:
     fields = store.required_fields  # windows of clips without an optional field as well
     return (
         window_row(store, split, window) for split in store.splits for window in store.windows(split, fields=fields)
@@ -63,7 +63,7 @@ def _plain(value: Any) -> Any:
     return float(value) if hasattr(value, "numerator") and not isinstance(value, int) else value
 
 
-_TABLES: Mapping[str, Callable[[SegmentQueries, Iterable[ClipRecord]], Iterator[dict[str, Any]]]] = {
+_TABLES: Mapping[str, Callable[[RowQueries, Iterable[ClipRecord]], Iterator[dict[str, Any]]]] = {
     "clips": lambda store, clips: (clip_row(store, clip) for clip in clips),
     "windows": _windows,
     "rejects": lambda store, clips: iter(store.rejects),

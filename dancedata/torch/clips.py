@@ -17,12 +17,13 @@ from dancedata.core.sample_steps import Augment
 from dancedata.core.typing import override
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
+from dancedata.store.window_cuts import whole_period
 from dancedata.store.window_list import WindowList
-from dancedata.store.windowing import whole_period
 from dancedata.torch.batch_reader import BatchPlan, blank_of
+from dancedata.torch.beat_starts import beat_starts, no_start
 from dancedata.torch.clip_collate import pack_clips, pad_clips
 from dancedata.torch.draws import crop_choices, mirrored_samples
-from dancedata.torch.music_beats import beat_labels, beat_starts, no_start
+from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
 from dancedata.torch.selection import no_window_error
 from dancedata.torch.split_dataset import SplitDataset

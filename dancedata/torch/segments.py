@@ -11,7 +11,7 @@ from dancedata.core.segments import Layer, Segment
 from dancedata.core.sided_words import mirrored_segment
 from dancedata.core.text import listed
 from dancedata.store.dataset import Store
-from dancedata.store.segments import PlacedRow, PlacedSegment
+from dancedata.store.stored_segments import PlacedRow, PlacedSegment
 from dancedata.torch.draws import uniform
 from dancedata.torch.options import Segments, Text
 

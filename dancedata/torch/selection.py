@@ -18,7 +18,7 @@ from dancedata.store.clip_choice import clips_with
 from dancedata.store.dataset import Store
 from dancedata.store.window_list import WindowList
 from dancedata.torch.clip_values import ASKED, chosen_clips
-from dancedata.torch.music_beats import StartAt, windows_at
+from dancedata.torch.music_beats import StartAt
 from dancedata.torch.options import FilterLike, Select
 
 if TYPE_CHECKING:
@@ -62,6 +62,8 @@ def select(store: Store, split: str, choice: WindowQuery) -> SelectedWindows:
         unmarked, found = _unmarked(store, windows, layer, label)
         windows, rejects = windows.take(unmarked), rejects + found
     if choice.start_at is not None:
+        from dancedata.torch.beat_starts import windows_at
+
         windows, beatless = windows_at(
             store, windows, choice.windows, at=choice.start_at, fields=choice.fields, trim=choice.trim
         )

@@ -31,7 +31,7 @@ from dancedata.store.window_list import WindowList
 from dancedata.torch.batch_reader import BatchPlan, blank_of
 from dancedata.torch.clip_values import require_columns, value_of
 from dancedata.torch.epochs import EpochDataset, require_scalers
-from dancedata.torch.music_beats import StartAt, estimated_tempo
+from dancedata.torch.music_beats import StartAt
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows
 from dancedata.torch.sample_changes import SampleChanges, steps_named
 from dancedata.torch.sample_items import SampleItems
@@ -446,5 +446,7 @@ class SplitDataset(EpochDataset):
     def _estimated_tempo(self, clip: str) -> float:
         """Return the tempo of a clip for which the dataset states none, by its beats; nan without any."""
         if clip not in self._tempos:
+            from dancedata.torch.beat_starts import estimated_tempo
+
             self._tempos[clip] = estimated_tempo(self.store, clip, self.fields)
         return self._tempos[clip]

@@ -12,8 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from dancedata.core.errors import DataError
-from dancedata.execution import progress as progress_module
-from dancedata.execution import units
+from dancedata.execution import stage_display, units
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from tests.messages import raises_message
@@ -40,7 +39,7 @@ CALLS = [(1,), (2,), (3,)]
 
 @pytest.fixture
 def no_time_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(progress_module, "time", SimpleNamespace(monotonic=lambda: 0.0))
+    monkeypatch.setattr(stage_display, "time", SimpleNamespace(monotonic=lambda: 0.0))
 
 
 @pytest.mark.usefixtures("no_time_passes")
@@ -48,7 +47,7 @@ def test_lines_without_a_terminal(monkeypatch: pytest.MonkeyPatch):
     stream = io.StringIO()
     assert run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream)) == [1, 4, 9]
     assert stream.getvalue() == "squaring: 3/3 in 0.0 s\n"
-    monkeypatch.setattr(progress_module, "LINE_INTERVAL_S", 0.0)
+    monkeypatch.setattr(stage_display, "LINE_INTERVAL_S", 0.0)
     run_units(square, CALLS, jobs=1, label="squaring", progress=Progress(stream=stream))
     with Progress(stream=stream).stage("writing the video", None):
         pass
