@@ -24,11 +24,7 @@ _PLACES = "root_place"
 
 @dataclass(frozen=True)
 class Decoder:
-    """A representation, and what a call and a file state of the scaling of its columns and their rate.
-
-    `file`, `grid`: What the file states of the scaling of its columns, and the rate that it states; None if it does
-        not.
-    """
+    """A representation, and what a call and a file state of the scaling of its columns and their rate."""
 
     field: str  # name of the representation, or of the field of `like` with it
     representation: Representation
@@ -37,6 +33,8 @@ class Decoder:
     normalized: bool | None
     scaler: ScalerLike
     clamp: bool
+    # `file`, `grid`: what the file states of the scaling of its columns, and the rate that it states; None if it does
+    # not
     file: StatedScaling = UNSTATED
     grid: FrameGrid | None = None
 

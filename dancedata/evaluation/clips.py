@@ -16,12 +16,7 @@ from dancedata.scene.poses import BODIES, ColumnsReader, motion_reader, motion_r
 
 @dataclass(frozen=True, eq=False)
 class ClipSet:
-    """Clips that are measured together.
-
-    `samples`: The samples of the dataset that the motion stands for, by the ids of clips.
-    `matched`, `warnings`: How many names matched the dataset, and what is doubtful, in words.
-    `nothing_matched`: The error for files of which nothing is known, where metrics take music.
-    """
+    """Clips that are measured together."""
 
     clips: tuple[ClipInput, ...]
     source: str
@@ -29,9 +24,12 @@ class ClipSet:
     store: Store | None = None  # dataset that they are from; None for others
     scaler_sha256: str = ""
     left_out: tuple[tuple[str, str], ...] = ()  # clips of the dataset that are not measured, and why
+    # the samples of the dataset that the motion stands for, by the ids of clips
     samples: Mapping[str, Sample] = field(default_factory=dict)
+    # `matched`, `warnings`: how many names matched the dataset, and what is doubtful, in words
     matched: str = ""
     warnings: tuple[str, ...] = ()
+    # the error for files of which nothing is known, where metrics take music
     nothing_matched: DataError | None = None
 
     def __post_init__(self) -> None:

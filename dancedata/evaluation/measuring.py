@@ -56,16 +56,14 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredClip:
-    """The numbers of a clip.
-
-    `rows`: By the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the
-        clip has none.
-    """
+    """The numbers of a clip."""
 
     id: str
     clip: str  # recording that resampling draws; several clips may share one
     fps: str  # rate that was measured; "" if only metrics of music are computed, and the clip has none
     cuts: tuple[tuple[int, int], ...]  # first frame and length of each piece
+    # by the number of a protocol's measure, the outcome of each piece; None if the measure needs music and the clip
+    # has none
     rows: Mapping[int, tuple[Outcome, ...] | None]
     notes: tuple[str, ...] = ()  # what was changed before measuring
 

@@ -50,13 +50,11 @@ class Resources:
 
 @dataclass(frozen=True, eq=False)
 class ClipMusic:
-    """Beats of a clip's music.
-
-    `by_piece`: For music that is analysed piece by piece: the beats of the piece that begins at a frame.
-    """
+    """Beats of a clip's music."""
 
     beats: MusicBeats  # frames from the first frame of the clip
     end_s: float | None = None  # length of the music that they are from, seconds; None if unknown
+    # for music that is analysed piece by piece: the beats of the piece that begins at a frame
     by_piece: Mapping[int, MusicBeats] | None = None
 
     @classmethod

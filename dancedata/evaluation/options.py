@@ -39,17 +39,15 @@ MotionInput = str | Path | Store | Motions
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Inputs:
-    """The inputs of an evaluation, not loaded.
-
-    `numbers`, `pool_numbers`: Measures of the protocol that are computed of the set and of the pool.
-    `truth`: The dances of the dataset that generated ones are of, or to the same songs; None without a dataset.
-    """
+    """The inputs of an evaluation, not loaded."""
 
     protocol: Protocol
     clip_set: ClipSet
+    # `numbers`, `pool_numbers`: measures of the protocol that are computed of the set and of the pool
     numbers: list[int]
     pool: ClipSet | Pool | None  # clips, or the pool of a file; None: metrics that need one are not computed
     pool_numbers: list[int]
+    # the dances of the dataset that generated ones are of, or to the same songs; None without a dataset
     truth: ClipSet | None = None
     draws: int = DRAWS
     save_pool: Path | None = None

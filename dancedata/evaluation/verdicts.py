@@ -42,12 +42,10 @@ DRAWS, LEAST_OF_POOL = 20, 4
 
 @dataclass(frozen=True, eq=False)
 class Circumstances:
-    """What a verdict depends on besides the score.
-
-    `rows`, `pool`: Numbers of the set, and (M, C) of the pool; None without one.
-    """
+    """What a verdict depends on besides the score."""
 
     metric: Metric
+    # `rows`, `pool`: numbers of the set, and (M, C) of the pool; None without one
     rows: MetricRows
     pool: Float64Array | None
     generated: bool

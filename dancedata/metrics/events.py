@@ -40,16 +40,14 @@ _TOUCH_M = 0.1
 
 @dataclass(frozen=True)
 class Event:
-    """Frames [start, end) of a dancer, a number, and a sentence.
-
-    `other` is the partner's number in the group, `joint` the dancer's own joint in a contact; -1 without.
-    """
+    """Frames [start, end) of a dancer, a number, and a sentence."""
 
     label: str
     start: int
     end: int
     value: float
     text: str
+    # `other`, `joint`: the partner's number in the group, and the dancer's own joint in a contact; -1 without
     other: int = -1
     joint: int = -1
     data: Mapping[str, float | str] = field(default_factory=dict)

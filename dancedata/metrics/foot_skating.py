@@ -106,12 +106,10 @@ def _duolando(positions: Float64Array, fps: float) -> Skating:
 
 @dataclass(frozen=True)
 class SkatingRule:
-    """A definition of skating.
-
-    `count`: The rule: positions (T, J, 3) with y up, frames per second -> `Skating`.
-    """
+    """A definition of skating."""
 
     source: str
+    # the rule: positions (T, J, 3) with y up, frames per second -> `Skating`
     count: Callable[[Float64Array, float], Skating]
     feet: bool = True  # whether each foot is counted by itself
     pooled: bool = False  # whether frames of all clips are added up, in place of a mean of shares

@@ -200,14 +200,12 @@ def facing_angles(joints: Float64Array, *, up: Up = "y") -> Float64Array:
 
 
 class Contact(NamedTuple):
-    """A stretch of frames in which a hand of a dancer is near a joint of another.
+    """A stretch of frames in which a hand of a dancer is near a joint of another."""
 
-    `start`, `end`: Frames, half-open.
-    `joint`, `other_joint`: Joint of the first dancer and of the second; one of them is a wrist.
-    """
-
+    # `start`, `end`: frames, half-open
     start: int
     end: int
+    # `joint`, `other_joint`: joint of the first dancer and of the second; one of them is a wrist
     joint: int
     other_joint: int
     distance_m: float  # the least distance

@@ -63,13 +63,10 @@ class RhythmPiece:
 
 @dataclass(frozen=True)
 class Offset:
-    """The offset of music against motion, or why it is unknown.
+    """The offset of music against motion, or why it is unknown."""
 
-    `offset_s`: Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step
-        with music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
-    `curves`: Offset of each rhythm curve alone, within half a beat of `offset_s`.
-    """
-
+    # Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step with
+    # music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
     offset_s: float | None = None
     width_s: float | None = None  # half of its 90 % interval, from resampled segments
     p: float | None = None  # share of songs at other tempos that fit at least as well at their best offset
@@ -77,6 +74,7 @@ class Offset:
     fit: float | None = None  # correlation of the sum of rhythm curves with the onsets there
     beat_s: float | None = None  # seconds of a beat: the offset could as well be this much more or less
     unknown: str = ""  # a key of `REASONS`; "" if the offset is known
+    # offset of each rhythm curve alone, within half a beat of `offset_s`
     curves: dict[str, float] = field(default_factory=dict)
     seconds: float = 0.0  # length of the motion
 

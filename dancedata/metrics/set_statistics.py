@@ -19,14 +19,12 @@ from dancedata.metrics.arguments import IntArray, known_name
 
 @dataclass(frozen=True)
 class Normalisation:
-    """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps).
-
-    `leaves_out`: Whether columns that are constant in the pool are left out, instead of being divided by eps.
-    """
+    """Normalisation of features: (x - mean of the pool) / (standard deviation of the pool + eps)."""
 
     source: str
     ddof: int  # the standard deviation divides by M - ddof
     eps: float  # added to the standard deviation
+    # whether columns that are constant in the pool are left out, instead of being divided by eps
     leaves_out: bool = False
 
     def __call__(self, pool: Float64Array, *sets: Float64Array) -> tuple[Float64Array, ...]:

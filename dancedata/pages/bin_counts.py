@@ -144,25 +144,21 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class Histogram:
-    """Counts in bins, of one or several groups.
-
-    `by_split`: (B,) counts of each split; empty where `counts` has them.
-    """
+    """Counts in bins, of one or several groups."""
 
     edges: tuple[float, ...]  # (B + 1,) borders
     counts: Mapping[str, list[int]]  # (B,) counts of each group
     n: int  # number of values
+    # (B,) counts of each split; empty where `counts` has them
     by_split: Mapping[str, list[int]] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True)
 class ClipHistogram(FiveNumbers, Histogram):
-    """Histogram of one value per clip, with their five numbers.
+    """Histogram of one value per clip, with their five numbers."""
 
-    `distinct`: Number of clips with each value, to a tenth of a bin, where there are at most two; values within one
-        bin count as their median.
-    """
-
+    # number of clips with each value, to a tenth of a bin, where there are at most two; values within one bin count
+    # as their median
     distinct: tuple[tuple[float, int], ...] = field(default=(), kw_only=True)
 
     @classmethod

@@ -22,14 +22,12 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class FigureSpec:
-    """Numbers that figures are drawn from.
-
-    `links`, `group_links`, `lists`: Address of the clips and groups that the page plays, and of its lists of a genre,
-        song or dancer, for HTML.
-    """
+    """Numbers that figures are drawn from."""
 
     numbers: Document
     other: Document | None = None  # the document of the dataset it is compared with
+    # `links`, `group_links`, `lists`: address of the clips and groups that the page plays, and of its lists of a
+    # genre, song or dancer, for HTML
     links: Mapping[str, Markup] | None = None
     group_links: Mapping[str, Markup] | None = None
     lists: Mapping[str, Markup] = field(default_factory=dict)

@@ -18,11 +18,9 @@ _UNEVEN = 5
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence.
+    """A sentence."""
 
-    `kind`: "good": a check that passed. "bad": an error of the dataset. "look": worth a look. "note": good to know.
-    """
-
+    # "good": a check that passed. "bad": an error of the dataset. "look": worth a look. "note": good to know
     kind: str
     text: str  # the sentence
     figure: str  # key of the figure that shows it

@@ -28,43 +28,39 @@ COLLIDING = 0.05
 
 @dataclass(frozen=True)
 class GroupRow:
-    """A group that is not a copy; None where nothing was measured.
-
-    `clips`, `members`, `roles`: Of its dancers, of which the source has `n_source`.
-    `distance_min_m`, `distance_p50_m`, `distance_max_m`: Distances of two roots, over pairs and frames.
-    `contacts`, `contact_share`: Stretches of a hand near another dancer, and the share of frames with one.
-    `intersections`: Intersecting pairs per frame, each in both orders (TIF of `intersection_frequency`).
-    """
+    """A group that is not a copy; None where nothing was measured."""
 
     group: str
     split: str
+    # `clips`, `members`, `roles`: of its dancers, of which the source has `n_source`
     clips: tuple[str, ...]
     members: tuple[int, ...]
     roles: tuple[str, ...]
     n_source: int
     frames: int
     windows: int
+    # `distance_min_m`, `distance_p50_m`, `distance_max_m`: distances of two roots, over pairs and frames
     distance_min_m: float | None = None
     distance_p50_m: float | None = None
     distance_max_m: float | None = None
     nearest: tuple[str, ...] = ()  # clips of the two with the least distance
     facing_share: float | None = None  # share of frames in which two dancers look at each other, over pairs
+    # `contacts`, `contact_share`: stretches of a hand near another dancer, and the share of frames with one
     contacts: int | None = None
     contact_share: float | None = None
     collision_share: float | None = None  # share of frames in which two bodies intersect
+    # intersecting pairs per frame, each in both orders (TIF of `intersection_frequency`)
     intersections: float | None = None
     colliding: tuple[str, ...] = ()  # clips of the two that intersect in most frames; empty without
 
 
 @dataclass
 class MeasuredGroups:
-    """Groups that were measured, and counts over pairs and frames.
-
-    `facing`: Angles between where a dancer faces and another, degrees.
-    """
+    """Groups that were measured, and counts over pairs and frames."""
 
     rows: list[GroupRow] = field(default_factory=list)
     distance: BinCounts = field(default_factory=lambda: BinCounts.of(0, 40, 0.01))  # of two roots, metres
+    # angles between where a dancer faces and another, degrees
     facing: BinCounts = field(default_factory=lambda: BinCounts.of(0, 180, 1))
 
     def add(self, store: Store, dancers: Sequence[Clip], pieces: Sequence[Piece], windows: int) -> None:
@@ -133,16 +129,14 @@ def _touches(together: GroupScene) -> npt.NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Groups:
-    """The groups of a dataset, without copies; empty in a dataset of single dancers.
-
-    `dancer_hours`, `group_hours`: Lengths of the clips of groups, and of the groups.
-    `distance_m`, `facing_deg`: Distances of two roots; angles between where a dancer faces and another: over pairs
-        and frames.
-    """
+    """The groups of a dataset, without copies; empty in a dataset of single dancers."""
 
     by_size: Mapping[str, Mapping[str, int]]  # groups by number of dancers, then by split
+    # `dancer_hours`, `group_hours`: lengths of the clips of groups, and of the groups
     dancer_hours: float
     group_hours: float
+    # `distance_m`, `facing_deg`: distances of two roots; angles between where a dancer faces and another: over pairs
+    # and frames
     distance_m: FrameHistogram
     facing_deg: FrameHistogram
     groups: tuple[GroupRow, ...]

@@ -74,19 +74,17 @@ def _cell(cell: Any, label: str, place: int) -> str:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the page.
-
-    `head`, `rows`: Its numbers, below it.
-    `other`, `chance`: What dashed outlines stand for, and dotted ones; "" without them.
-    """
+    """A figure of the page."""
 
     key: str  # its id in the page, without the prefix
     title: str
     note: str
     body: str
+    # `head`, `rows`: its numbers, below it
     head: tuple[str, ...] = ()
     rows: tuple[tuple[Any, ...], ...] = ()
     legend: tuple[str, ...] = ()  # names of the groups that colours stand for, in order
+    # `other`, `chance`: what dashed outlines stand for, and dotted ones; "" without them
     other: str = ""
     chance: str = ""
     kind: str = ""  # "" for a column of the page, "wide" for the whole width

@@ -35,34 +35,32 @@ PROMINENT = 0.03
 
 @dataclass(frozen=True)
 class ClipNumbers:
-    """Numbers of one clip; None where it has no value.
-
-    `speed`, `speed_p95`: Mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per
-        second.
-    `root_extent_m`, `root_path_m`: Larger of the two horizontal extents of the root's path, and the length of the
-        path.
-    `floor_m`, `feet_m`, `low_m`, `high_m`: Floor, from the toes in contact (see `floor_height`); 2 % quantile of the
-        heights of the feet; lowest and highest joint.
-    `key_motions`, `key_beat_ms`, `key_shifted_ms`: Number of key motions; their mean distance to the nearest beat,
-        and to the nearest of the beats moved by half a period, milliseconds.
-    `bas`, `bas_chance`: Beat alignment score and its chance level; see `BeatAlignment`.
-    """
+    """Numbers of one clip; None where it has no value."""
 
     seconds: float = 0.0  # length of what was measured
+    # `speed`, `speed_p95`: mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per
+    # second
     speed: float | None = None
     speed_p95: float | None = None
     still: float | None = None  # share of frames below STILL_M_S
+    # `root_extent_m`, `root_path_m`: larger of the two horizontal extents of the root's path, and the length of the
+    # path
     root_extent_m: float | None = None
     root_path_m: float | None = None
+    # `floor_m`, `feet_m`, `low_m`, `high_m`: Floor, from the toes in contact (see `floor_height`); 2 % quantile of
+    # the heights of the feet; lowest and highest joint
     floor_m: float | None = None
     feet_m: float | None = None
     low_m: float | None = None
     high_m: float | None = None
     turns: float | None = None  # largest difference between two directions that the hips face, in full turns
     sliding: float | None = None  # share of the frames of feet in contact in which they slide
+    # `key_motions`, `key_beat_ms`, `key_shifted_ms`: number of key motions; their mean distance to the nearest beat,
+    # and to the nearest of the beats moved by half a period, milliseconds
     key_motions: int = 0
     key_beat_ms: float | None = None
     key_shifted_ms: float | None = None
+    # `bas`, `bas_chance`: beat alignment score and its chance level; see `BeatAlignment`
     bas: float | None = None
     bas_chance: float | None = None
     tempo_found: float | None = None  # 60 / median distance of beats, beats per minute
@@ -76,12 +74,10 @@ class ClipNumbers:
 
 @dataclass
 class SongOffsets:
-    """Offsets of key motions from the beats of one song.
-
-    `tally`: Milliseconds after the nearest beat.
-    """
+    """Offsets of key motions from the beats of one song."""
 
     clips: int = 0
+    # milliseconds after the nearest beat
     tally: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
     phase: complex = 0j  # sum of the offsets as phases of the beat: ``exp(2 pi i offset / period)``
     period_s: float = 0.0  # sum of the beat periods of the offsets
@@ -111,16 +107,13 @@ class SongOffsets:
 
 @dataclass
 class Measured:
-    """A dataset's numbers: those of clips, and counts over the frames of all.
-
-    `clips`: Numbers of each clip that is not a copy of another one; none of slices that overlap.
-    `joints`, `feet`: Names of the joints whose speed is counted, and of foot joints with stored contacts.
-    `contact`: Frames in contact and all frames, by foot joint, (F, 2).
-    """
+    """A dataset's numbers: those of clips, and counts over the frames of all."""
 
     reader: ClipReader
     windows: Mapping[str, int]  # number of windows of each clip
+    # numbers of each clip that is not a copy of another one; none of slices that overlap
     clips: dict[str, ClipNumbers] = field(default_factory=dict)
+    # `joints`, `feet`: names of the joints whose speed is counted, and of foot joints with stored contacts
     joints: tuple[str, ...] = ()
     feet: tuple[str, ...] = ()
     speed: BinCounts = field(default_factory=lambda: BinCounts.of(0, 12, 0.01))
@@ -130,6 +123,7 @@ class Measured:
     sliding: BinCounts = field(default_factory=lambda: BinCounts.of(0, 6, 0.01))
     offset_ms: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
     shifted_ms: BinCounts = field(default_factory=lambda: BinCounts.of(-400, 400, 0.5))
+    # frames in contact and all frames, by foot joint, (F, 2)
     contact: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     groups: MeasuredGroups = field(default_factory=MeasuredGroups)
     space: Space | None = None
@@ -179,11 +173,7 @@ def _clip(measured: Measured, clip: Clip, piece: Piece) -> ClipNumbers:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A piece, measured.
-
-    `offsets`, `shifted`: Seconds from the nearest beat to each key motion; the same with beats moved by half a
-        period.
-    """
+    """A piece, measured."""
 
     piece: Piece
     figure: Figure  # its joints and contacts without the trim
@@ -193,6 +183,8 @@ class _Part:
     contact: npt.NDArray[np.int64]  # (F, 2) frames in contact and all frames
     facing: Float64Array
     key_motions: int
+    # `offsets`, `shifted`: seconds from the nearest beat to each key motion; the same with beats moved by half a
+    # period
     offsets: Float64Array
     shifted: Float64Array
 

@@ -26,20 +26,18 @@ INLINE = 12
 
 @dataclass(frozen=True)
 class Player:
-    """Clips in a report.
+    """Clips in a report."""
 
-    `links`, `group_links`: Address of each clip and of each group, for HTML.
-    `lists`: Address of the list of clips of each genre, song and dancer, from the first of them.
-    `body`, `scripts`: HTML after the report, and the scripts that the page's policy allows.
-    `side`: Names of the files next to the page and the number of the clip in each; read one at a time.
-    """
-
+    # `links`, `group_links`: address of each clip and of each group, for HTML
     links: Mapping[str, Markup] = field(default_factory=dict)
     group_links: Mapping[str, Markup] = field(default_factory=dict)
+    # address of the list of clips of each genre, song and dancer, from the first of them
     lists: Mapping[str, Markup] = field(default_factory=dict)
     css: str = ""
+    # `body`, `scripts`: HTML after the report, and the scripts that the page's policy allows
     body: str = ""
     scripts: tuple[str, ...] = ()
+    # names of the files next to the page and the number of the clip in each; read one at a time
     side: Mapping[str, int] = field(default_factory=dict)
     scenes: SceneList | None = None
     items: Sequence[Item] = ()

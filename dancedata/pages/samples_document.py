@@ -30,29 +30,25 @@ def sample_of(name: str) -> str:
 
 @dataclass(frozen=True)
 class NearestPose:
-    """The pose of a sample that is farthest from all poses of train, and the pose of train nearest to it.
-
-    `seconds`, `train_seconds`: Times of both in their clips.
-    `pose`, `train_pose`: (22, 3) joints relative to the root, turned to the front, metres.
-    """
+    """The pose of a sample that is farthest from all poses of train, and the pose of train nearest to it."""
 
     clip: str
+    # `seconds`, `train_seconds`: times of both in their clips
     seconds: float
     train_clip: str
     train_seconds: float
     distance_m: float  # rms distance over joints
+    # `pose`, `train_pose`: (22, 3) joints relative to the root, turned to the front, metres
     pose: tuple[tuple[float, ...], ...]
     train_pose: tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
 class SampleRow:
-    """A sample: its song, its numbers, and the median distance of its poses to the nearest of train, metres.
-
-    `sample` is its name among the scores: of a group's dancer that of the group.
-    """
+    """A sample: its song, its numbers, and the median distance of its poses to the nearest of train, metres."""
 
     clip: str
+    # is its name among the scores: of a group's dancer that of the group
     sample: str
     song: str
     numbers: ClipNumbers

@@ -17,18 +17,16 @@ EXPLODES = 10.0
 
 @dataclass(frozen=True)
 class ScaledGroup:
-    """A group of columns and its scaler, EDGE's of the range in training.
-
-    `min`, `max`: Over train windows, in the group's unit.
-    `five_sigma`: Largest normalised value, without its sign, of a sample five standard deviations from the mean.
-    """
+    """A group of columns and its scaler, EDGE's of the range in training."""
 
     group: str
     unit: str
     width: int
+    # `min`, `max`: over train windows, in the group's unit
     min: float
     max: float
     std: float  # median over columns of the standard deviation
+    # largest normalised value, without its sign, of a sample five standard deviations from the mean
     five_sigma: float
     largest: float | None  # the same of the rows of other splits; None without them
     narrow: tuple[str, ...]  # columns with a range below NARROW that is not 0

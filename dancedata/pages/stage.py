@@ -30,19 +30,17 @@ class Balance:
 
 @dataclass(frozen=True)
 class StageNumbers:
-    """Where dancers stand and face.
-
-    `every_s`, `facing`: Width of the columns, seconds, and frames by column and direction, of 15 degrees from -180
-        on; 0 is +Z, 90 is +X.
-    `square_m`, `first_m`: Side of the squares of the floor, metres, and the lower corner (x, z) of the first.
-    `floor`: Frames with the root in each square, by x, then z; only the part that holds all.
-    """
+    """Where dancers stand and face."""
 
     balance: Mapping[str, Balance]  # by joint without its side: "wrist"
+    # `every_s`, `facing`: width of the columns, seconds, and frames by column and direction, of 15 degrees from -180
+    # on; 0 is +Z, 90 is +X
     every_s: float
     facing: tuple[tuple[int, ...], ...]
+    # `square_m`, `first_m`: side of the squares of the floor, metres, and the lower corner (x, z) of the first
     square_m: float
     first_m: tuple[float, float]
+    # frames with the root in each square, by x, then z; only the part that holds all
     floor: tuple[tuple[int, ...], ...]
     beyond: int  # frames farther than 20 m from the origin
 

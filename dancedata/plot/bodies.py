@@ -31,12 +31,10 @@ _NEAREST = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A camera at a point of the world.
-
-    `turn_deg`, `tilt_deg`: Turn about the vertical axis from the front, +Z, and downward tilt, degrees.
-    """
+    """A camera at a point of the world."""
 
     middle: Float64Array  # (3,) metres, the point that is seen at (0, 0) of the picture
+    # `turn_deg`, `tilt_deg`: turn about the vertical axis from the front, +Z, and downward tilt, degrees
     turn_deg: float
     tilt_deg: float = 0.0
     distance: float = math.inf  # from `middle`, metres; infinite: a parallel projection

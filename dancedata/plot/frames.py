@@ -50,16 +50,14 @@ def _any_letters() -> Iterator[None]:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Draws the frames of a scene, (height, width, 4) bytes of RGBA each.
-
-    `music`: Samples from the scene's first frame on, for the timeline; None: its onsets are drawn.
-    """
+    """Draws the frames of a scene, (height, width, 4) bytes of RGBA each."""
 
     scene: Scene
     size: tuple[int, int]  # width and height, pixels
     times: Float64Array  # (N,) instants of the frames, seconds
     theme: Theme = "dark"
     credit: str = ""  # line in the picture of the last two seconds
+    # samples from the scene's first frame on, for the timeline; None: its onsets are drawn
     music: AudioSignal | None = None
 
     def __iter__(self) -> Iterator[npt.NDArray[np.uint8]]:

@@ -32,12 +32,9 @@ _FARTHEST_M = 1e7
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """Speed and key motions of a dancer.
+    """Speed and key motions of a dancer."""
 
-    `speed`: (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) /
-        rate.
-    """
-
+    # (n,) mean speed of the joints, smoothed, metres per second; value k belongs to the instant (k + 1/2) / rate
     speed: Float64Array
     grid: FrameGrid
     key_times: Float64Array  # (M,) instants of the key motions, seconds
@@ -54,24 +51,22 @@ class Movement:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """A dancer.
-
-    `contacts_stored`: Whether they are those of the dataset; if not, they were computed by the rule "velocity".
-    `facing`: (T, 3) unit vectors in which the head faces; None where rotations are unknown.
-    `rotations`: (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown.
-    `measured`: The figure before it got these bones, of the same frames and place, which distances are measured on;
-        None if it has its own.
-    """
+    """A dancer."""
 
     joints: Float64Array  # (T, J, 3) positions, metres, +Y up, read-only
     skeleton: Skeleton
     grid: FrameGrid
     contacts: BoolArray  # (T, 4) whether a foot joint, one of `contact_joints`, is on the ground
     contact_joints: tuple[int, ...]
+    # whether they are those of the dataset; if not, they were computed by the rule "velocity"
     contacts_stored: bool = False
+    # (T, 3) unit vectors in which the head faces; None where rotations are unknown
     facing: Float64Array | None = None
+    # (T, J, 3) axis-angle of each joint in its parent's axes, radians; None where they are unknown
     rotations: Float64Array | None = None
     mesh: BodyMesh | None = None  # body model that is drawn, whose bones the figure has; None for limbs
+    # the figure before it got these bones, of the same frames and place, which distances are measured on; None if it
+    # has its own
     measured: Figure | None = None
 
     @classmethod

@@ -22,15 +22,13 @@ _BODY = SMPL24.joints[:22]
 
 @dataclass(frozen=True, eq=False)
 class Pair:
-    """Two dancers of a group.
-
-    `facing_deg`: (2, T) angle between where the hips of the first face and the direction to the second, and that of
-        the second to the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
-    """
+    """Two dancers of a group."""
 
     first: int
     second: int
     distance_m: Float64Array  # (T,) distance of their roots
+    # (2, T) angle between where the hips of the first face and the direction to the second, and that of the second to
+    # the first: 0 looks at the other, 180 has the other behind. NaN where it is undefined.
     facing_deg: Float64Array
     contacts: tuple[Contact, ...]
     collides: npt.NDArray[np.bool_]  # (T,) whether their bodies intersect
@@ -43,13 +41,10 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class GroupScene:
-    """All pairs of a group's dancers.
-
-    `floor`: Height of the floor, metres: one for all, that of the lowest dancer, so that a lifted one stays in the
-        air.
-    """
+    """All pairs of a group's dancers."""
 
     grid: FrameGrid
+    # height of the floor, metres: one for all, that of the lowest dancer, so that a lifted one stays in the air
     floor: float
     pairs: tuple[Pair, ...]
     touch: bool  # whether contacts and collisions were measured: bodies need the first 22 joints of SMPL

@@ -63,14 +63,12 @@ class Cones:
 
 @dataclass(frozen=True)
 class Limbs:
-    """Girth of the bones of a body.
-
-    `girths`: Radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn.
-    `tones`: Of the bone to each joint, as in `Cones`; bones from the spine to a hip or a collar are of the trunk.
-    """
+    """Girth of the bones of a body."""
 
     parents: tuple[int, ...]
+    # radii at the parent and at the joint of the bone to each joint, metres; 0 where nothing is drawn
     girths: tuple[tuple[float, float], ...]
+    # of the bone to each joint, as in `Cones`; bones from the spine to a hip or a collar are of the trunk
     tones: tuple[int, ...]
     tips: tuple[Tip, ...]  # heels, toes and fingers beyond the last joints
     head: int  # joint of the head; -1 without one

@@ -50,15 +50,13 @@ def figure_key_motion(figure: Figure) -> KeyMotion:
 
 @dataclass(frozen=True)
 class ClipReader:
-    """Reads the clips of a store.
-
-    `motion`, `reader`: Motion field that joints and contacts are read from; None if no field has joints.
-    `keymotion`, `music`: Field with key motions, and with beats; None if there is none.
-    """
+    """Reads the clips of a store."""
 
     store: Store
+    # `motion`, `reader`: motion field that joints and contacts are read from; None if no field has joints
     motion: Field | None
     reader: ColumnsReader | None
+    # `keymotion`, `music`: field with key motions, and with beats; None if there is none
     keymotion: Field | None
     music: Field | None
 

@@ -63,15 +63,13 @@ class Nearness:
 
 @dataclass(frozen=True)
 class Hexagon:
-    """Poses near each other on the map.
+    """Poses near each other on the map."""
 
-    `x`, `y`: Its centre, metres along the first two components.
-    `clip`, `seconds`: The pose nearest to the centre.
-    """
-
+    # `x`, `y`: its centre, metres along the first two components
     x: float
     y: float
     counts: Mapping[str, int]  # poses by split
+    # `clip`, `seconds`: the pose nearest to the centre
     clip: str
     seconds: float
     pose: tuple[tuple[int, int], ...]  # (J, 2) that pose from the front, millimetres
@@ -108,24 +106,22 @@ class FrechetLevels:
 
 @dataclass(frozen=True)
 class Poses:
-    """Poses of the splits; see `Space`.
-
-    `radius`, `hexagons`: The map, and the radius of a hexagon, metres.
-    `to_train`, `chance`: Distances of each other split to train, and of one random half of the clips of train to the
-        other.
-    `n_duplicates`, `duplicates`: Pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them.
-    """
+    """Poses of the splits; see `Space`."""
 
     joints: tuple[str, ...]
     n: Mapping[str, int]  # poses by split
     every_s: float | None  # seconds between two poses of a clip
     variance: tuple[float, ...]  # shares of the variance along the first five components
+    # `radius`, `hexagons`: the map, and the radius of a hexagon, metres
     radius: float
     hexagons: tuple[Hexagon, ...]
+    # `to_train`, `chance`: distances of each other split to train, and of one random half of the clips of train to
+    # the other
     to_train: Mapping[str, Nearness]
     chance: Nearness | None
     frechet: Mapping[str, Mapping[str, FrechetLevels]]  # by features ("kinetic", "geometric") and split
     windows: Mapping[str, int]
+    # `n_duplicates`, `duplicates`: pairs of windows of two splits nearer than DUPLICATE_M, and the nearest of them
     n_duplicates: int
     duplicates: tuple[WindowPair, ...]
 

@@ -71,13 +71,11 @@ class Rhythm:
 
 @dataclass(frozen=True)
 class Item:
-    """One entry of the list of a viewer: a clip, a window of it, or a group. Or a dancer of a group.
-
-    `start`, `n_frames`: First frame in the clip and number of frames, at the store's rate.
-    """
+    """One entry of the list of a viewer: a clip, a window of it, or a group. Or a dancer of a group."""
 
     number: int  # place in the list; a dancer has that of the group
     clip: ClipRecord  # the clip's row of the table /clips; that of the first dancer of a group
+    # `start`, `n_frames`: first frame in the clip and number of frames, at the store's rate
     start: int
     n_frames: int
     window: Window | None = None
@@ -124,12 +122,10 @@ def begins_after(item: Item, grid: FrameGrid, other: Item, other_grid: FrameGrid
 
 @dataclass(frozen=True)
 class Word:
-    """A segment of an item: a span or an instant with words.
-
-    `begin`, `end`: Seconds from the item's first frame, half-open.
-    """
+    """A segment of an item: a span or an instant with words."""
 
     layer: str  # name of its layer, with the language where there is one
+    # `begin`, `end`: seconds from the item's first frame, half-open
     begin: float
     end: float
     text: str
@@ -149,23 +145,21 @@ class Flag:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The drawing of one item. Times are in seconds from its first frame.
-
-    `figure`, `movement`: The dancer, with speed and key motions; None where there are none, and for a group.
-    `windows`: First frame and length of the dataset's windows, frames at the store's rate.
-    `together`: Their distances and contacts; None for a clip, a wall, and where a dancer has no figure.
-    """
+    """The drawing of one item. Times are in seconds from its first frame."""
 
     item: Item
     grid: FrameGrid  # the store's rate, of windows and of loops in links
     field: str  # motion field that is drawn; "" if none can be
+    # `figure`, `movement`: the dancer, with speed and key motions; None where there are none, and for a group
     figure: Figure | None
     movement: Movement | None
     rhythm: Rhythm
+    # first frame and length of the dataset's windows, frames at the store's rate
     windows: tuple[tuple[int, int], ...]
     flags: tuple[Flag, ...]
     notes: tuple[str, ...]  # sentences on what is missing or was computed
     members: tuple[Scene, ...] = ()
+    # their distances and contacts; None for a clip, a wall, and where a dancer has no figure
     together: GroupScene | None = None
     numbers: tuple[tuple[str, str], ...] = ()  # what is measured of a dancer of a wall: name and value as text
     words: tuple[Word, ...] = ()

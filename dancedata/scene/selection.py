@@ -37,25 +37,21 @@ _OF_FILES = ("normalized", "scaler", "clamp", "fps", "up", "unit", "overlay")
 
 @dataclass(frozen=True)
 class ViewRequest:
-    """Options of `dancedata view`.
+    """Options of `dancedata view`."""
 
-    `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; "" for
-        the best. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
-    `field`: Motion field to draw, and what columns of motion files are. Default: the best one; that of their width.
-    `music`: Of a dataset the folder that it was built from, with its music and the original motion; of motion files
-        see `MusicFiles.beside`.
-    `normalized`, `scaler`, `clamp`, `fps`, `up`, `unit`: How motion files are read; see `file_format`.
-    `wall`: Whether all stand on one stage: each clip and what it is compared with, or the clips of each song.
-    `body_model`, `betas`: Body model that is drawn in the place of limbs, and its shape; default: its mean.
-    """
-
+    # `path`, `clip`: A dataset, a folder of motion files or one such file, and the clip or group to begin with; ""
+    # for the best. A dancer of a group is shown alone. ``CLIP@START+LENGTH`` loops that window, ``~mirror`` mirrors.
     path: Path
     clip: str = ""
     _: KW_ONLY
+    # Motion field to draw, and what columns of motion files are. Default: the best one; that of their width.
     field: str | None = None
     like: Path | None = None  # the dataset with the scaler and rate of motion files at `path`
+    # of a dataset the folder that it was built from, with its music and the original motion; of motion files see
+    # `MusicFiles.beside`
     music: Path | None = None
     compare: Sequence[Path] = ()  # datasets, folders of motion files, or files
+    # `normalized`, `scaler`, `clamp`, `fps`, `up`, `unit`: how motion files are read; see `file_format`
     normalized: bool | None = None
     fps: str | None = None
     up: str = "y"
@@ -64,7 +60,9 @@ class ViewRequest:
     scaler: Path | None = None
     clamp: bool = False
     overlay: bool = False
+    # whether all stand on one stage: each clip and what it is compared with, or the clips of each song
     wall: bool = False
+    # `body_model`, `betas`: body model that is drawn in the place of limbs, and its shape; default: its mean
     body_model: Path | None = None
     betas: Sequence[float] | None = None
 
@@ -186,15 +184,13 @@ def matched(comparison: Comparison, scenes: SceneList) -> int:
 
 @dataclass(frozen=True, eq=False)
 class ViewSelection:
-    """Contents of a request.
-
-    `item`, `loop`: The item to begin with; first frame and end of the loop, None without one.
-    """
+    """Contents of a request."""
 
     request: ViewRequest
     scenes: SceneList
     sounds: Sounds | None
     comparisons: tuple[Comparison, ...]
+    # `item`, `loop`: the item to begin with; first frame and end of the loop, None without one
     item: Item
     loop: tuple[int, int] | None
     compared: str  # the comparison that is shown at the beginning; "" for none

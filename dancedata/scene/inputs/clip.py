@@ -28,10 +28,7 @@ from dancedata.store.dataset import reopen
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ClipInput(ABC):
-    """A clip, not loaded. It is small and picklable: units of work take it.
-
-    `recording`: Unit of intervals: what copies, windows and parts of one file have in common; "": the clip itself.
-    """
+    """A clip, not loaded. It is small and picklable: units of work take it."""
 
     stored: ClassVar[bool] = False
 
@@ -39,6 +36,7 @@ class ClipInput(ABC):
     music: str = ""  # name of its song, empty if unknown
     tempo_bpm: float | None = None  # tempo of the song, where the dataset states one
     audio_start: Fraction = Fraction(0)  # second of the song at frame 0; negative where it begins later
+    # unit of intervals: what copies, windows and parts of one file have in common; "": the clip itself
     recording: str = ""
     stated_id: str = ""  # id of the sample that its file states; "" if it states none
     length_s: Fraction | None = None  # length that its id states; None if it states none

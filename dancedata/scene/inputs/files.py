@@ -87,15 +87,13 @@ class FileFormat:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileClip(ClipInput):
-    """A file with one clip, or one motion of a file that holds a batch.
-
-    `partners`: Files of the other dancers of a group, where each dancer has a file; None where one file has all.
-    """
+    """A file with one clip, or one motion of a file that holds a batch."""
 
     path: Path
     format: FileFormat
     sample: int | None = None  # number of the motion in the batch; None: the file is one clip
     person: str = ""  # the file's own name for one of its people; "" for the only one
+    # files of the other dancers of a group, where each dancer has a file; None where one file has all
     partners: tuple[Path, ...] | None = None
 
     @property

@@ -20,13 +20,11 @@ from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """Clips with the names, tempos and seconds of their music.
-
-    `by_song`, `unknown`: Ids of those of which a song alone is known, and of those of which nothing is.
-    """
+    """Clips with the names, tempos and seconds of their music."""
 
     clips: tuple[ClipInput, ...]  # the clips
     samples: Mapping[str, Sample] = field(default_factory=dict)  # what they are of a dataset, by their ids
+    # `by_song`, `unknown`: ids of those of which a song alone is known, and of those of which nothing is
     by_song: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
 

@@ -39,15 +39,13 @@ class Song(str):
 
 @dataclass(frozen=True, eq=False)
 class MusicSources:
-    """Sources of beats; for each clip the first one that has them counts.
+    """Sources of beats; for each clip the first one that has them counts."""
 
-    `beats`: Beats of the caller by the id of a clip: `MusicBeats`, or frames at the protocol's rate.
-    `songs`: Songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it.
-    """
-
+    # beats of the caller by the id of a clip: `MusicBeats`, or frames at the protocol's rate
     beats: Mapping[str, Any] = field(default_factory=dict)
     files: Mapping[str, Path] = field(default_factory=dict)  # music files, by song
     like: Store | None = None  # dataset that has them where the dataset of a clip does not
+    # songs that the caller names, by the id of a clip; a `Song` may state where the clip begins in it
     songs: Mapping[str, str] = field(default_factory=dict)
     song: str = ""  # the song of all clips; "" for none
 
