@@ -50,7 +50,6 @@ __all__ = [
     "jobs_of",
     "load_audio",
     "load_recipe",
-    "make_dataclass",
     "make_named",
     "music_field",
     "open_store",
@@ -94,7 +93,7 @@ if TYPE_CHECKING:
     from dancedata.music.samples import resample
     from dancedata.music.signal import audio_length, load_audio
     from dancedata.recipes.parse import load_recipe, stored_recipe
-    from dancedata.recipes.plugins import make_dataclass, make_named
+    from dancedata.recipes.plugins import make_named
     from dancedata.recipes.recipe import Recipe
     from dancedata.samples import Sample, Samples
     from dancedata.samples.saved import saved_samples
@@ -133,7 +132,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "music.samples": "resample",
             "music.signal": "audio_length load_audio",
             "recipes.parse": "load_recipe stored_recipe",
-            "recipes.plugins": "make_dataclass make_named",
+            "recipes.plugins": "make_named",
             "recipes.recipe": "Recipe",
             "samples": "Sample Samples",
             "samples.saved": "saved_samples",

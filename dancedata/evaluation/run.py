@@ -13,7 +13,6 @@ from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.options import EvaluationOptions
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
-from dancedata.evaluation.protocol_file import read_protocol
 from dancedata.evaluation.report import Report
 from dancedata.kernel import Progress, Store, jobs_of, saved_samples
 from dancedata.scene.inputs.songs import MusicLike, MusicSources
@@ -63,7 +62,7 @@ def evaluate(
         A built dataset, a folder of generated motion, one file of it, or positions (T, J, 3) and motions by the id of
         a clip, metres, +Y up. What `WindowDataset.save_samples` wrote needs no further statement.
     protocol
-        Name of a protocol, a YAML file with one, or an object of one.
+        Name of a protocol, or an object of one.
     pool
         What the set is compared with: a dataset, a folder, or a file of `save_pool`. Default: the dataset that
         is evaluated, or that `like` names.
@@ -131,8 +130,8 @@ def evaluate(
         named, field = named or of, field or saved.field
         scaler = saved.chosen_scaler(scaler, normalized) if isinstance(named, Store) else scaler
     request = EvaluationOptions(
-        what=what, protocol=with_metrics(_protocol(protocol), metrics), pool=pool, split=split, pool_split=pool_split,
-        role=role, like=None if named is None else store_of(named),
+        what=what, protocol=with_metrics(protocol_named(protocol), metrics), pool=pool, split=split,
+        pool_split=pool_split, role=role, like=None if named is None else store_of(named),
         reader=None if isinstance(named, Store) else named, field=field, normalized=normalized, scaler=scaler,
         clamp=clamp, fps=fps, up=up, unit=unit, body=body, music=MusicSources.of(music), metrics=tuple(metrics),
         intervals=intervals, save_pool=folder_of(save_pool),
@@ -142,8 +141,3 @@ def evaluate(
         inputs, request.music_plans(inputs), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
         scheduler=scheduler, progress=Progress(quiet=not progress),
     )  # fmt: skip
-
-
-def _protocol(protocol: str | Protocol) -> Protocol:
-    file = isinstance(protocol, str) and Path(protocol).suffix in (".yaml", ".yml")
-    return read_protocol(Path(str(protocol)).expanduser()) if file else protocol_named(protocol)
