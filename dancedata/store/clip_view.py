@@ -69,10 +69,7 @@ class Clip(ClipRecord):
 
         Motion: every stored row. Audio: rows that begin within the clip and the music.
 
-        Raises
-        ------
-        UsageError
-            For a field that the clip does not have.
+        Raises UsageError: for a field that the clip does not have.
         """
         f = self.store.field(field)
         return self._read(f, None if f.per_clip else self.store.grid.rows_up(self.n_frames, of=f.grid))
@@ -80,10 +77,7 @@ class Clip(ClipRecord):
     def read_song(self, field: str) -> npt.NDArray[Any]:
         """Read the rows of an audio field from the clip's first frame to the end of its music, (T, D), a new array.
 
-        Raises
-        ------
-        UsageError
-            For a field of motion.
+        Raises UsageError: for a field of motion.
         """
         f = self.store.field(field)
         if f.kind != "audio":
@@ -110,10 +104,7 @@ class Clip(ClipRecord):
     def rows_within(self, field: str) -> tuple[int, npt.NDArray[Any]]:
         """Read the rows of a field that lie within the clip, from its first frame or where its music begins.
 
-        Returns
-        -------
-        tuple
-            The row at which they begin, counted from frame 0, and the rows.
+        Returns: The row at which they begin, counted from frame 0, and the rows.
         """
         f, grid, row = self.store.field(field), self.store.grid, self.store._row(self.id)
         spans = self.store._tables.spans[field]
@@ -144,15 +135,8 @@ class Clip(ClipRecord):
     def motion(self, field: str = "") -> Motion:
         """Return the clip's motion: root and rotations, metres, +Y up.
 
-        Parameters
-        ----------
-        field
-            Motion field whose columns are decoded; default: the first that has rotations.
-
-        Raises
-        ------
-        UsageError
-            For a field without rotations, or a dataset without such a field.
+        `field`: Motion field whose columns are decoded; default: the first that has rotations.
+        Raises UsageError: for a field without rotations, or a dataset without such a field.
         """
         name, plugin = self._motion_field(field)
         if not plugin.decodes:
@@ -196,15 +180,8 @@ class Clip(ClipRecord):
     def beats(self, field: str = "") -> npt.NDArray[np.float64]:
         """Return the instants of the stored beats, (M,) seconds from the clip's first frame.
 
-        Parameters
-        ----------
-        field
-            Audio field with a column "beat"; default: the first.
-
-        Raises
-        ------
-        UsageError
-            For a field without beats, or a dataset without such a field.
+        `field`: Audio field with a column "beat"; default: the first.
+        Raises UsageError: for a field without beats, or a dataset without such a field.
         """
         fields = {f.name: f for f in self.store.fields_with("beat")}
         name = field or next(iter(fields), "")

@@ -216,10 +216,7 @@ class Scaler:
     def save(self, path: str | Path) -> None:
         """Write the scaler to a JSON file, for ``scaler=`` and ``--scaler``, with the field that it is of.
 
-        Raises
-        ------
-        StoreError
-            If it cannot be written.
+        Raises StoreError: if it cannot be written.
         """
         about = (_FORMAT, self.field, list(self.columns), self.dataset, self.dtype.name)
         state = {**dict(zip(_ABOUT, about, strict=True)), **self.state_dict(), "sha256": self.sha256}
@@ -232,10 +229,7 @@ class Scaler:
     def load(cls, path: str | Path) -> Self:
         """Read a file of `save`.
 
-        Raises
-        ------
-        UsageError
-            If it cannot be read, is not such a file, or was changed.
+        Raises UsageError: if it cannot be read, is not such a file, or was changed.
         """
         try:
             state = read_json(Path(path).expanduser(), _MAX_BYTES)
@@ -251,10 +245,7 @@ class Scaler:
     def require(self, *, field: str, columns: Sequence[str], dataset: str = "") -> Self:
         """Return this scaler if it can be of a field; what is unknown on one side, "" or (), is not compared.
 
-        Raises
-        ------
-        UsageError
-            For another width, field, columns or dataset.
+        Raises UsageError: for another width, field, columns or dataset.
         """
         bare = f"Scaler({self.kind!r}, {', '.join(f's.{name}' for name in self.numbers)})"
         fix = f"give the scaler that training used; to use this one all the same: {bare}"
@@ -267,12 +258,8 @@ class Scaler:
             ("dataset", self.dataset, dataset),
         ):
             if actual and expected and actual != expected:
-                raise UsageError(
-                    f"the scaler was fitted on another {property_}",
-                    where=f"field {field}",
-                    found=shown(actual),
-                    fix=fix,
-                )
+                raise UsageError(f"the scaler was fitted on another {property_}", where=f"field {field}",
+                                 found=shown(actual), fix=fix)  # fmt: skip
         return self
 
     def __repr__(self) -> str:

@@ -45,15 +45,8 @@ class RandomStore:
     def rows(self, clip_id: str, field: str, start: int, length: int) -> Array:
         """Return the rows of a window from the source arrays, which a reader must return.
 
-        Parameters
-        ----------
-        start, length
-            Frames at the store's fps.
-
-        Returns
-        -------
-        ndarray
-            (rows, D) in the field's dtype.
+        `start`, `length`: Frames at the store's fps.
+        Returns: (rows, D) in the field's dtype.
         """
         clip = self.clip(clip_id)
         f = next(f for f in self.header.fields if f.name == field)

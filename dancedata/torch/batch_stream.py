@@ -112,10 +112,7 @@ class BatchStream(IterableDataset[Any]):
     def by_epoch(self, **options: Any) -> EpochLoader:
         """Return a loader that ends with each epoch; `options` are those of a DataLoader, such as ``num_workers``.
 
-        Raises
-        ------
-        UsageError
-            For a stream that ends after a number of steps.
+        Raises UsageError: for a stream that ends after a number of steps.
         """
         if self.n_steps is not None:
             raise UsageError("this stream ends by steps", found=f"steps={self.n_steps}", fix="leave out steps")

@@ -41,10 +41,7 @@ class EpochDataset(Dataset[dict[str, Any]]):
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
         """Return many samples, as of an epoch that is given here instead of by `set_epoch`.
 
-        Raises
-        ------
-        IndexError
-            For an index outside the dataset.
+        Raises IndexError: for an index outside the dataset.
         """
         raise NotImplementedError
 
@@ -64,10 +61,7 @@ class EpochDataset(Dataset[dict[str, Any]]):
     def set_epoch(self, epoch: int | None) -> None:
         """Set the current epoch, here and in all workers; None: each reading draws from torch's generator.
 
-        Raises
-        ------
-        UsageError
-            For a negative epoch, or one of 2**63 and more.
+        Raises UsageError: for a negative epoch, or one of 2**63 and more.
         """
         self._epoch.fill_(_NOT_SET if epoch is None else whole("epoch", epoch, most=2**63 - 1))
 

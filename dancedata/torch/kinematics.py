@@ -134,10 +134,7 @@ class Poses:
     def joints(self, skeleton: Skeleton | None = None) -> Tensor:
         """Return joint positions (..., J, 3), metres.
 
-        Parameters
-        ----------
-        skeleton
-            Bones with as many joints and the same parents, such as SMPL24_EDGE for EDGE's root; default: own.
+        `skeleton`: Bones with as many joints and the same parents, such as SMPL24_EDGE for EDGE's root; default: own.
         """
         return forward_kinematics(skeleton or self.skeleton, self.matrices, self.translation)
 

@@ -159,10 +159,7 @@ class Mix(EpochDataset):
     def scaler(self, field: str) -> Scaler:
         """Return the scaler of a field, over all sources.
 
-        Raises
-        ------
-        UsageError
-            For a field that is not read, or where each source has a scaler of its own.
+        Raises UsageError: for a field that is not read, or where each source has a scaler of its own.
         """
         if self.scale == "each":
             raise UsageError(

@@ -185,10 +185,7 @@ class SplitDataset(EpochDataset):
     def store(self) -> Store:
         """The built dataset; opened again in every process that receives a copy of this object.
 
-        Raises
-        ------
-        StoreError
-            If it was replaced by another dataset in the meantime.
+        Raises StoreError: if it was replaced by another dataset in the meantime.
         """
         if self._store is None:
             self._store = reopen(*self._reference)

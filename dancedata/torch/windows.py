@@ -169,12 +169,8 @@ class WindowDataset(SplitDataset):
     def __getitem__(self, index: int | str | SampleId) -> dict[str, Any]:
         """Return one window; negative indices count from the end, and an id is read again as it was.
 
-        Raises
-        ------
-        IndexError
-            For an index outside the split.
-        UsageError
-            For an id that this dataset does not read.
+        Raises IndexError: for an index outside the split.
+        Raises UsageError: for an id that this dataset does not read.
         """
         if isinstance(index, str | SampleId):
             return self._read_again(index)

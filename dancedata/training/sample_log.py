@@ -100,17 +100,10 @@ class SampleLog:
     def update(self, motion: npt.ArrayLike | Tensor, batch: Mapping[str, Any]) -> None:
         """Measure a batch of samples.
 
-        Parameters
-        ----------
-        motion
-            (B, L, D) columns, torch or numpy, on any device.
-        batch
-            The batch of a reader that they were generated for: it has the ids, and the lengths where it is padded.
-
-        Raises
-        ------
-        UsageError
-            As `Evaluator.update`; if the batch is not one of a reader.
+        `motion`: (B, L, D) columns, torch or numpy, on any device.
+        `batch`: The batch of a reader that they were generated for: it has the ids, and the lengths where it is
+            padded.
+        Raises UsageError: as `Evaluator.update`; if the batch is not one of a reader.
         """
         if "id" not in batch:
             raise UsageError("this batch does not come from a reader of the dataset", found="no key 'id'",
@@ -135,16 +128,10 @@ class SampleLog:
 
         Every process has to call it.
 
-        Parameters
-        ----------
-        step
-            Step of the training, in the name of the page.
-        gather
-            As in `Evaluator.gather`.
-        main
-            Whether this process writes the page.
-        accelerator
-            Decides in place of `main`; its trackers get the numbers.
+        `step`: Step of the training, in the name of the page.
+        `gather`: As in `Evaluator.gather`.
+        `main`: Whether this process writes the page.
+        `accelerator`: Decides in place of `main`; its trackers get the numbers.
         """
         if accelerator is not None:
             main = accelerator.is_main_process
