@@ -249,7 +249,7 @@ def _read_stats(path: Path) -> None:
 
     _put_side_files(path)
     with open_store(path.parent) as opened:
-        opened.scaler("pose", covers=["mirror"]).normalize(np.zeros((2, 3), np.float32))
+        opened.scaler("pose").normalize(np.zeros((2, 3), np.float32))
     _require_plain(describe_problems(path.parent, verify_store(path.parent)))
 
 

@@ -30,7 +30,6 @@ _KINDS = ("minmax", "zscore", "zscore_grouped")
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from dancedata.core.sample_steps import Augment
     from dancedata.store.clip_view import Clip, Clips
     from dancedata.store.segment_overlay import SegmentOverlay
 
@@ -239,36 +238,22 @@ class Store(RowQueries):
 
         return window_row(self, self[of.clip].split, of) if isinstance(of, Window) else clip_row(self, of)
 
-    def scaler(
-        self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax", covers: Augment = ()
-    ) -> Scaler:
+    def scaler(self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax") -> Scaler:
         """Return a scaler of a field, fitted on train, for readers (``scale=``), decoding and evaluation.
 
         `field`: Name of the field.
         `kind`: "minmax": to [-1, 1] by the range, as EDGE. "zscore": by mean and standard deviation;
             "zscore_grouped": by one deviation for the columns of a group, such as the positions, the mean of theirs,
             as HumanML3D's ``Std.npy`` (Guo et al. 2022, cal_mean_variance.ipynb).
-        `covers`: Augmentations, as readers take them: the range covers what they make of motion, too.
         Raises StoreError: if there are no train windows to fit it on.
-        Raises UsageError: for an unknown field or kind, a field of codes, an augmentation that cannot change the
-            field, or z-scores that are to cover one.
+        Raises UsageError: for an unknown field or kind, or a field of codes.
         """
         f = self.field(field)
         stored = self._stored_scaler(f)
         if kind not in _KINDS:
             raise UsageError(f"unknown kind of scaler {kind!r}", fix=did_you_mean(kind, _KINDS))
         if kind == "minmax":
-            if isinstance(covers, tuple) and not covers:
-                return stored
-            from dancedata.core.sample_steps import steps_of
-            from dancedata.store.motion_fields import covering
-
-            return covering(self, field, stored, steps_of(covers))
-        if covers:
-            raise UsageError(
-                "z-scores have no range that could cover augmentations",
-                found=f"kind={kind!r} and covers={covers!r}", fix="leave one of them out",
-            )  # fmt: skip
+            return stored
         numbers = self.stats["fields"][field]
         try:
             mean, std = (np.array(numbers[name], dtype=np.float64) for name in ("mean", "std"))

@@ -217,17 +217,6 @@ class RowQueries:
         """Return the same as `segments` of a window, except that each segment is read when it is asked for."""
         return self._segments.in_window(self._row_of(window), window, layer)
 
-    def mask(self, window: Window, layer: str) -> npt.NDArray[np.bool_]:
-        """Return which frames of a window segments of a layer cover, (length,).
-
-        Raises UsageError: for an unknown clip or layer.
-        """
-        self._require_layer(layer)
-        mask = np.zeros(window.length, dtype=np.bool_)
-        for placed in self._segment_rows_in(window, layer):
-            mask[placed.start : placed.end] = True
-        return mask
-
     def _require_layer(self, layer: str | None) -> None:
         names = sorted({stored.name for stored in self.layers})
         if layer is not None and layer not in names:

@@ -142,13 +142,13 @@ class ShardReader:
             raise _too_short(self.path, first + n_rows * layout.row_bytes - self._entry.size, self._entry.size)
         return layout
 
-    def _require_layout(self) -> None:
+    def require_layout(self) -> None:
         """Raise StoreError, when the file is first opened, where fields do not lie as dataset.json states."""
         if self._is_checked:
             return
         with self.opened() as file:
             for f in self._fields:
-                actual, stated = _field_layout(file, f, self.path), self._layout[f.name]
+                actual, stated = _field_layout(file, f, self.path), self.layout(f.name)
                 if stated.n_rows and stated != actual:
                     lies, allowed = (f"{of.n_rows} rows from byte {of.offset} on" for of in (actual, stated))
                     where, problem = f"{self.path}, {actual.name}", "a field does not lie where dataset.json states"
@@ -185,7 +185,7 @@ class ShardReader:
                 _log.warning("%s is read by position, as it cannot be mapped: %s", self.path.name, error)
                 return None
         rows = self._map.rows(layout)
-        self._require_layout()
+        self.require_layout()
         return rows
 
     def read_ahead(self, field: str, first: int, n_rows: int) -> None:
@@ -208,7 +208,7 @@ class ShardReader:
         # A forked child opens the file again: the inherited descriptor belongs to the parent.
         if file is None or file.pid != os.getpid():
             file = _File(self.file)
-            self._require_layout()
+            self.require_layout()
             self._file = file
         return file
 

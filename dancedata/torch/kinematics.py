@@ -101,11 +101,6 @@ def rotvec_from_matrix(matrix: Tensor) -> Tensor:
     return vector * torch.where(near, series, 2 * torch.atan2(sine, w) / sine)[..., None]
 
 
-def rotation_6d(matrix: Tensor) -> Tensor:
-    """Return the first two rows of matrices (..., 3, 3), flattened to (..., 6)."""
-    return matrix[..., :2, :].reshape(*matrix.shape[:-2], 6)
-
-
 def _inverse_length(vectors: Tensor) -> Tensor:
     return (vectors * vectors).sum(0).clamp_min(_TINY).rsqrt()
 

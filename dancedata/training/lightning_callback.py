@@ -34,8 +34,6 @@ class LightningSamples(Callback):
         Generates motion (B, L, D) for a batch. Default: the method `sample` of the module.
     batches
         Batches of each validation and process that are sampled. Default: all.
-    every
-        Validations from one with samples to the next; the first has some.
     seed
         Seed of torch's generators while samples are drawn, with the number of the process and of the batch: each
         validation draws the same noise, and sampling does not change the random numbers of training. None: no seed.
@@ -52,16 +50,14 @@ class LightningSamples(Callback):
         sample: Callable[[Any, Any], Tensor] | None = None,
         *,
         batches: int | None = None,
-        every: int = 1,
         seed: int | None = 0,
     ) -> None:
-        for name, number, least in (("batches", batches, 1), ("every", every, 1), ("seed", seed, 0)):
+        for name, number, least in (("batches", batches, 1), ("seed", seed, 0)):
             if number is not None and number < least:
                 raise UsageError(f"invalid value for {name}", found=number, allowed=f"{least} or more")
-        self.sample_log, self.batches, self.every, self.seed = log, batches, every, seed
+        self.sample_log, self.batches, self.seed = log, batches, seed
         self.last: Validation | None = None
         self._sample = sample
-        self._validations = 0
 
     def setup(self, trainer: Trainer, pl_module: LightningModule, stage: str) -> None:
         """Check that there is something that generates samples."""
@@ -70,14 +66,6 @@ class LightningSamples(Callback):
                 f"{type(pl_module).__name__} has no method sample", allowed="sample(self, batch) -> (B, L, D)",
                 fix="add it, or give a function: LightningSamples(log, sample=lambda module, batch: ...)",
             )  # fmt: skip
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the number of validations, for checkpoints."""
-        return {"validations": self._validations}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Continue as `state_dict` says."""
-        self._validations = state_dict["validations"]
 
     def on_validation_epoch_start(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Forget samples of a validation that was interrupted."""
@@ -94,7 +82,7 @@ class LightningSamples(Callback):
     ) -> None:
         """Generate and measure samples; of the first loader, if there are several."""
         is_beyond = self.batches is not None and batch_idx >= self.batches
-        if dataloader_idx or is_beyond or self._validations % self.every:
+        if dataloader_idx or is_beyond:
             return
         with _seeded(self.seed, pl_module.device, trainer.global_rank, batch_idx):
             motion = self._generate(pl_module, batch)
@@ -108,12 +96,9 @@ class LightningSamples(Callback):
         """Log the scores, and write the page."""
         if trainer.sanity_checking:
             return
-        is_due = self._validations % self.every == 0
-        self._validations += 1
-        if is_due:
-            self.last = self.sample_log.finish(trainer.global_step, main=trainer.is_global_zero)
-            # Every process has the numbers of all; a mean of equal ones keeps Lightning from warning.
-            pl_module.log_dict(dict(self.last.numbers), sync_dist=trainer.world_size > 1)
+        self.last = self.sample_log.finish(trainer.global_step, main=trainer.is_global_zero)
+        # Every process has the numbers of all; a mean of equal ones keeps Lightning from warning.
+        pl_module.log_dict(dict(self.last.numbers), sync_dist=trainer.world_size > 1)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 #: Most samples of a page: it holds all their motion.
 _MOST = 24
+#: Before the names of the scores.
+_PREFIX = "samples/"
 #: In every page of the viewer.
 _MARK = b'id="dd-data"'
 
@@ -64,8 +66,6 @@ class SampleLog:
         Where the pages are written, step-00000400.html and so on; made if it is not there. None: no pages.
     wall
         Samples of a page: the first of the main process, so with an order that does not change always the same ones.
-    prefix
-        Before the names of the scores.
 
     Examples
     --------
@@ -80,12 +80,10 @@ class SampleLog:
     PosixPath('runs/walls/step-00000400.html')
     """
 
-    def __init__(
-        self, evaluator: Any, folder: str | Path | None = None, *, wall: int = 6, prefix: str = "samples/"
-    ) -> None:
+    def __init__(self, evaluator: Any, folder: str | Path | None = None, *, wall: int = 6) -> None:
         if not 1 <= wall <= _MOST:
             raise UsageError("invalid number of samples of a page", found=wall, allowed=f"1 to {_MOST}")
-        self.evaluator, self.wall, self.prefix = evaluator, wall, prefix
+        self.evaluator, self.wall = evaluator, wall
         self.folder = None if folder is None else Path(folder).expanduser()
         self._samples: list[Generated] = []
 
@@ -120,7 +118,6 @@ class SampleLog:
         self,
         step: int,
         *,
-        gather: Callable[[list[Any]], list[Any]] | None = None,
         main: bool = True,
         accelerator: Accelerator | None = None,
     ) -> Validation:
@@ -129,13 +126,12 @@ class SampleLog:
         Every process has to call it.
 
         `step`: Step of the training, in the name of the page.
-        `gather`: As in `Evaluator.gather`.
         `main`: Whether this process writes the page.
         `accelerator`: Decides in place of `main`; its trackers get the numbers.
         """
         if accelerator is not None:
             main = accelerator.is_main_process
-        self.evaluator.gather(gather, repeated="first")
+        self.evaluator.gather(repeated="first")
         done = Validation(step, *self._scores(), self._page(step) if main and self._samples else None)
         if accelerator is not None:
             accelerator.log(dict(done.numbers), step=step)
@@ -149,9 +145,9 @@ class SampleLog:
             report = self.evaluator.compute()
         except UsageError as error:
             warnings.warn(f"{error}", stacklevel=3)
-            return None, {f"{self.prefix}left_out": float(len(self.evaluator))}
-        numbers = {self.prefix + name: value for name, value in report.numbers().items()}
-        return report, {**numbers, f"{self.prefix}left_out": float(len(report.left_out))}
+            return None, {f"{_PREFIX}left_out": float(len(self.evaluator))}
+        numbers = {_PREFIX + name: value for name, value in report.numbers().items()}
+        return report, {**numbers, f"{_PREFIX}left_out": float(len(report.left_out))}
 
     def _page(self, step: int) -> Path | None:
         """Write the page of a step; one of the same step, of an interrupted training, is replaced."""

@@ -97,8 +97,6 @@ def test_what_z_scores_cannot(store: Store) -> None:
         WindowDataset(store, fields=[FIELD], scale=Scale(clamp=True, scaler=scaler))
     with pytest.raises(UsageError, match="go together"):
         WindowDataset(store, fields=[FIELD], scale=Scale(covers=["mirror"], scaler=scaler), augment={"mirror": 0.5})
-    with raises_message(UsageError, "zscore|mirror"):
-        store.scaler(FIELD, "zscore", covers=["mirror"])
     with raises_message(UsageError, "zscore"):
         store.scaler(FIELD, "zscores")  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="negative"):

@@ -263,11 +263,7 @@ def test_threads_read_at_once(make_store: Any) -> None:
 def test_scaler_is_that_of_the_stats(make_store: Any) -> None:
     made = make_store()
     with open_store(made.path) as store:
-        plain, mirrored = store.scaler("pose"), store.scaler("pose", covers=["mirror"])
-        np.testing.assert_array_equal(plain.scale, store.stats["fields"]["pose"]["scaler"]["scale"])
-        assert (np.asarray(mirrored.data_min) <= np.asarray(plain.data_min)).all()
-        music = store.scaler("music", covers=["mirror"])
-        assert music.sha256 == store.scaler("music").sha256
+        np.testing.assert_array_equal(store.scaler("pose").scale, store.stats["fields"]["pose"]["scaler"]["scale"])
 
 
 def test_without_train_windows_there_is_no_scaler(make_store: Any) -> None:
