@@ -53,10 +53,7 @@ class BuildArguments:
 def chosen_recipe(
     folder: str | Path, recipe: RecipeLike | None, dataset: str | None, overrides: Overrides
 ) -> Recipe | None:
-    """Return the recipe that reads a source folder, by default its own recipe.yaml; None if a dataset's reader does.
-
-    UsageError if both a recipe and a dataset choose the reader, or overrides have no recipe.
-    """
+    """Return the recipe that reads a source folder, by default its recipe.yaml; None if a dataset's reader does."""
     if recipe is None and dataset is None:
         recipe = _prepared(folder)
     if recipe is not None and dataset is not None:

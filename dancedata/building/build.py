@@ -111,10 +111,7 @@ def build(
     scheduler: str | None = None,
     published: Publication | None = None,
 ) -> BuildResult:
-    """Build a dataset from a parsed recipe; parameters and errors as in `building.commands.build`.
-
-    With `published`, the source and the result are compared with those of a publication.
-    """
+    """Build a dataset from a parsed recipe; with `published`, compare it with those of a publication."""
     progress = progress or Progress(quiet=True)
     engine_of(backend, scheduler)
     if overwrite and Path.cwd().is_relative_to(out.resolve()):

@@ -180,11 +180,9 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
 
 
 def _check_several(paths: Sequence[Path]) -> list[Problem]:
-    """Check built datasets, and find what they share, pair by pair: songs, recordings and dancers.
+    """Check datasets, and find what they share, pair by pair: songs by samples, sound and name, recordings, dancers.
 
-    Songs are compared by samples, by sound (`alike_between`) and by name; recordings and dancers by name. Music that
-    train of one shares with val or test of another is an error, unless both have official splits; names are notes.
-    What a damaged dataset shares is not known.
+    Music that train of one shares with val or test of another is an error, unless both have official splits.
     """
     problems = [problem for path in paths for problem in _check_built(path)]
     if any(problem.severity == "error" for problem in problems):
@@ -253,10 +251,7 @@ def _both(one: str, other: str) -> str:
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Return notes on implausible clips of a sound dataset, songs that were not compared, and words without facts.
-
-    BuiltClips are judged by the dataset's flags, and by its motion under today's rules.
-    """
+    """Return notes on implausible clips of a sound dataset by its flags and today's rules, on songs, and on words."""
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}
         rows = store.quality + [row for row in _side_rows(store) if (row["clip"], row["kind"]) not in flagged]

@@ -11,16 +11,11 @@ from dancedata.core.text import listed
 
 
 class Groups(NamedTuple):
-    """The groups of a source.
+    """The groups of a source."""
 
-    `members`: Ids of each group's dancers, and a text for those that the source does not list.
-    `sizes`: Number of dancers of each group.
-    `keep`: Whether a group is stored without the dancers that were left out.
-    """
-
-    members: Mapping[str, Sequence[str]]
-    sizes: Mapping[str, int]
-    keep: bool
+    members: Mapping[str, Sequence[str]]  # ids of dancers, or what stands for those that are not listed
+    sizes: Mapping[str, int]  # dancers of each group
+    keep: bool  # whether a group is stored without dancers that were left out
 
 
 def groups_of(clips: Sequence[ClipRef], keep: bool) -> Groups:

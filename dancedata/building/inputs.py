@@ -53,21 +53,14 @@ class RowsFile:
 
 @dataclass(frozen=True)
 class Music:
-    """The music of a dancer.
+    """The music of a dancer."""
 
-    `signal`: None where no field needs music.
-    `start`: Second of the song at frame 0, exact.
-    `bpm`: Tempo, beats per minute; None if unknown.
-    `excerpt`: Number of the slice that the take is; None where the whole song is heard.
-    `is_file`: Whether it is not stretched.
-    """
-
-    signal: SignalId | None
-    start: Fraction = Fraction(0)
-    bpm: float | None = None
+    signal: SignalId | None  # None where no field needs music
+    start: Fraction = Fraction(0)  # second of the song at frame 0, exact
+    bpm: float | None = None  # tempo; None if unknown
     name: str = ""
-    excerpt: int | None = None
-    is_file: bool = True
+    excerpt: int | None = None  # number of the slice that the take is
+    is_file: bool = True  # whether it is not stretched
 
     def at_speed(self, speed: Fraction, name: str) -> Music:
         """Return the music at a speed, under another name."""

@@ -60,10 +60,7 @@ class AlikeSongs(NamedTuple):
 
 
 def leaks(path: str | Path) -> list[Problem]:
-    """Return what splits of a sound dataset share: songs by name and samples, and by sound, see `alike_songs`.
-
-    "error" where train shares with val or test, unless the splits are official; else "note".
-    """
+    """Return what splits of a sound dataset share: errors where train shares, unless splits are official."""
     with open_store(path) as store:
         songs = songs_of(store.clips())
         alike = alike_songs(store, songs)
@@ -105,16 +102,13 @@ def checked_lines(counts: Mapping[str, Mapping[str, Any]], shared: Sequence[Prob
 
 @dataclass(frozen=True)
 class _Recording:
-    """Rows (T, D) of a song that are compared, each column of mean 0 and deviation 1; 0 where `stored` (T,) is false.
-
-    `dataset`: Number of the dataset, where songs of several are compared.
-    """
+    """Rows (T, D) of a song that are compared, of mean 0 and deviation 1; 0 where `stored` (T,) is false."""
 
     song: str
     splits: frozenset[str]
     rows: Rows
     stored: _Mask
-    dataset: int = 0
+    dataset: int = 0  # number of the dataset
 
     def spectrum(self, n: int) -> npt.NDArray[np.complex64]:
         """Return the Fourier transforms of n rows: (n // 2 + 1, D + 2) of `rows`, their energy, and `stored`."""
@@ -159,10 +153,7 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
 
 
 def alike_between(one: Store, other: Store, equal: Container[tuple[str, str]] = ()) -> list[AlikeSongs] | str:
-    """Find songs of one dataset that sound like a song of another, as `alike_songs`; text: why they are not compared.
-
-    `equal`: Pairs of names of songs that are known to be one, and are not compared.
-    """
+    """Find songs of one dataset that sound like one of another, but `equal` ones; text: why they are not compared."""
     pairs = itertools.product(filter(_compared, one.fields_with()), filter(_compared, other.fields_with()))
     fields = next((pair for pair in pairs if _compared(pair[0]) == _compared(pair[1])), None)
     if fields is None:

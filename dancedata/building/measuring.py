@@ -32,10 +32,7 @@ class _Measured(NamedTuple):
 def takes_of(
     cache: Cache, dataset: Dataset, sources: Sources, *, jobs: Jobs, progress: Progress
 ) -> tuple[list[Take], list[Reject]]:
-    """Measure the motion of identified clips, and form takes of those that can be used.
-
-    Motion whose music is unusable is measured nevertheless, so that a build names all problems.
-    """
+    """Measure the motion of all identified clips, and form takes of those that can be used."""
     reader = SourceReader(dataset, sources.content)
     calls = [(cache, reader, clip.ref, clip.motion_sha256) for clip in sources.clips]
     cached = [_known_time(*call) for call in calls]
@@ -70,10 +67,7 @@ def measure(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Ti
 
 
 def _measured(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time:
-    """Measure a clip's motion; DataError if the file is not the one that was hashed.
-
-    A dancer of a group is loaded: the take is formed without those that cannot be.
-    """
+    """Measure a clip's motion, loading that of a group's dancers; DataError if it is not the file that was hashed."""
     stated = None if ref.group else reader.dataset.time_of(ref)
     if stated is None:
         motion = reader.dataset.load(ref)

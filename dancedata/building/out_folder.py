@@ -64,11 +64,7 @@ def check_out(out: Path, *, overwrite: bool) -> None:
 
 @contextmanager
 def new_dataset(out: Path) -> Iterator[Path]:
-    """Yield a folder to write a dataset to; on success it becomes `out`, or replaces the dataset in it.
-
-    On any exception it is removed, and `out` stays as it was. StoreError if `out` holds a foreign file by now, or
-    cannot be written.
-    """
+    """Yield a folder to fill; it becomes `out`, or on any exception is removed, and `out` stays as it was."""
     with _writing(out):
         replaces = (out / DATASET_FILE).exists()
         check = partial(check_out, out, overwrite=True)

@@ -43,11 +43,7 @@ class Part:
         return f"{self.number}/{self.count}"
 
     def of(self, clips: Sequence[ClipRef]) -> tuple[ClipRef, ...]:
-        """Return the clips of this part, in the order of `clips`; they depend on the clips alone.
-
-        All clips of a song, and all dancers of a group, are in one part, so that no song is decoded twice. Songs with
-        the most clips are assigned first, each to the part that has the fewest clips.
-        """
+        """Return the clips of this part, in their order: songs and groups whole, the largest to the emptiest part."""
         songs: dict[str, list[ClipRef]] = defaultdict(list)
         for ref in clips:
             songs[str(ref.audio_path) if ref.audio_path is not None else f"\0{ref.group or ref.id}"].append(ref)
@@ -92,11 +88,7 @@ def build_part(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> PartResult:
-    """Compute a part's units of work into the cache; other parameters and errors as in `building.commands.build`.
-
-    Parts may run at the same time, on machines that share the cache and the source, and more than once; a build of
-    the whole then computes only missing results. `out` only names the source of a dataset that is generated.
-    """
+    """Compute a part's units into the cache, for a build of the whole; parts may run at the same time."""
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, source, jobs = Progress(quiet=not progress), arguments.source.absolute(), jobs_of(jobs)
     reporter.announce(f"computing part {part} of {arguments.recipe.name} from {arguments.source}")

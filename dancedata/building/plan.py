@@ -40,31 +40,24 @@ from dancedata.store.schema import sort_splits
 
 
 class Cached(NamedTuple):
-    """The number of a field's units of work, and of those in the cache; equal units count once.
+    """The number of a field's units of work, and of those in the cache; equal units count once."""
 
-    `unit`: "clips" for motion, with copies that are encoded; "songs", "slices" or "files".
-    """
-
-    unit: str
+    unit: str  # "clips", "songs", "slices" or "files"
     cached: int
     of: int
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The outcome of a build.
-
-    `results`: The takes that it would store, with their windows.
-    `implausible`: Flags of clips whose unit of length, sides or up axis is implausible.
-    """
+    """The outcome of a build."""
 
     recipe: Recipe
     source: Path
     scan: Scan
-    results: tuple[Result, ...]
+    results: tuple[Result, ...]  # the takes that it would store, with their windows
     left_out: tuple[Reject, ...]
     cached: Mapping[str, Cached]
-    implausible: tuple[Mapping[str, Any], ...]
+    implausible: tuple[Mapping[str, Any], ...]  # flags of clips
 
     def __repr__(self) -> str:
         clips, windows = (sum(n[key] for n in self._splits().values()) for key in ("clips", "windows"))
@@ -175,10 +168,7 @@ def make_plan(
     cache: str | Path | None = None,
     progress: bool = True,
 ) -> Plan:
-    """Plan a build, as ``dancedata build --dry-run`` does; parameters and errors as in `building.commands.build`.
-
-    A dataset that is generated writes its source if that is missing.
-    """
+    """Plan a build, as ``build --dry-run`` does; a generated dataset writes its source if that is missing."""
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, jobs = Progress(quiet=not progress), jobs_of(jobs)
     recipe, source = arguments.recipe, arguments.source

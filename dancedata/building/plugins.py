@@ -53,10 +53,7 @@ class Loadable(Protocol):
 
 
 class Ask(NamedTuple):
-    """One result that a maker is asked for: what it is made of, its key, which part, and the row at frame 0.
-
-    Parts of one source `within` the same scene are made together.
-    """
+    """One result that a maker is asked for; parts of one source `within` the same scene are made together."""
 
     source: Loadable
     key: str

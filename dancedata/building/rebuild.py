@@ -36,25 +36,16 @@ _WRITTEN = ("recipe.yaml", _CLIPS_FILE, REJECTS_FILE, STATS_FILE)
 
 @dataclass(frozen=True)
 class Publication:
-    """A publication: of a recipe, or of a dataset with its data.
+    """A publication: of a recipe, or of a dataset with its data."""
 
-    `place`: Its address, that of a hub with the commit; or its folder.
-    `folder`: Where its files are, or come when they are asked for.
-    `dataset`: Its dataset.json.
-    `files`: Hashes of the files of a recipe's publication; empty for a dataset.
-    """
-
-    place: str
-    folder: Path
-    dataset: Mapping[str, Any]
-    files: Mapping[str, str]
+    place: str  # its address, that of a hub with the commit; or its folder
+    folder: Path  # where its files are, or come
+    dataset: Mapping[str, Any]  # its dataset.json
+    files: Mapping[str, str]  # hashes of the files of a recipe's publication
 
     @classmethod
     def at(cls, recipe: str | Path) -> Publication | None:
-        """Return the publication at an address or in a folder; None if that names a recipe.
-
-        StoreError if there is none at the address, or it is damaged.
-        """
+        """Return the publication at an address or in a folder; None if that names a recipe."""
         if not is_address(recipe) and not DatasetFiles.path(Path(recipe).expanduser()).is_file():
             return None
         folder = local_folder(recipe)

@@ -30,28 +30,17 @@ class Rows(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """A take on its way through a build; each stage returns another one.
-
-    There are no `starts` without `stay`, nor the reverse; a copy comes after its parent.
-
-    `starts`: First frames of the windows that are left; () for a take that is left out.
-    `stay`: Numbers of the dancers that are left.
-    `made`: By the maker's id, for each dancer: Rows, Nothing, a Reject, or JSON data of an annotator.
-    `segments`: By annotator, of each dancer.
-    """
+    """A take on its way through a build; each stage returns another one. A copy comes after its parent."""
 
     take: Take
-    starts: tuple[int, ...] = ()
-    stay: tuple[int, ...] = ()
+    starts: tuple[int, ...] = ()  # first frames of windows; () if left out
+    stay: tuple[int, ...] = ()  # numbers of the dancers that are left; () without `starts`
     rejects: tuple[Reject, ...] = ()
-    made: Mapping[str, Sequence[Any]] = field(default_factory=dict)
-    segments: Mapping[str, Sequence[Sequence[Segment]]] = field(default_factory=dict)
+    made: Mapping[str, Sequence[Any]] = field(default_factory=dict)  # by maker and dancer
+    segments: Mapping[str, Sequence[Sequence[Segment]]] = field(default_factory=dict)  # by annotator, of each dancer
 
     def without(self, lost: Mapping[int, Sequence[Reject]]) -> Result:
-        """Return the result without the dancers that have a reject, which replaces the rejects of their windows.
-
-        A take without dancers has no windows.
-        """
+        """Return the result without the dancers that have a reject, which replaces the rejects of their windows."""
         gone = {k: of[0] for k, of in lost.items() if of and k in self.stay}
         stay = tuple(k for k in self.stay if k not in gone)
         rejects = {self.take.dancers[k].id: reject for k, reject in gone.items()}

@@ -67,26 +67,19 @@ class SignalInfo(NamedTuple):
 
 @dataclass(frozen=True)
 class SignalId:
-    """The identity of an audio file's signal.
-
-    `file`: State of the file at that time, see `Cache.stat_key`.
-    `sha256`: Hash of the signal; of a stretched one, of what makes it. `decoded_sha256` is then that of the file's.
-    `skipped`: Samples at the beginning, less than a row of features, that are left out.
-    `ffmpeg`: Version of the ffmpeg that decoded the file; "" if libsndfile did.
-    `findings`, `levels`: See `AudioSignal` and `silence.levels`.
-    """
+    """The identity of an audio file's signal."""
 
     path: Path
-    file: str
-    sha256: str
+    file: str  # its state, see `Cache.stat_key`
+    sha256: str  # of a stretched signal, of what makes it
     sample_rate: int
     n_samples: int
     speed: Fraction = Fraction(1)
-    decoded_sha256: str = ""
-    skipped: int = 0
-    ffmpeg: str = ""
-    findings: Sequence[tuple[str, float]] = field(default=(), compare=False, repr=False)
-    levels: Sequence[Level] = field(default=(), compare=False, repr=False)
+    decoded_sha256: str = ""  # that of the file's
+    skipped: int = 0  # samples at the beginning, less than a row, that are left out
+    ffmpeg: str = ""  # version of the one that decoded it
+    findings: Sequence[tuple[str, float]] = field(default=(), compare=False, repr=False)  # see `AudioSignal`
+    levels: Sequence[Level] = field(default=(), compare=False, repr=False)  # see `silence.levels`
 
     @classmethod
     def of(cls, path: Path, file: str, info: SignalInfo) -> SignalId:
@@ -140,8 +133,7 @@ class SignalId:
     def timeline(self, start: Fraction, grid: FrameGrid) -> tuple[SignalId, int]:
         """Return the signal whose rows lie on a clip's frames, and the row at frame 0, below 0 where music is later.
 
-        The music's second `start` belongs to frame 0. Rows begin at the fraction of a row that it has, at the nearest
-        sample: rounding to a row would move the music by up to half of one.
+        Rows begin at the fraction of a row of `start`: rounding to a row would move music by up to half of one.
         """
         offset = math.floor(start * grid.rate)
         begun = (start - grid.seconds(offset)) * self.sample_rate

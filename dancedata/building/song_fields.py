@@ -34,10 +34,7 @@ def dataset_like(like: str | Path | Store | TrainingData | None) -> Store | None
 def music_field(
     name: str, like: Store | None, fps: Number, windows: tuple[int, int] | None, parameters: Mapping[str, Any]
 ) -> MusicField:
-    """Return the music field of a feature's name; with `like` that of the dataset, at its rate.
-
-    `windows`: Length and stride of windows in frames; None: of whole songs.
-    """
+    """Return the music field of a feature's name, at the rate of `like`; `windows`: length and stride of slices."""
     if like is None:
         grid = frame_grid(fps)
         field = MusicField(name, grid, make_named(FEATURES, "audio", name, dict(parameters)))
@@ -64,10 +61,7 @@ def song_rows(
 
 
 def stated_tempo(dataset: Store | None, sha256: str, song: Path) -> tuple[float | None, str]:
-    """Return a dataset's tempo of a song, in BPM, and the evidence: "samples" or "name".
-
-    None if the dataset states none: then training estimated it too. UsageError if it states several.
-    """
+    """Return a dataset's tempo of a song and the evidence, "samples" or "name"; None where training estimated it."""
     if dataset is None:
         return None, ""
     hashes = music_hashes(dataset.clips())

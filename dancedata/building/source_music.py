@@ -27,22 +27,15 @@ _COMPARED = 4
 
 @dataclass(frozen=True)
 class SourceMusic:
-    """Audio files of clips, in a folder.
-
-    `files`: By the clip's id, of those that have one; copies of clips have that of their clip.
-    `hashes`: First digits of the hash of each clip's samples, as the dataset recorded it.
-    """
+    """Audio files of clips, in a folder."""
 
     folder: Path
-    files: Mapping[str, Path]
-    hashes: Mapping[str, str]
+    files: Mapping[str, Path]  # by the clip's id; copies of clips have that of their clip
+    hashes: Mapping[str, str]  # beginnings of those of samples, as recorded
 
     @classmethod
     def of(cls, store: Store, source: Path | None) -> Self:
-        """Find the music of a dataset's clips: files that its reader lists, else those with names of clips or songs.
-
-        UsageError without a source, SourceError if the folder does not exist.
-        """
+        """Find the music of a dataset's clips: files that its reader lists, else those with their names."""
         if source is None:
             raise UsageError("the music is needed", fix="name the folder with it: --music DIR, or source=DIR")
         if not source.is_dir():
@@ -74,10 +67,7 @@ class SourceMusic:
 
 
 def is_source(store: Store, folder: Path) -> bool:
-    """Return whether a folder has motion files of a dataset's source, where readers expect them.
-
-    They are recognised by their hashes and their names, the ids of clips; other names, as in a manifest, are not.
-    """
+    """Return whether a folder has motion files of a dataset's source, by their names and hashes."""
     clips = SourceRecord.of_store(store).clips or {}
     places = [folder, *(folder / name for name in MOTION_FOLDERS)]
     try:

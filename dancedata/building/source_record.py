@@ -22,18 +22,13 @@ ABOUT = ("split", "music", "tempo_bpm", "genre", "dancer", "lists")
 
 @dataclass(frozen=True)
 class SourceRecord:
-    """A source as a build identified it, before motion was read.
+    """A source as a build identified it, before motion was read."""
 
-    `clips`: Beginnings of the hashes of motion, music and metadata by clip; None where a dataset does not have them.
-    `content`: Hashes of files that the dataset's parameters name.
-    `about`, `files`: Metadata, and motion and music file relative to the source, of clips, if recorded.
-    """
-
-    clips: Mapping[str, str] | None
+    clips: Mapping[str, str] | None  # beginnings of hashes by clip; None where unknown
     left_out: Sequence[Reject] = ()
-    content: Mapping[str, str] = field(default_factory=dict)
-    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    files: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    content: Mapping[str, str] = field(default_factory=dict)  # hashes of files that parameters name
+    about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)  # metadata of clips
+    files: Mapping[str, tuple[str, str]] = field(default_factory=dict)  # motion and music, relative to the source
 
     @classmethod
     def of_source(cls, sources: Sources, source: Path) -> SourceRecord:

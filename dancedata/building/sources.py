@@ -23,18 +23,13 @@ from dancedata.files.documents import content_hashes, document_of
 
 @dataclass(frozen=True)
 class SourceClip:
-    """A clip whose files are identified.
-
-    `music_problem`: Reject of unusable music, or of a file of rows. Its motion is examined nevertheless, so that a
-        build names all problems; then the clip is left out.
-    `files`: Files of the audio fields whose rows come from files, by field.
-    """
+    """A clip whose files are identified."""
 
     ref: ClipRef
     motion_sha256: str
     signal: SignalId | None = None
-    music_problem: Reject | None = None
-    files: Mapping[str, RowsFile] = field(default_factory=dict)
+    music_problem: Reject | None = None  # of its music, or of a file of rows; its motion is examined all the same
+    files: Mapping[str, RowsFile] = field(default_factory=dict)  # those with rows, by field
 
     def inputs(self) -> tuple[list[Any], str, str | None]:
         """Return the clip's metadata, and the hashes of its motion and music."""
@@ -69,18 +64,13 @@ class SourceClip:
 
 @dataclass(frozen=True)
 class Sources:
-    """An identified source folder.
-
-    `clips`: Clips with a motion file that can be read, in the order of the scan.
-    `rejects`: Everything that is left out so far, clips without usable music included.
-    `content`, `plugin_content`: SHA-256 of the files that parameters name, of the dataset and of other plug-ins.
-    """
+    """An identified source folder."""
 
     scan: Scan
-    clips: tuple[SourceClip, ...]
-    rejects: tuple[Reject, ...]
-    content: Mapping[str, str]
-    plugin_content: Mapping[str, str] = field(default_factory=dict)
+    clips: tuple[SourceClip, ...]  # those whose motion can be read, in the order of the scan
+    rejects: tuple[Reject, ...]  # also of clips without usable music
+    content: Mapping[str, str]  # hashes of files that parameters name, of the dataset
+    plugin_content: Mapping[str, str] = field(default_factory=dict)  # and of others
 
     @property
     def named_files(self) -> dict[str, str]:
@@ -97,10 +87,7 @@ class Sources:
 
 
 def scan_source(dataset: Dataset, fields: Sequence[Field], source: Path) -> Scan:
-    """List the clips of a source; a dataset that generates its source computes it as results are computed.
-
-    SourceError if two clips have one id, or if clips are kept without the music that fields need.
-    """
+    """List the clips of a source, generated before if need be; SourceError for ids that are there twice."""
     scan = in_reference(dataset.scan, source) if dataset.generates else dataset.scan(source)
     clips_by_id: dict[str, ClipRef] = {}
     for ref in scan.clips:

@@ -51,10 +51,7 @@ def build_clips(
 
 
 def expand(takes: Sequence[Take], transforms: Sequence[Transform]) -> list[Take]:
-    """Return the takes that transforms make, parents before their copies.
-
-    SourceError if two dancers have one id, or two groups one name; UsageError if a step follows the one that copies.
-    """
+    """Return the takes that transforms make, parents before copies; SourceError for names that are there twice."""
     for transform in transforms:
         with error_note(f"dancedata: while the transform {transform.name} expanded takes"):
             takes = [expanded for take in takes for expanded in transform.expand(take)]

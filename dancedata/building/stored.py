@@ -15,16 +15,11 @@ from dancedata.store import Signal, StoredClip
 
 
 class BuiltClips(NamedTuple):
-    """The content of a dataset.
+    """The content of a dataset."""
 
-    `clips`: Sorted by id; copies, such as mirrored ones, after all others.
-    `rejects`: Everything that was left out.
-    `quality`: Rows of quality.jsonl.
-    """
-
-    clips: Sequence[StoredClip]
-    rejects: Sequence[Reject]
-    quality: Sequence[dict[str, Any]]
+    clips: Sequence[StoredClip]  # by id; copies after all others
+    rejects: Sequence[Reject]  # everything that was left out
+    quality: Sequence[dict[str, Any]]  # rows of quality.jsonl
 
 
 class _Stays(NamedTuple):
@@ -53,10 +48,7 @@ def stored(
     sizes: Mapping[str, int],
     grid: FrameGrid,
 ) -> BuiltClips:
-    """Return the clips to store, all rejects, and the quality flags of every clip but copies.
-
-    `sizes`: Dancers of each group in the source.
-    """
+    """Return the clips to store, all rejects, and flags of every clip but copies; `sizes`: dancers by group."""
     origins = {r.take.id: r for r in results}
     staying = [_Stays(r, origins[r.take.origin.id], k) for r in results for k in r.stay]
     staying.sort(key=lambda stays: (stays.result is not stays.origin, stays.id))

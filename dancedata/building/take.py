@@ -34,18 +34,14 @@ _REMEMBERED = 2**23
 
 @dataclass(frozen=True)
 class Time:
-    """Frames of a motion, their exact rate, and the first that belongs to the dance.
-
-    `first`, `n_whole`: Of a part, its first frame in the whole motion, and the frames of the whole.
-    `recorded`: The rate of the file, where the frames are at another one.
-    """
+    """Frames of a motion, their exact rate, and the first that belongs to the dance."""
 
     n_frames: int
     rate: Fraction
     trim: int = 0
-    first: int = 0
-    n_whole: int | None = None
-    recorded: Fraction | None = None
+    first: int = 0  # of a part, in the whole motion
+    n_whole: int | None = None  # frames of the whole
+    recorded: Fraction | None = None  # rate of the file, where it is another one
 
     @property
     def whole(self) -> Time:
@@ -85,19 +81,14 @@ class Time:
 
 @dataclass(frozen=True)
 class Dancer:
-    """A dancer of a take: the id to store it under, the clip on disk, and the state of its files.
-
-    `sha256`: Of the motion file.
-    `files`: Files with rows, by field.
-    `made_of`: As in `StoredClip`.
-    """
+    """A dancer of a take: the id to store it under, the clip on disk, and the state of its files."""
 
     id: str
     ref: ClipRef
-    sha256: str
+    sha256: str  # of the motion file
     music: Music
-    files: Mapping[str, RowsFile] = field(default_factory=dict)
-    made_of: str = ""
+    files: Mapping[str, RowsFile] = field(default_factory=dict)  # those with rows, by field
+    made_of: str = ""  # as in `StoredClip`
     slice_of: str = ""
 
 
@@ -156,20 +147,14 @@ class Recording:
 
 @dataclass(frozen=True)
 class Take:
-    """1..n dancers in one world and one time: what is known of them before they are loaded.
-
-    `time`: Of its motion, all steps applied.
-    `steps`: Transforms that make it of the recording, in order.
-    `parent`: The take that it is a copy of; None for one of the source.
-    `group`: Name of the group; "" for a single dancer.
-    """
+    """1..n dancers in one world and one time: what is known of them before they are loaded."""
 
     recording: Recording
     dancers: tuple[Dancer, ...]
-    time: Time
-    steps: tuple[Transform, ...] = ()
-    parent: Take | None = None
-    group: str = ""
+    time: Time  # of its motion, all steps applied
+    steps: tuple[Transform, ...] = ()  # transforms that make it of the recording
+    parent: Take | None = None  # the take that it is a copy of
+    group: str = ""  # "" for a single dancer
 
     @property
     def split(self) -> str:
@@ -331,10 +316,7 @@ class Scene:
 
 
 class Scenes:
-    """A loaded recording, and its scenes after steps; only those on the way to the last one asked for are kept.
-
-    That one alone remembers matrices and joints: of five minutes they take 60 MB a dancer.
-    """
+    """A loaded recording, and its scenes after steps: those on the way to the last one, which remembers its poses."""
 
     def __init__(self, scene: Scene) -> None:
         self._made: dict[tuple[str, ...], Scene] = {(): scene}

@@ -13,10 +13,7 @@ from dancedata.core.grid import WindowSpec
 
 
 def cut_windows(takes: Sequence[Take], fields: Sequence[Field], windows: WindowSpec) -> list[Result]:
-    """Return the windows that all fields of takes cover, from lengths alone; copies that keep the time have them too.
-
-    Parents come before their copies.
-    """
+    """Return the windows that all fields of takes cover, from lengths alone; parents come before their copies."""
     results: dict[tuple[str, str], Result] = {}
     for take in takes:
         of_parent = None if take.parent is None else results[take.parent.id].starts

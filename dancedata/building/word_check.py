@@ -40,11 +40,7 @@ _CLAIMS = (
 
 
 def word_notes(store: Store) -> list[Problem]:
-    """Return notes on English texts that say what the facts of their clip do not show.
-
-    Only where the dataset has facts of that kind; turns smaller than its limit do not count against a text that says
-    to which side.
-    """
+    """Return notes on English texts that say what the facts of their clip, where it has some, do not show."""
     kinds = _kinds(store)
     if not kinds:
         return []

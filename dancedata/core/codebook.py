@@ -16,20 +16,15 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 @dataclass(frozen=True)
 class Codebook:
-    """The codebook of a field of codes.
-
-    `sizes`: Number of codes of each column, which is a level.
-    `sha256`: Hash of the codebook's file; "" if unknown.
-    `pad`: Code of rows without one.
-    """
+    """The codebook of a field of codes."""
 
     # As a recipe's parameter: an unknown key is an error.
     __pydantic_config__: ClassVar[dict[str, str]] = {"extra": "forbid"}
 
     name: str
-    sizes: tuple[int, ...]
-    sha256: str = ""
-    pad: int = -1
+    sizes: tuple[int, ...]  # number of codes of each column, a level
+    sha256: str = ""  # of its file; "" if unknown
+    pad: int = -1  # code of rows without one
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry in dataset.json."""

@@ -180,10 +180,7 @@ def did_you_mean(name: str, known: Iterable[str], also: Iterable[str] = ()) -> s
 
 
 def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
-    """Return the three most similar of many names and their number; of few names all, as `did_you_mean`.
-
-    `noun` says what has these names, such as "clip"; `dataset` is the folder of the dataset that has them.
-    """
+    """Return the three most similar of many names, those of a `noun` of a dataset's folder; of few names all."""
     names, query = list(map(shown, known)), shown(name)
     if len(names) <= _FEW:
         return did_you_mean(name, names)
@@ -195,10 +192,7 @@ def nearest(name: str, known: Iterable[str], noun: str, dataset: object) -> str:
 
 
 def closest(name: str, known: Iterable[str]) -> str | None:
-    """Return the most similar of the known names, or None if none is similar.
-
-    Case and separators of parts are ignored; a part, the end or the beginning of a name matches it.
-    """
+    """Return the most similar of the known names, by case, separators and parts; None if none is similar."""
     query = "".join(_parts(name))
     whole: dict[str, str] = {}
     partly: dict[str, str] = {}

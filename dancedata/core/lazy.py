@@ -9,12 +9,9 @@ from typing import Any
 def lazy_names(
     package: str, homes: Mapping[str, str], *, modules: Collection[str] = (), extra: str = "", instead: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Return a package's ``__getattr__`` and ``__dir__`` (PEP 562).
-
-    No name may be that of a submodule: importing the submodule would put it in the name's place.
+    """Return a package's ``__getattr__`` and ``__dir__`` (PEP 562); no name may be that of a submodule.
 
     `homes`: Names by their module below dancedata, "open=open_store" for one that has another name there.
-    `modules`: Names of subpackages and modules.
     `extra`, `instead`: The extra that the names need, and what to use without it; for MissingPackageError.
     """
     places = {}

@@ -14,20 +14,14 @@ _SHARED = re.compile(
 
 @dataclass(frozen=True, order=True)
 class Licence:
-    """Licence and citation of some clips.
+    """Licence and citation of some clips."""
 
-    `text`: The licence; "" where a clip has that of the dataset and a citation of its own.
-    """
-
-    text: str
+    text: str  # "" where it is the dataset's
     citation: str = ""
 
     @property
     def may_share(self) -> bool:
-        """Whether the data may be passed on: known licences only, such as CC BY 4.0.
-
-        Not those without derivatives, as rows and pages are made from the data.
-        """
+        """Whether the data may be passed on: known licences with derivatives only, such as CC BY 4.0."""
         return _SHARED.fullmatch(self.text.strip()) is not None
 
     def to_json(self) -> dict[str, str | bool]:

@@ -78,12 +78,7 @@ def install(extra: str, required: Sequence[str] | None = None) -> str:
 
 
 def require(extra: str, modules: Sequence[str] = (), *, what: str = "", instead: str = "") -> None:
-    """Raise MissingPackageError unless packages of an extra are installed; import nothing.
-
-    `modules`: Top-level modules; default: all that the extra has.
-    `what`: What needs them.
-    `instead`: What to do without them.
-    """
+    """Raise MissingPackageError unless packages of an extra, or its `modules`, are installed for `what`."""
     missing = [name for name in modules or MODULES[extra] if not _is_installed(name)]
     if missing:
         are = "is" if len(missing) == 1 else "are"

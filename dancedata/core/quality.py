@@ -74,12 +74,7 @@ def music_flags(measured: Iterable[tuple[str, float]]) -> list[Flag]:
 
 
 def implausible_flags(motion: Motion) -> list[Flag]:
-    """Find what makes a whole clip implausible: its body, its root, the names of its sides, its up axis.
-
-    Bodies are judged by their bones, because a dancer may lie on the floor. With the bones of a body model the unit
-    affects only the translation, which is judged by the movement that keeps the lowest joint at one height. Sides
-    and the up axis are judged by the joints, see `core.sides`. What is only doubtful comes last.
-    """
+    """Find what makes a whole clip implausible: body, root, names of sides, up axis; doubtful ones come last."""
     joints, size, sided = motion.joints(), body_size(motion.skeleton), has_body(motion.skeleton)
     body = None if PLAUSIBLE_BODY_M[0] <= size <= PLAUSIBLE_BODY_M[1] else size
     root = _implausible_root(motion, joints)
@@ -138,10 +133,7 @@ def _implausible_root(motion: Motion, joints: Float64Array) -> float | None:
 
 
 def quality_flags(motion: Motion) -> list[Flag]:
-    """Find implausible bodies, and joints and roots that move faster than a dancer can.
-
-    Flags of the whole clip come first, then those of frames, ordered by frame, then joint.
-    """
+    """Find implausible bodies, then joints and roots that move faster than a dancer can, by frame and joint."""
     rate, joints, grid = float(motion.grid.rate), motion.skeleton.joints, str(motion.grid)
     flags = [
         Flag("fast_turn", joints[joint], frame, round(angle, 3), "deg", grid)

@@ -31,10 +31,7 @@ _LEAST_RUNS, _LEAST_REPEATED = 10, 0.9
 
 
 def rate_factor(joints: Float64Array, rate: float) -> float | None:
-    """Return how many times too high a rate is stated, below 1 if it is too low; None without evidence.
-
-    `joints`: (T, J, 3) positions, metres, +Y up; SMPL's 22 body joints first.
-    """
+    """Return how many times too high a rate is stated, of joints (T, J, 3), +Y up; None without evidence."""
     height = joints[:, : len(_MASSES), 1] @ _MASSES / _MASSES.sum()
     falls = np.array(_falls(height, joints[..., 1].min(axis=1), rate))
     ratio = float(np.median(falls)) if len(falls) else 1.0

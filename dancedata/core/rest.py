@@ -47,10 +47,7 @@ def body_size(places: Mapping[int, Floats]) -> float:
 
 
 def missing_bone(places: Mapping[int, Floats], size: float) -> tuple[int, int, float, float] | None:
-    """Return two joints that are at one place at rest, their distance and the least one; None for a whole body.
-
-    Of thighs, shins, upper arms, forearms, the trunk, and the lines between hips and shoulders.
-    """
+    """Return two joints that are at one place at rest, their distance and the least one; None for a whole body."""
     trunk = (PELVIS, NECK if NECK in places else HEAD)
     least = dict.fromkeys((*LEGS, *_ARMS, trunk), _LEAST_BONE) | {(1, 2): POINT, (16, 17): POINT}
     for (a, b), fraction in least.items():
@@ -70,9 +67,8 @@ def anchor(joint: int, places: Mapping[int, Floats]) -> int:
 class Aligner:
     """Computes the constant rotations from the root outwards.
 
-    `places`: SMPL joint -> position (3,) at rest of the other skeleton's joint.
+    `places`: SMPL joint -> position (3,) at rest of the other skeleton's joint; `up`: (3,) that skeleton's up axis.
     `point`: Bones below this length have no direction.
-    `up`: (3,) the other skeleton's up axis.
     `turns`: SMPL joint -> its rotations (n, 3, 3) in the world; may be empty.
     `level`: Whether SMPL's hips and shoulders count as level; else their own lines are compared.
     """

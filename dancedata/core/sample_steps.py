@@ -15,10 +15,7 @@ from dancedata.core.registry import AUGMENTATIONS
 
 @dataclass(frozen=True)
 class RandomAugmentation:
-    """An augmentation that changes a sample with a probability.
-
-    `p`: Probability.
-    """
+    """An augmentation that changes a sample with the probability `p`."""
 
     augmentation: SampleAugmentation
     p: float

@@ -184,10 +184,7 @@ def with_mirrored_words(
 
 
 def unread_word(layer: Layer, segments: Iterable[Segment], lexicon: Lexicon) -> str:
-    """Return a word of a layer of which its lexicon cannot tell whether it names a side; "" without one.
-
-    Not words whose mirrored ones are stated.
-    """
+    """Return a word of a layer of which its lexicon cannot tell whether it names a side; "" without one."""
     stated = {label for pair in layer.mirror for label in pair}
     said = (text for s in segments for text in ({s.label} - stated).union(() if s.texts_mirrored else s.texts))
     return next(filter(None, map(lexicon.unread, said)), "")
@@ -223,11 +220,7 @@ def _completed(segment: Segment, layer: Layer, lexicon: Lexicon | None) -> Segme
 
 
 def mirrored_segment(segment: Segment, joints: Mapping[int, int] | None = None) -> Segment:
-    """Return a segment of a mirrored dancer: its label, texts, tokens and joint exchanged.
-
-    `joints` are the left and right joints of the skeleton. A token follows its word in the text; it is "" where the
-    mirrored text has another number of words.
-    """
+    """Return a segment of a mirrored dancer: label, texts, tokens and joint exchanged, by pairs of `joints`."""
     pairs = _both_ways(segment.layer.mirror)
     texts = segment.texts_mirrored or segment.texts
     changes = list(zip(segment.texts, texts, strict=True))

@@ -38,20 +38,13 @@ _STEPS_M = 0.05
 
 @dataclass(frozen=True)
 class Sides:
-    """Agreement of the names of the sides with the anatomy; medians over frames, NaN without evidence.
+    """Agreement of the names of the sides with the anatomy; medians over frames, NaN without evidence."""
 
-    `toes`: Cosine of the feet's direction and the hips' front, 0.48 to 0.92.
-    `knees`: Cosine of the axis about which knees bend and the hips' left, 0.71 to 0.99.
-    `chest`: Cosine of the shoulders' left and the hips' left, 0.91 to 1.
-    `elbows`: Part of the forearm that points to the front of the upper arm, 0.41 to 0.88.
-    `stance`: Distance of the left ankle to the left of the right one, in widths of the hips.
-    """
-
-    toes: float
-    knees: float
-    chest: float
-    elbows: float
-    stance: float
+    toes: float  # cosine of feet's direction and hips' front: 0.48 to 0.92
+    knees: float  # cosine of bending axis and hips' left: 0.71 to 0.99
+    chest: float  # cosine of shoulders' left and hips' left: 0.91 to 1
+    elbows: float  # forearm to the upper arm's front: 0.41 to 0.88
+    stance: float  # left ankle to the right one's left, in widths of hips
 
     @property
     def legs(self) -> float:
@@ -76,12 +69,7 @@ class Sides:
 
 
 def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool = True) -> Sides:
-    """Measure a body.
-
-    `joints`: (T, J, 3) positions, metres, of SMPL's 22 body joints and any others.
-    `motion`: Its rotations, for the elbows.
-    `toes`: Whether the toes are known, and not only the ankles.
-    """
+    """Measure a body: joints (T, J, 3), SMPL's 22 first, and rotations, for elbows; `toes`: whether known."""
     places = sampled(joints)
     left = places[:, 1] - places[:, 2]
     width = lengths(left)

@@ -16,10 +16,7 @@ SYSTEM = sys.platform
 
 
 def open_file(path: str | Path, flags: int, *, follow: bool = True) -> int:
-    """Open a file as os.open does, without blocking, as a named pipe would; return the descriptor.
-
-    Raises OSError: As os.open; and if not `follow` and the path is a symbolic link.
-    """
+    """Open a file without blocking, as a named pipe would; OSError if not `follow` and it is a symbolic link."""
     return os.open(path, flags | os.O_NONBLOCK | (0 if follow else os.O_NOFOLLOW), 0o666)
 
 
@@ -99,12 +96,9 @@ _AT_IMPORT = [f"{name}={value}" for name, value in os.environ.items()]
 
 @contextmanager
 def shielded() -> Iterator[None]:
-    """Start processes within the context: they never receive SIGINT; this process receives it when the context ends.
+    """Start processes within the context: they never get SIGINT; this one gets it, and SIGTERM, at its end.
 
-    SIGTERM, which is sent to one process, also reaches this one only then.
-
-    A terminal sends SIGINT to all processes of a command. A child that is starting would print a traceback, and an
-    exception in the parent while it starts one leaves the child waiting for input.
+    A child that is starting would print a traceback, and one whose parent gets an exception would wait for input.
     """
     received: list[int] = []
     in_main = threading.current_thread() is threading.main_thread()
@@ -124,10 +118,7 @@ def shielded() -> Iterator[None]:
 
 
 def python_command(statements: str, *arguments: str) -> list[str]:
-    """Return the command of a process that runs statements with the module path of this one.
-
-    No module of the working folder replaces one of Python's own, as it would by ``python -c``.
-    """
+    """Return the command that runs statements with this process's module path, unlike ``python -c``."""
     # The path is an argument: a new process starts with another one. Python ignores entries that are not texts.
     start = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); "
     folders = [folder for folder in sys.path if isinstance(folder, str)]

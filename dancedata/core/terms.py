@@ -61,10 +61,7 @@ def may_share_audio(store: Dataset) -> bool:
 
 
 def require_shareable(store: Dataset, *, rights: str | None = None) -> str:
-    """Return the notice that goes with a copy of the music: one sentence with the licence as the dataset states it.
-
-    UsageError if the licence does not allow to pass the music on, and no `rights` state that the caller may.
-    """
+    """Return the notice that goes with a copy of music; UsageError unless licence or `rights` allow one."""
     licence = shown(store.info.get("licence", "unknown"), _LICENCE)
     terms = clips_by_terms(store)
     if terms:

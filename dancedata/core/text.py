@@ -21,14 +21,7 @@ _MAX_BITS = 128
 
 
 def printable(text: str, *, lines: bool = False) -> str:
-    r"""Replace characters that do not print by backslash sequences: control and format characters, lone surrogates.
-
-    The result can be printed on any terminal and written as UTF-8. A byte of a file name that is not UTF-8, in
-    Python a lone surrogate, becomes ``\udcff``.
-
-    `text`: Any text.
-    `lines`: Whether line breaks are kept.
-    """
+    """Replace control and format characters and lone surrogates by backslash sequences; `lines`: keep line breaks."""
     if text.isprintable():
         return text
     return "".join(c if _prints(c) or (lines and c == "\n") else c.encode("unicode_escape").decode() for c in text)
@@ -49,13 +42,9 @@ def is_unicode(text: str) -> bool:
 
 
 def shown(value: object, limit: int = _MAX_SHOWN) -> str:
-    """Return a short, printable text for any value, in constant time.
+    """Return a short, printable text for any value, in constant time: containers of a hostile file may be huge.
 
-    Containers are not expanded: a file of a thousand bytes can describe one larger than any memory. Lists show their
-    first numbers and texts, other containers their type and length, errors their type and message.
-
-    `value`: Any value, including untrusted ones.
-    `limit`: Most characters; "..." follows if there are more.
+    Lists show their first numbers and texts, other containers their type and length, errors their type and message.
     """
     if isinstance(value, str):
         text = value
@@ -121,10 +110,7 @@ def _is_plain(value: object) -> bool:
 
 
 def listed(names: Iterable[object], most: int = _NAMES, show: Callable[[object, int], str] = shown) -> str:
-    """Join the first names of a list, made printable by `show`, and the number of further ones.
-
-    "a, b, c and 12 more"; "" for an empty list.
-    """
+    """Join the first names of a list, and count further ones: "a, b, c and 12 more"; "" for none."""
     names = list(names)
     text = ", ".join(show(name, _NAME) for name in names[:most])
     return text if len(names) <= most else f"{text} and {len(names) - most:,} more"

@@ -84,10 +84,7 @@ class CachedArray:
         return np.asarray(array, dtype=dtype)
 
     def mapped(self) -> npt.NDArray[Any]:
-        """Return the whole entry as a read-only view of the file; EntryLostError as above. Compares no checksum.
-
-        `prune` does not remove the entry while the view exists: on a network file system the view would break.
-        """
+        """Return the whole entry as a read-only view of the file, which `prune` then keeps; compares no checksum."""
         try:
             with open(self.path, "rb") as file:
                 # The map keeps the file open, and with it the mark.
@@ -112,8 +109,7 @@ class CachedArray:
 class Cache:
     """Arrays and small JSON documents in a folder, under keys that hash everything that shaped them.
 
-    Processes on several machines may share a cache: an entry appears whole or not at all, two writers of one key
-    write the same bytes, and a process waits for an entry that another one is computing (`once`). Every entry has a
+    An entry appears whole or not at all, for processes on any machines that share the folder. Every entry has a
     checksum, which is compared when it is read; if the cache is `careful`, when it is looked up.
     """
 
@@ -178,10 +174,7 @@ class Cache:
 
     @contextmanager
     def lock(self, stage: str, key: str) -> Iterator[None]:
-        """Hold the lock of a unit of work while it is computed; it is released when its holder dies.
-
-        Look for the entry again once it is held: the holder before may have published it.
-        """
+        """Hold the lock of a unit of work while it is computed; look for its entry again once it is held."""
         with ExitStack() as stack:
             with _clear_errors(self.root):  # of entering the context, not of what is done in it
                 stack.enter_context(files.locked_file(self.root / files.LOCKS, f"{stage}-{key}"))
@@ -226,11 +219,7 @@ class Cache:
 
     @staticmethod
     def stat_key(what: str, path: Path) -> str:
-        """Return a key that changes when the file at `path` does: its path, size, inode and times of change.
-
-        The time of a file's last change (ctime) is set by the system only; the modification time can be set to any
-        value, and programs that unpack or copy files do so.
-        """
+        """Return a key that changes when a file does: path, size, inode and times; only the system sets ctime."""
         stat = path.lstat()
         if S_ISLNK(stat.st_mode):
             path = Path(os.path.realpath(path))
@@ -243,8 +232,7 @@ class Cache:
     def retry_lost(self, run: Callable[[Cache], T], progress: Progress) -> T:
         """Run a build, and run it again if an entry of the cache is lost; EntryLostError where that does not help.
 
-        Checksums are compared when arrays are read, which may be late. After the first mismatch, those of all entries
-        are compared when they are looked up: all damaged ones are then computed again in one go.
+        After the first mismatch, checksums of all entries are compared when they are looked up.
         """
         cache = self
         for _ in range(_LOST_ENTRIES):

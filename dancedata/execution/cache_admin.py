@@ -29,34 +29,25 @@ _SHOWN = 40
 
 @dataclass(frozen=True)
 class Entry:
-    """A file of the cache.
-
-    `size`: Bytes on disk, in whole blocks.
-    `used`: Time of the last use, in seconds since 1970, to the hour; of a fetched file, when its dataset was opened.
-    `modified`: Time of its last change: an entry that was changed since is not removed.
-    """
+    """A file of the cache."""
 
     path: Path
     stage: str
-    size: int
-    used: float
-    modified: float
+    size: int  # bytes on disk, in whole blocks
+    used: float  # last use, seconds since 1970, to the hour
+    modified: float  # an entry that was changed since is not removed
 
 
 @dataclass
 class Pruned:
-    """Result of `prune`: removed entries, also those that a dry run would remove, and kept ones.
-
-    `in_use`: Kept entries that would have been removed if a running build or training job did not use them.
-    `swept`: Files left by killed processes, removed as well.
-    """
+    """Result of `prune`: removed entries, also those that a dry run would remove, and kept ones."""
 
     removed: int = 0
     removed_bytes: int = 0
     kept: int = 0
     kept_bytes: int = 0
-    in_use: int = 0
-    swept: int = 0
+    in_use: int = 0  # kept, as a build or training uses them
+    swept: int = 0  # files left by killed processes, removed as well
     paths: list[Path] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
@@ -121,11 +112,7 @@ def cache_json(root: Path) -> dict[str, Any]:
 def prune(
     root: Path, *, older_than_s: float | None = None, max_bytes: int | None = None, dry: bool = False
 ) -> Pruned:
-    """Remove entries by age, then the least recently used ones beyond a size; with `dry`, say which.
-
-    Entries in use stay: those that a training job has mapped (`FeatureCache`), and those that were used since the
-    oldest running build began.
-    """
+    """Remove entries by age, then the least recently used beyond a size, but those in use; with `dry`, say which."""
     if older_than_s is None and max_bytes is None:
         raise UsageError("no rule for removal", fix="give --older-than 30d, --max-size 50GB, or both")
     _require_cache(root)

@@ -42,10 +42,7 @@ class Engine(Plugin):
 
 
 def engine_at(backend: str | None, scheduler: str | None) -> Engine | None:
-    """Return the engine of a scheduler's address; None: the processes of this machine, loky's.
-
-    Raises UsageError: for an unknown backend, and unless backend and scheduler go together.
-    """
+    """Return the engine of a scheduler's address; None for processes of this machine."""
     engines: dict[str, Engine] = {name: ENGINES.make(name, {}) for name in ENGINES.names()}
     if backend not in (None, "loky", *engines):
         raise UsageError("unknown backend", found=repr(backend), allowed=", ".join(("loky", *engines)))

@@ -50,26 +50,17 @@ _KEEPS_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(1 << 25), "MALLOC_TRIM_THRESHOLD_
 
 @dataclass(frozen=True)
 class Executor:
-    """Worker processes of this machine, at most `n`, or workers of a cluster.
-
-    `engine`: Whose workers these are, for messages.
-    `deaths`: Errors of a future whose worker died.
-    `check`: Checks a cluster's worker before its first unit; raises DanceDataError. Workers may join at any time.
-    `starting`: Yields, for the name of a stage, what starts a function with arguments on a cluster; cancels where the
-        context raises.
-    """
+    """Worker processes of this machine, at most `n`, or workers of a cluster."""
 
     n: int = 1
-    engine: str = "this machine"
-    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)
-    check: Callable[[], None] | None = None
+    engine: str = "this machine"  # whose workers these are
+    deaths: tuple[type[BaseException], ...] = (BrokenExecutor,)  # errors of a future whose worker died
+    check: Callable[[], None] | None = None  # of a cluster's worker; raises DanceDataError
+    #: For the name of a stage, yields what starts a function on a cluster; cancels where the context raises.
     starting: Callable[[str], AbstractContextManager[Start]] | None = None
 
     def is_here(self, n_calls: int, exact: bool) -> bool:
-        """Return whether `n_calls` calls run in this process: one job or call, if it computes what is `exact`.
-
-        A daemonic process, such as one of multiprocessing.Pool, runs all of them: it may not start others.
-        """
+        """Return whether calls run in this process: one job or call, or where no process may be started."""
         if self.starting is not None:
             return False
         here = min(self.n, n_calls) < 2 and (not exact or arithmetic.here() == arithmetic.expected())
@@ -80,11 +71,8 @@ class Executor:
     ) -> dict[int, BaseException]:
         """Compute function(*call) for every call in workers, and pass each result on as it comes, in any order.
 
-        All calls are sent at once: workers may join later. The first exception of a call is raised, and others are
-        cancelled.
-
-        Returns: The suspects: calls that may have been running when a worker died, with its error. They and all other
-            calls without a result have to be run again.
+        Returns the suspects: calls that may have been running when a worker died, with its error. They and all others
+        without a result have to be run again. The first exception of a call is raised, and others are cancelled.
         """
         dead: dict[int, BaseException] = {}
         with self.starting(label) if self.starting else _processes(min(self.n, len(calls)), self.n) as start:
@@ -121,10 +109,7 @@ class Executor:
 
     @staticmethod
     def run_packed(check: Callable[[], None] | None, message: bytes) -> bytes:
-        """Run a unit in a worker that passes the check; return, pickled, (False, result) or (True, error).
-
-        The worker is checked before it imports the unit's modules.
-        """
+        """Run a unit in a worker that passes the check; return, pickled, (False, result) or (True, error)."""
         try:
             return bytes(cloudpickle.dumps((False, _run(check, message))))
         except Exception as error:  # noqa: BLE001  (it is raised in the process that builds)

@@ -11,11 +11,7 @@ from dancedata.core.text import printable
 
 
 class Progress:
-    """Progress on stderr: a bar with the time left on a terminal or in a notebook, lines elsewhere, or nothing.
-
-    `quiet`: Print nothing.
-    `stream`: Where to print. Default: stderr.
-    """
+    """Progress on stderr: a bar with the time left on a terminal or in a notebook, lines elsewhere, or nothing."""
 
     def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
         self.quiet = quiet
@@ -34,10 +30,7 @@ class Progress:
 
     @contextmanager
     def stage(self, label: str, total: int | None, known: int = 0) -> Iterator[Callable[[int], None]]:
-        """Show a stage of `total` steps, `known` of them done before; yield a function that counts finished steps.
-
-        `total` is None for work whose steps are not counted.
-        """
+        """Show a stage of `total` steps (None: uncounted), `known` of them done; yield what counts finished ones."""
         if self.quiet:
             yield lambda _: None
             return

@@ -25,16 +25,12 @@ _FIX = "workers need the cache, the source and the same paths: a shared file sys
 
 @dataclass(frozen=True)
 class Requirements:
-    """Requirements of a worker: that it sees the same cache and source, and has the same versions.
+    """Requirements of a worker: that it sees the same cache and source, and has the same versions."""
 
-    `token`, `token_text`: A file in the cache, locked by the build, and its content.
-    `names_sha256`: A hash of the names in the source folder.
-    """
-
-    token: Path
-    token_text: str
+    token: Path  # a file in the cache that the build has locked
+    token_text: str  # its content
     source: Path
-    names_sha256: str
+    names_sha256: str  # of the names in the source folder
     versions: tuple[tuple[str, str], ...]
 
     def check(self) -> None:
@@ -53,10 +49,7 @@ def requirements_of(cache: Cache, source: Path, packages: set[str]) -> Iterator[
 
 @lru_cache(maxsize=8)
 def check_worker(required: Requirements) -> None:
-    """Raise DanceDataError unless this process meets the requirements, once per process and build.
-
-    Workers may join at any time. One that does not see the source would reject every clip.
-    """
+    """Raise DanceDataError unless this process meets the requirements, once per process and build."""
     where = worker_name()
     try:
         if required.token.read_text(encoding="utf-8") != required.token_text:

@@ -47,11 +47,7 @@ def start_workers(
     backend: str | None = None,
     scheduler: str | None = None,
 ) -> Iterator[Executor]:
-    """Yield the executor of a build; a cluster is connected, and its workers are checked before their first unit.
-
-    UsageError as in `engine_of`, and without the cluster's package; DanceDataError if the cluster does not answer
-    or has no worker.
-    """
+    """Yield the executor of a build; a cluster's workers are checked before their first unit."""
     engine = engine_of(backend, scheduler)
     if engine is None or scheduler is None:
         yield Executor(n)
@@ -72,13 +68,12 @@ def run_units(
     cached: Sequence[object] = (),
     exact: bool = True,
 ) -> list[R]:
-    """Return function(*call) for every call, in order.
+    """Return function(*call) for every call, in order, computed on one thread: sums in another order would differ.
 
-    BLAS and OpenMP run on one thread in each worker, for any `jobs`: sums in another order would change last digits.
     Where a worker process dies (out of memory, a crash in a decoder), the units that it may have been running are
     run again, one at a time; DanceDataError names one that kills its worker even then.
 
-    `label`: Name of the stage, shown as its progress and in messages.
+    `label`: Name of the stage.
     `cached`: Results of earlier runs, None for each missing one; only these are computed.
     `exact`: Compute with the instructions that results are promised for, see `arithmetic`, by a worker if need be.
     """

@@ -50,11 +50,7 @@ def already_there(path: Path) -> UsageError:
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path in the same folder; on success it is flushed to disk and becomes `path`.
-
-    On any exception the temporary file is removed and `path` is left as it was. What a killed process leaves has a
-    name of `is_temporary`.
-    """
+    """Yield a temporary path in the same folder; on success it becomes `path`, flushed; else it is removed."""
     handle, name = tempfile.mkstemp(prefix=PREFIX, suffix=".tmp", dir=path.parent)
     os.close(handle)
     temporary = Path(name)

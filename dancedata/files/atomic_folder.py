@@ -232,11 +232,7 @@ def _check(out: Path, overwrite: bool) -> None:
 
 
 def foreign_files(folder: Path, files: Mapping[str, Any]) -> list[str]:
-    """Return the files of a folder that its export.json does not list, or that have changed.
-
-    A file of the listed size has not changed if it is not newer than export.json, which was written last; the hashes
-    of the others are compared, and that of the README.
-    """
+    """Return the files that export.json does not list or that have changed: by size, and by hash if newer."""
     finished = (folder / ABOUT).lstat().st_mtime_ns
     foreign = []
     for path in folder.rglob("*"):

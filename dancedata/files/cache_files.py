@@ -137,11 +137,7 @@ def touch(path: str, used: float) -> None:
 
 
 def publish(root: Path, path: Path, parts: Sequence[bytes | memoryview], *, durable: bool) -> None:
-    """Write a file that appears whole at `path`, within the cache `root`.
-
-    With `durable` it is flushed to disk before it appears. Without it, a power failure may leave a damaged entry,
-    which its checksum shows.
-    """
+    """Write a file that appears whole at `path`; with `durable` it is flushed to disk before it appears."""
     fd, temporary = _open_temporary(root)
     try:
         for part in parts:
@@ -224,10 +220,7 @@ def mark(root: Path) -> None:
 
 
 def sweep(root: Path) -> int:
-    """Remove temporary files and locks that killed processes left; returns how many.
-
-    Removes only files with names of the cache, and only in a folder that is a cache.
-    """
+    """Remove temporary files and locks that killed processes left in a cache; return how many."""
     if not is_cache(root):
         return 0
     removed = 0

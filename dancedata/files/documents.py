@@ -12,12 +12,10 @@ from dancedata.files.regular_file import sha256_file
 
 
 def document_of(plugin: Any, *, loading: bool = False) -> dict[str, Any]:
-    """Return a plug-in's parameters as JSON, defaults included; fields marked as paths are left out.
+    """Return a plug-in's parameters as JSON, defaults included, but fields with the metadata ``{"path": True}``.
 
-    A field is a path if its metadata contain ``{"path": True}``: its content is hashed with the source, and
-    its place shapes nothing. With `loading`, a dataset's fields marked ``{"scan": True}`` are left out
-    as well: they decide which clips there are, not what `load` makes of one, so they are not part of its key. A local
-    plug-in has the hash of its file, too.
+    With `loading`, a dataset's fields marked ``{"scan": True}`` are left out: they say which clips there are, not
+    what `load` makes of one. A local plug-in has the hash of its file.
     """
     skipped = ("path", "scan") if loading else ("path",)
     fields = [f for f in dataclasses.fields(plugin) if not any(f.metadata.get(mark) for mark in skipped)]
@@ -32,11 +30,7 @@ def clip_identity(ref: ClipRef) -> list[Any]:
 
 
 def content_hashes(plugin: Any, hash_file: Callable[[Path], str] = sha256_file) -> dict[str, str]:
-    """Return the hashes of the files that a plug-in's parameters name, such as a body model.
-
-    These are the fields with the metadata ``{"content": True}``; of a folder all files. `hash_file` returns the
-    SHA-256 of a file, such as `Cache.file_sha256`.
-    """
+    """Return hashes of the files that parameters with the metadata ``{"content": True}`` name, by `hash_file`."""
     hashes: dict[str, str] = {}
     for f in dataclasses.fields(plugin):
         path = getattr(plugin, f.name)

@@ -54,10 +54,7 @@ def unlock(fd: int) -> None:
 
 
 def remove_locked(path: Path, fd: int) -> None:
-    """Remove a file that is locked, and release it; OSError if it cannot be removed.
-
-    While it is locked: a process that waits for it notices and makes a new one.
-    """
+    """Remove a file while it is locked, and release it: a process that waits for it then makes a new one."""
     try:
         path.unlink()
     finally:
@@ -65,11 +62,7 @@ def remove_locked(path: Path, fd: int) -> None:
 
 
 def open_locked(path: Path, *, wait: bool = True) -> int | None:
-    """Open a file, made if it is missing, and lock it; return its descriptor, which holds the lock until `unlock`.
-
-    Waits for a process that holds the lock; if not `wait`, returns None instead. Where the file system has no locks,
-    every process gets it.
-    """
+    """Open a file, made if it is missing, and return it locked; if not `wait`, None if another process has it."""
     while True:
         fd = open_file(path, os.O_CREAT | os.O_RDWR, follow=False)
         try:
@@ -87,10 +80,7 @@ def open_locked(path: Path, *, wait: bool = True) -> int | None:
 
 @contextmanager
 def file_lock(path: Path, *, wait: bool = True) -> Iterator[bool]:
-    """Hold a file and its lock within the context; it is removed afterwards. Yields False if another process has it.
-
-    With `wait` the context is entered once the lock is free.
-    """
+    """Hold a file and its lock within the context; it is removed afterwards. Yields False if another has it."""
     fd = open_locked(path, wait=wait)
     try:
         yield fd is not None
@@ -124,11 +114,8 @@ def lock_abandoned(fd: int) -> bool:
 def writing_lock(folder: Path, what: str, *, wait: bool = False) -> Iterator[None]:
     """Hold the lock of a folder that is written within the context; the folder need not exist.
 
-    The lock is an empty file next to the folder, ``.dancedata-NAME.lock``, that is removed afterwards: a finished
-    folder holds nothing of it. Where no file can be made there, the folder itself is locked.
-
-    `what`: Activity of the process that has the lock, for the error: "build".
-    `wait`: Wait for it instead.
+    The lock is an empty file next to it, ``.dancedata-NAME.lock``, that is removed afterwards; where none can be
+    made, the folder itself. `what`: activity of the lock's holder, for the error; `wait`: wait for it instead.
     """
     fd, path = _open_lock(folder, what, wait=wait)
     try:

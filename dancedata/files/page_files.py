@@ -20,11 +20,7 @@ _MB = 1_000_000
 
 @dataclass(frozen=True)
 class PageFiles:
-    """A page, and the folder of further files beside it.
-
-    `path`: The page.
-    `max_mb`: Largest page, megabytes.
-    """
+    """A page, and the folder of further files beside it."""
 
     path: Path
     max_mb: float
@@ -44,10 +40,7 @@ class PageFiles:
         return self.path.with_name(f"{self.path.stem}_files")
 
     def write(self, html: bytes, side: Mapping[str, Callable[[], bytes]]) -> None:
-        """Write the page last, so that it never names missing files.
-
-        `side`: Files of the folder, made one at a time.
-        """
+        """Write the page last, so that it never names missing files; those of `side` are made one at a time."""
         self._require_size(len(html))
         try:
             with atomic_file(self.path) as page:

@@ -40,20 +40,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Layout:
-    """The files of one kind of folder.
+    """The files of one kind of folder."""
 
-    `last`: Name of the file that completes a folder.
-    `is_complete`: Whether a file is such a one, unharmed.
-    `is_ours`: Whether the writer gives a file this name.
-    `erase`: Removes the part of a swapped folder that is proved to be dancedata's; default: `discard`.
-    `prefix`: Put before "new" and "old" of a swap, to tell kinds apart.
-    """
-
-    last: str
-    is_complete: Callable[[Path], bool]
-    is_ours: Callable[[str], bool]
-    erase: Callable[[Path], object] | None = None
-    prefix: str = ""
+    last: str  # name of the file that completes a folder
+    is_complete: Callable[[Path], bool]  # whether a file is such a one
+    is_ours: Callable[[str], bool]  # whether the writer gives a file this name
+    erase: Callable[[Path], object] | None = None  # removes a swapped folder; default: `discard`
+    prefix: str = ""  # before "new" and "old" of a swap
 
     @property
     def journal(self) -> str:
@@ -108,10 +101,7 @@ def new_folders(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def staged(out: Path, layout: Layout) -> Iterator[Path]:
-    """Yield a folder to write to; on success its files become those of `out`, `layout.last` as the last one.
-
-    On any exception what was written is removed again. The caller has called `tidy`, and has a lock on `out`.
-    """
+    """Yield a folder to fill; on success its files become those of `out`, `layout.last` as the last one."""
     staging = out / STAGING
     claim(staging)
     try:
@@ -127,12 +117,7 @@ def staged(out: Path, layout: Layout) -> Iterator[Path]:
 
 @contextmanager
 def swapped(out: Path, layout: Layout, check: Callable[[], None]) -> Iterator[Path]:
-    """Yield a folder to write to; on success it becomes `out`, and the folder before is removed.
-
-    On any exception the new folder is removed, and `out` stays as it was.
-
-    `check`: Raises where `out` must not be replaced. Called when all is written, which may take hours.
-    """
+    """Yield a folder to fill; on success and after `check`, it becomes `out`, which stays on any exception."""
     real, digits = out.resolve(), uuid4().hex[:8]
     new, old = (real.with_name(f"{PREFIX}{real.name}.{layout.prefix}{which}-{digits}") for which in ("new", "old"))
     claim(new)
@@ -208,10 +193,7 @@ def is_claimed(folder: Path) -> bool:
 
 
 def discard(folder: Path, layout: Layout) -> bool:
-    """Remove a folder that `claim` made, with the writer's files; return whether it is gone.
-
-    A folder with anything else in it is left unchanged.
-    """
+    """Remove a folder that `claim` made, unless anything foreign is in it; return whether it is gone."""
     if _foreign_in(folder, layout):
         return False
     with suppress(OSError):

@@ -40,22 +40,16 @@ _Key = tuple[str, str, str, str]
 
 @dataclass(frozen=True)
 class SegmentRow:
-    """A segment of a clip, and the line of a file that states it.
-
-    `made_for` is the `self_sha256` of the dataset that it was made for; "" if it states none.
-    """
+    """A segment of a clip, and the line of a file that states it."""
 
     line: int
     clip: str
     segment: Segment
-    made_for: str = ""
+    made_for: str = ""  # `self_sha256` of a dataset, or ""
 
 
 def read_segment_file(path: Path, language: str = "") -> list[SegmentRow]:
-    """Read segments of clips; times are seconds from frame 0, or frames where a row has `fps`.
-
-    `language`: BCP 47 tag of rows without one.
-    """
+    """Read segments of clips; times are seconds from frame 0, or frames where a row has `fps`."""
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
@@ -71,10 +65,7 @@ def read_segment_file(path: Path, language: str = "") -> list[SegmentRow]:
 
 
 def write_segment_file(path: Path, clips: Iterable[tuple[str, Sequence[Segment]]], suffix: str = "") -> int:
-    """Write segments by clip, which `read_segment_file` reads as they were; return their number.
-
-    As .csv or .jsonl, by `suffix` or that of the path.
-    """
+    """Write segments by clip, as .csv or .jsonl, which `read_segment_file` reads; return their number."""
     rows = [_document(clip, segment) for clip, segments in clips for segment in segments]
     if (suffix or path.suffix).lower() == ".csv":
         text = io.StringIO(newline="")

@@ -56,11 +56,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def load_yaml(text: str) -> Any:
-    """Read YAML; raises yaml.YAMLError, also for what only hostile files have.
-
-    That is text of more than 32,768 characters, nesting deeper than MAX_DEPTH, numbers beyond 64 bits, and aliases
-    that make the document endless, or larger than 2,000 values.
-    """
+    """Read YAML; yaml.YAMLError also for length, depth, numbers and aliases of hostile files."""
     if len(text) > _MAX_CHARACTERS:
         raise yaml.YAMLError(f"{len(text):,} characters; at most {_MAX_CHARACTERS:,} are read")
     try:

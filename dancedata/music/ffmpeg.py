@@ -29,10 +29,7 @@ _ERROR = re.compile(r"^(?:\[[^]]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTI
 
 
 class NotDecodedError(Exception):
-    """ffmpeg is not installed, or cannot decode the sound; the text says why.
-
-    `options`: Options with which an ffmpeg could write the sound as wav; None where it cannot.
-    """
+    """ffmpeg cannot decode the sound, and why; `options` write it as wav, None where it cannot."""
 
     def __init__(self, problem: str, options: str | None = None) -> None:
         super().__init__(problem)
@@ -40,10 +37,7 @@ class NotDecodedError(Exception):
 
 
 def find_ffmpeg() -> str:
-    """Return the path of ffmpeg: that of the package imageio-ffmpeg, else that of the system.
-
-    Raises UsageError: if neither is installed.
-    """
+    """Return the path of ffmpeg, that of imageio-ffmpeg or the system's; UsageError if neither is installed."""
     try:
         return str(load("imageio_ffmpeg", "video").get_ffmpeg_exe())
     except (UsageError, RuntimeError) as error:

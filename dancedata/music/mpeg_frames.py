@@ -30,21 +30,13 @@ _ENCODER_DELAY = 576
 
 @dataclass(frozen=True)
 class MpegAudio:
-    """The frames of a file.
+    """The frames of a file."""
 
-    `least_s`: Seconds of all frames without the delay and padding that tags state, less two frames, which decoders
-        may need.
-    `rates`: Sample rates in their order, each once.
-    `cut_s`: Seconds of frames that a tag counts and the file does not have, or of bytes between frames that are none.
-    `delay_s`: Seconds of the delay of encoder and decoder, where no tag states it.
-    `begin`: First byte of the first frame.
-    """
-
-    least_s: float
-    rates: tuple[int, ...]
-    cut_s: float
-    delay_s: float
-    begin: int
+    least_s: float  # of all frames but delay, padding and two that decoders may need
+    rates: tuple[int, ...]  # sample rates in their order
+    cut_s: float  # of frames that a tag counts, or of bytes between frames
+    delay_s: float  # of encoder and decoder, where no tag states it
+    begin: int  # first byte of the first frame
 
 
 def mpeg_audio(data: bytes, begin: int, end: int) -> MpegAudio | None:

@@ -153,10 +153,7 @@ def _opened(path: Path, begin: int = 0) -> Iterator[soundfile.SoundFile]:
 
 
 def _require_plausible(path: Path, sound: soundfile.SoundFile, size: int) -> None:
-    """Refuse an implausible length or rate in the header: memory is allocated before any sample is read.
-
-    A low rate makes a small file long, and so a large signal once it is resampled for the features.
-    """
+    """Refuse an implausible length or rate in the header: memory is allocated before samples are read."""
     rate, frames, channels = int(sound.samplerate), int(sound.frames), int(sound.channels)
     _require_rate(path, rate)
     decoded, resampled = 4 * frames * channels, 4 * frames * _FEATURE_RATE // rate

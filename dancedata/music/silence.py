@@ -43,12 +43,7 @@ def noted(signal: AudioSignal, start: Fraction, seconds: Fraction) -> list[tuple
 
 
 def without_sound(of_music: Sequence[Level], start: Fraction, seconds: Fraction) -> list[tuple[str, float]]:
-    """Return (kind of flag, value) where a part of music has no sound; nothing where it lies outside the music.
-
-    `of_music`: Levels of each second.
-    `start`, `seconds`: Second of the music at which the part begins, and its length.
-    Returns: "silent_music" with the level in dBFS, or "steady_music" with the range of levels in dB; else nothing.
-    """
+    """Return ("silent_music", dBFS) or ("steady_music", dB) of a part of music without sound; else nothing."""
     # Whole seconds inside the part; of a short one those that it touches.
     first, last = math.ceil(start), math.floor(start + seconds)
     first, last = (first, last) if first < last else (math.floor(start), math.ceil(start + seconds))

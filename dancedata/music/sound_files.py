@@ -54,26 +54,16 @@ _Chunk = tuple[bytes, int, int]  # name, first byte and size of its content
 
 @dataclass(frozen=True)
 class Held:
-    """What a file holds.
+    """What a file holds."""
 
-    `problem`: Why decoders do not read all of it; "" if they do.
-    `refused`: Whether none is known to.
-    `seconds`: The least length of the sound that must be decoded; 0 where it is not known.
-    `delay_s`: Length of the encoder's delay that no tag states, so that decoders keep it.
-    `begin`: First byte of the sound, where what is before it is no tag.
-    `exact`: Whether `seconds` is the length itself.
-    `cut_s`: Seconds that the header announces and the file does not have, or that damage has taken.
-    `cut`: The same, of chunks, as a multiple of the sound that there is.
-    """
-
-    problem: str = ""
-    refused: bool = False
-    seconds: float = 0.0
-    delay_s: float = 0.0
-    begin: int = 0
-    exact: bool = False
-    cut_s: float = 0.0
-    cut: float = 0.0
+    problem: str = ""  # why decoders do not read all of it
+    refused: bool = False  # whether none is known to
+    seconds: float = 0.0  # least length of sound to decode; 0 if unknown
+    delay_s: float = 0.0  # the encoder's, which no tag states, so that it is kept
+    begin: int = 0  # first byte of the sound, where no tag is before it
+    exact: bool = False  # whether `seconds` is the length itself
+    cut_s: float = 0.0  # seconds that the header announces and the file lacks
+    cut: float = 0.0  # the same, of chunks, as a multiple of the sound
 
     def is_cut(self, n_samples: int, rate: int) -> bool:
         """Return whether so many samples are fewer than the file has."""

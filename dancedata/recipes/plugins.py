@@ -95,11 +95,7 @@ def make_plugin(
     beside: Any = None,
     several: bool = False,
 ) -> P | None:
-    """Make one plug-in of the slot `where`; None, and all problems added to the list, if there are some.
-
-    `beside`: All that the slot holds: if `name` is not a plug-in, it may be a misplaced key of one of these.
-    `several`: Whether the slot takes several of one plug-in, named PLUGIN.NAME.
-    """
+    """Make a plug-in of the slot `where`, which holds `beside`; None, and problems added, if there are some."""
     keys = SLOT_KEYS.get(where, ()) if several else ()
     plugin, label = registry.split(name) if several else (name, None)
     if label is not None and not _LABEL.fullmatch(label):

@@ -19,10 +19,7 @@ from dancedata.core.segments import Segment
 @ANNOTATORS.register("vitals")
 @dataclass(frozen=True)
 class Vitals(Annotator):
-    """Measures the dancer, and flags suspicious frames and what transforms changed.
-
-    Rows of a dancer: his height, metres, then flags. They become the store's layer of quality flags, not segments.
-    """
+    """Measures the dancer's height, metres, and flags suspicious frames and what transforms changed."""
 
     version: ClassVar[int] = 3
     copies: ClassVar[Literal["own", "parent", "none"]] = "own"
@@ -55,9 +52,6 @@ VITALS = Vitals().id
 
 
 def _vertical_extent(motion: Motion) -> float:
-    """Return the distance of the highest joint from the lowest along y, median over frames, metres.
-
-    A check of axis and unit: a standing dancer measures 1.4 to 1.7 m from the toes to the head joint.
-    """
+    """Return the distance of the highest joint from the lowest along y, median over frames, metres."""
     heights = motion.joints()[..., 1]
     return round(float(np.median(heights.max(axis=1) - heights.min(axis=1))), 4)

@@ -37,13 +37,10 @@ Encoded = npt.NDArray[np.float32] | Nothing
 
 
 class MotionField(Field):
-    """Rows of the motion of each dancer of a take, all in one scene.
-
-    `without`: Names of transforms that it is made without, such as repairs.
-    """
+    """Rows of the motion of each dancer of a take, all in one scene."""
 
     stage = "motion"
-    without: tuple[str, ...] = ()
+    without: tuple[str, ...] = ()  # names of transforms
 
     @property
     def hashed_values(self) -> list[Any]:

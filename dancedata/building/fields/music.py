@@ -37,10 +37,7 @@ _STAGE = 3
 
 @dataclass(frozen=True)
 class FeatureField(Field):
-    """Rows of an audio feature.
-
-    `own_rate`: Whether `grid` was given for this field, not for the whole recipe.
-    """
+    """Rows of an audio feature."""
 
     slot = "audio"
     stage: ClassVar[str] = "features"
@@ -48,7 +45,7 @@ class FeatureField(Field):
     name: str  # type: ignore[misc]
     grid: FrameGrid
     feature: AudioFeature
-    own_rate: bool = False
+    own_rate: bool = False  # whether `grid` was given for this field alone
 
     @property
     def kind(self) -> Literal["motion", "audio"]:  # type: ignore[override]
@@ -78,16 +75,12 @@ class FeatureField(Field):
 
 @dataclass(frozen=True)
 class MusicField(FeatureField):
-    """A feature of a song; of slices, each by itself, but those of a song in one call.
-
-    `windows`: Slices, in frames of the recipe, of which rows are computed alone; None: of whole songs.
-    `arithmetic`: Instructions that computed the rows; None: those of `expected`.
-    """
+    """A feature of a song; of slices, each by itself, but those of a song in one call."""
 
     needs_music = True
 
-    windows: WindowSpec | None = None
-    arithmetic: str | None = None
+    windows: WindowSpec | None = None  # slices whose rows are computed alone; None: whole songs
+    arithmetic: str | None = None  # what computed the rows; None: `expected`
 
     @property
     @override

@@ -18,13 +18,7 @@ from dancedata.core.typing import override
 
 @dataclass(frozen=True)
 class Filtered(WindowRule):
-    """Judges the rows of each window; of a group one dancer who stands still is choreography.
-
-    Attributes
-    ----------
-    chosen
-        The filter.
-    """
+    """Judges the rows of each window; of a group one dancer who stands still is choreography."""
 
     version: ClassVar[int] = 1
     of_group: ClassVar[Literal["any", "all"]] = "all"

@@ -31,24 +31,14 @@ _SLOWEST, _FASTEST = Fraction(1, 4), Fraction(4)
 
 @dataclass(frozen=True)
 class Copy(Transform):
-    """One copy of every train take; where time changes, motion and music change together.
-
-    Attributes
-    ----------
-    name
-        The augmentation's name, or PLUGIN.NAME where a recipe has several of one plug-in; part of the ids of copies.
-    augmentation
-        What it does.
-    other_side
-        The left and right joints of the skeleton: (joint, that of the other side).
-    """
+    """One copy of every train take; where time changes, motion and music change together."""
 
     version: ClassVar[int] = 1
     changes_rows: ClassVar[bool] = True
 
     name: str  # type: ignore[misc]
     augmentation: CopyAugmentation
-    other_side: tuple[tuple[int, int], ...] = ()
+    other_side: tuple[tuple[int, int], ...] = ()  # left and right joints
 
     @property
     def moves(self) -> bool:  # type: ignore[override]
@@ -127,10 +117,7 @@ class Copy(Transform):
         return scene.with_motions([self.motion_of(m, group, at) for m, at in zip(motions, axes, strict=True)])
 
     def motion_of(self, motion: Motion, clip: str, about: Float64Array | None = None) -> Motion:
-        """Return the motion of a clip's copy, at another rate for another speed; UsageError if frames change.
-
-        Of a group `clip` is its name, and `about` a point of the axis that it turns about.
-        """
+        """Return the motion of a copy of a clip, or of a dancer of the group `clip`, about the axis at `about`."""
         of_group = {} if about is None else {"about": about}
         changed = self.augmentation.change_motion(motion, clip, **of_group)
         times = [(m.n_frames, str(m.grid), m.trim_start) for m in (changed, motion)]
