@@ -131,16 +131,10 @@ def test_clips_with_some_values(path: Path, where: dict[str, Any], wanted: set[i
 @pytest.mark.parametrize(
     "where",
     [
-        {"x/levle": 1},
-        {"x/level": "three"},
-        {"x/level": True},
-        {"x/level": ()},
-        {"id": "a"},
-        "x/level",
-        {"role": 1},
+        {"x/levle": 1}, {"x/level": "three"}, {"x/level": True}, {"x/level": ()}, {"id": "a"}, "x/level", {"role": 1},
         {"x/level": 4},
     ],
-)
+)  # fmt: skip
 def test_wrong_choices(path: Path, where: Any) -> None:
     with raises_message(UsageError, r"level|role|store\.to_pandas"):
         WindowDataset(path, select=Select(where))

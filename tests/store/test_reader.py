@@ -1,6 +1,5 @@
 """Opening, looking things up, clips, tables of pandas, re-windowing, and use from other processes and threads."""
 
-import multiprocessing
 import os
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -43,15 +42,6 @@ def test_repr_of_a_store(make_store: Any) -> None:
     assert store.quality == []
 
 
-def test_fps_that_is_not_a_whole_number(make_store: Any) -> None:
-    rate = Fraction(30000, 1001)
-    made = make_store(fps=rate, fields=[Field("pose", "motion", random_columns(3), rate)])
-    store = open_store(made.path)
-    assert store.fps == rate
-    window = store.windows("train")[1]
-    np.testing.assert_array_equal(store.read(window, "pose"), made.rows(window.clip, "pose", 15, 30))
-
-
 def test_a_file_that_h5py_holds_with_locks_is_named_as_one(make_store: Any) -> None:
     store = open_store(make_store().path)
     with (
@@ -62,30 +52,14 @@ def test_a_file_that_h5py_holds_with_locks_is_named_as_one(make_store: Any) -> N
     assert store.windows("train")
 
 
-def test_opening_reads_no_table(make_store: Any) -> None:
-    store = open_store(make_store().path)
-    assert "_tables" not in vars(store)
-    store.read(store.windows("train")[0], "pose")
-    assert "_tables" in vars(store)
-
-
-@pytest.mark.parametrize("target", ["windows", "read"])
-def test_read_returns_a_new_array(make_store: Any, target: str) -> None:
-    made = make_store()
-    store = open_store(made.path)
-    window = store.windows("train")[0]
-    first = store.read(window, "pose") if target == "read" else store.read(Window(*vars(window).values()), "pose")
-    assert first.flags.writeable
-    assert first.flags.c_contiguous
-    first[...] = 0
-    np.testing.assert_array_equal(store.read(window, "pose"), made.rows(window.clip, "pose", window.start, 30))
-
-
 def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
     made = make_store()
     store = open_store(made.path)
     window = store.windows("train")[1]
     wanted = made.rows(window.clip, "layer", window.start, 30)
+    mine = store.read(window, "layer")
+    mine[...] = 0
+    np.testing.assert_array_equal(store.read(window, "layer"), wanted)
     batch = np.zeros((4, 30, 3), np.float32)
     store.read(window, "layer", batch[2])
     np.testing.assert_array_equal(batch[2], wanted.astype(np.float32))
@@ -96,12 +70,6 @@ def test_read_into_converts_and_takes_strided_arrays(make_store: Any) -> None:
     assert not batch[[0, 1, 3]].any()
     with raises_message(UsageError, "array"):
         store.read(window, "layer", np.zeros((29, 3)))
-
-
-def test_windows_are_by_clip_and_start(make_store: Any) -> None:
-    made = make_store(clips={"train": 12}, shard_bytes=20_000)
-    windows = open_store(made.path).windows("train")
-    assert list(windows) == [Window(c.id, s, 30) for c in made.clips for s in c.starts]
 
 
 def test_fields_with_groups_of_columns(make_store: Any) -> None:
@@ -152,7 +120,7 @@ def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
         id="c", split="train", n_frames=100, starts=(0,),
         motion={"pose": np.zeros((100, 7)), "fast": np.zeros((199, 4))},
         audio={
-            "music": (AudioBlock("m", np.zeros((64, 5)), 4),),
+            "music": (AudioBlock("m", np.arange(320.0).reshape(64, 5), 4),),
             "layer": (AudioBlock("l", np.zeros((200, 3))),),
         },
     )  # fmt: skip
@@ -163,7 +131,7 @@ def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
     assert [w.start for w in store.windows("train", stride=10, fields=("pose",))][-1] == 70
     assert [w.start for w in store.windows("train", stride=10, fields=("pose", "fast"))][-1] == 60
     assert store["c"].read("music").shape == (60, 5)
-    assert store["c"].read_song("music").shape == (60, 5)
+    np.testing.assert_array_equal(store["c"].read_song("music"), np.arange(20, 320).reshape(60, 5))
     with raises_message(UsageError, "clip.read", where="out"):
         store["c"].read_song("pose")
     assert store["c"].read("layer").shape == (100, 3)
@@ -243,14 +211,6 @@ def test_fork_after_reading(make_store: Any) -> None:
     assert [os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) for child in children] == [0] * 8
 
 
-def test_spawn_after_reading(make_store: Any) -> None:
-    store = open_store(make_store().path)
-    wanted = [checksum(store, i) for i in (0, 5)]
-    assert len(pickle.dumps(store)) < 1000
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        assert pool.starmap(checksum, [(store, 0), (store, 5)]) == wanted
-
-
 def test_threads_read_at_once(make_store: Any) -> None:
     store = open_store(make_store(shard_bytes=20_000).path)
     n = len(store.windows("train"))
@@ -258,12 +218,6 @@ def test_threads_read_at_once(make_store: Any) -> None:
     store.close()
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(lambda i: checksum(store, i), list(range(n)) * 4)) == wanted * 4
-
-
-def test_scaler_is_that_of_the_stats(make_store: Any) -> None:
-    made = make_store()
-    with open_store(made.path) as store:
-        np.testing.assert_array_equal(store.scaler("pose").scale, store.stats["fields"]["pose"]["scaler"]["scale"])
 
 
 def test_without_train_windows_there_is_no_scaler(make_store: Any) -> None:
@@ -324,15 +278,6 @@ def test_shard_cut_or_overwritten_while_open(make_store: Any) -> None:
     (other.path / shard.name).write_bytes(b"x" * size)
     with pytest.raises(StoreError, match="not those that the build wrote"):
         checksum(other, 0)
-
-
-def test_a_song_continues_after_its_clip(tmp_path: Path) -> None:
-    made = write_random_store(tmp_path / "store")
-    store = open_store(made.path)
-    for clip in store:
-        block = made.clip(clip.id).audio["librosa35"][0]
-        np.testing.assert_array_equal(clip.read_song("librosa35"), np.asarray(block.array)[block.offset :])
-        np.testing.assert_array_equal(clip.read_song("librosa35")[: clip.n_frames], clip.read("librosa35"))
 
 
 @pytest.fixture(scope="module")
