@@ -1,14 +1,16 @@
 """Every script of benchmarks/ runs to its end, with its smallest size: python -m pytest -m nightly FILE."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from tests.docs.pages import ROOT
+from tests.docs.pages import ROOT, load
 
 #: Arguments of each script. {corpus} is a source of AIST++; its dataset is {built}, a file of it {bvh}.
 SMALLEST = {
@@ -22,7 +24,7 @@ SMALLEST = {
     "sounds": "", "startup": "--rounds 1", "tables": "{root} {root} --clips 100 --rounds 1", "up_axis": "cuts",
     "values": "{root} {root} values demo", "walk": "", "writing": "aist++ {corpus} cache writing",
 }  # fmt: skip
-#: Modules of others; what writes a page here, which test_history.py reads; what reads checkouts of other projects.
+#: Modules of others; what writes a page here, which is read below; what reads checkouts of other projects.
 NOT_RUN = {"metric_loops", "reading_peers", "history", "splits", "value_cases", "ensemble", "tables"}
 
 
@@ -49,3 +51,22 @@ def test_a_benchmark_runs(name: str, corpus: Path, built_in: dict[str, Path], tm
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONSAFEPATH"}  # scripts import each other
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr[-2000:]
+
+
+# The measurements as data and as a page.
+
+
+FOLDER = ROOT / "benchmarks"
+PAGE = (FOLDER / "history.md").read_text(encoding="utf-8")
+DATA = json.loads((FOLDER / "history.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture
+def history() -> ModuleType:
+    return load(FOLDER / "history.py")
+
+
+def test_the_page_and_the_data_are_equal(history: ModuleType) -> None:
+    hint = "run python benchmarks/history.py, or with --from-page after a change of the page"
+    assert history.page_of(DATA) == PAGE, hint
+    assert history.read_page(PAGE) == DATA, hint

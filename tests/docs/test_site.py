@@ -37,18 +37,6 @@ def test_every_page_is_in_one_group_of_the_navigation(module) -> None:
     assert "" not in groups  # a table above the first group
 
 
-def test_pages_are_added_below_their_group(module) -> None:
-    text = ["# dancedata\n"]
-    module("navigation").add(ROOT, "README", text)
-    start = next(part for part in text[0].split("```{toctree}") if "Datasets" in part)
-    assert ":caption: Datasets" in start
-    assert "\nAIST++ </docs/datasets/aistpp>\n" in start
-    assert ":hidden:" in start
-    other = ["# Recipes\n"]
-    module("navigation").add(ROOT, "docs/recipes", other)
-    assert other == ["# Recipes\n"]
-
-
 def test_modules_that_pages_import_are_in_the_reference(module) -> None:
     listed = set(module("reference").MODULES)
     assert all(importlib.util.find_spec(name) for name in listed)
@@ -68,16 +56,6 @@ def test_foreign_pages_in_the_folder_of_the_reference_stay(module, tmp_path: Pat
     (folder / "dancedata.core.grid.rst").write_text(reference.page("dancedata.core.grid", []))
     reference.write_pages(tmp_path, ["dancedata.cache"])
     assert sorted(path.name for path in folder.iterdir()) == ["dancedata.cache.rst", "index.rst", "notes.rst"]
-
-
-def test_a_name_has_one_entry_where_it_is_defined(module) -> None:
-    reference = module("reference")
-    listed = reference.MODULES
-    page = reference.page("dancedata", listed)
-    assert "- :py:obj:`Motion <dancedata.core.motion.Motion>`" in page
-    assert re.search(r":exclude-members: .*\bMotion\b", page)
-    assert "build" not in reference.elsewhere("dancedata", listed)
-    assert reference.page("dancedata.core.grid", listed).endswith(".. automodule:: dancedata.core.grid\n\n")
 
 
 def test_dead_links_and_what_other_hosts_serve_are_found(module, tmp_path: Path) -> None:

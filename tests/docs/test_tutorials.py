@@ -1,7 +1,9 @@
 """The tutorials, in one folder and one session, as their reader goes through them."""
 
 import contextlib
+import importlib
 import io
+import json
 import os
 import re
 import shlex
@@ -10,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from typer.testing import CliRunner
@@ -122,3 +125,43 @@ def test_the_tutorials_run_and_print_the_output_shown(environment, tmp_path, mon
     assert any(f"{path.stem} gen" in wall for path in Path("gen").iterdir())  # a dancer beside the truth
     assert (folder / "gen.html").exists()
     assert len(list((folder / "bvh").iterdir())) == len(list((folder / "gen").glob("*.npz"))) > 10
+
+
+# The tutorials as notebooks: all that a reader runs is in them, and equal pages give equal bytes.
+
+
+@pytest.fixture
+def notebooks(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    monkeypatch.delitem(sys.modules, "notebooks", raising=False)
+    return importlib.import_module("notebooks")
+
+
+def test_they_hold_what_a_reader_runs(notebooks: ModuleType, tmp_path: Path) -> None:
+    one, two = (notebooks.write(ROOT, tmp_path / name) for name in ("one", "two"))
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
+    assert [path.stem for path in one] == list(PAGES)
+    for page, path in zip(PAGES, one, strict=True):
+        book = json.loads(path.read_text(encoding="utf-8"))
+        code = ["".join(cell["source"]) for cell in book["cells"] if cell["cell_type"] == "code"]
+        magic = {"sh": "%%bash\n", "python": "", "yaml": "%%writefile mine.yaml\n"}
+        assert code == [magic[kind] + text.strip("\n") for kind, text in blocks(page) if kind in magic]
+        assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
+        assert book["cells"][0]["source"][0].startswith("# ")
+
+
+@pytest.mark.nightly
+def test_they_are_valid_and_run(notebooks, environment, tmp_path, monkeypatch):
+    """Run with ``pytest -m nightly tests/docs/test_tutorials.py``, where nbclient and ipykernel are installed."""
+    nbformat = pytest.importorskip("nbformat")
+    nbclient = pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    for name in ("PATH", "PYTHONPATH", "DANCEDATA_CACHE"):
+        monkeypatch.setenv(name, environment[name])
+    desk = tmp_path / "desk"
+    desk.mkdir()
+    for path in notebooks.write(ROOT, tmp_path / "notebooks"):
+        book = nbformat.reads(path.read_text(encoding="utf-8").replace("CHECKOUT", str(ROOT)), as_version=4)
+        nbformat.validate(book)
+        nbclient.NotebookClient(book, timeout=600, resources={"metadata": {"path": str(desk)}}).execute()
+    assert (desk / "wall.html").exists()

@@ -1,6 +1,5 @@
 """Versions: what states them agrees, and the release script refuses what does not."""
 
-import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -86,20 +85,6 @@ def test_a_dirty_tree_and_an_old_tag_are_refused(script: ModuleType, prepared: P
     for version in ("9.1.0", "9.0.9", "9.2"):
         with pytest.raises(SystemExit):
             script.prepare(prepared, version, "2027-03-01")
-
-
-@pytest.mark.parametrize(
-    ("command", "seconds", "finishes"),
-    [("exit 0", 600, True), ("exit 3", 600, False), ("sleep 9; echo late", 0.01, False),
-     ("(sleep 9; echo late) &", 600, True)],
-)  # fmt: skip
-def test_commands_of_versions_end_with_their_children(command, seconds, finishes, tmp_path):
-    versions = load(ROOT / ".ci" / "versions.py")
-    reading, writing = os.pipe()
-    with open(reading) as output, open(writing, "w") as log:
-        assert versions.finishes(command, tmp_path, dict(os.environ), log, seconds) == finishes
-        log.close()
-        assert output.read() == ""  # the end of the pipe: nobody has it any more
 
 
 def test_the_site_is_of_the_checkouts_version(monkeypatch: pytest.MonkeyPatch) -> None:

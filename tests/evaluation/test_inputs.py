@@ -1,7 +1,9 @@
 """One motion gives one result, for every source and every process."""
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from dancedata.evaluation.report import Report
 from dancedata.formats.bvh.write import write_bvh
 from dancedata.metrics import MusicBeats
 from dancedata.store import Store
+from dancedata.synthetic import write_synthetic
+from tests.clusters import dask_cluster
 
 #: A store has float32 columns: 6D rotations are within 1e-7, positions within 1e-6 m.
 FLOAT32 = 2e-3
@@ -197,3 +201,23 @@ def test_the_pool_is_the_split_of_the_protocol(store: Store, protocol: str, spli
     ).pool
     assert pool is not None
     assert pool["clips"] == sum(not c.source and (not splits or c.split in splits) for c in store)
+
+
+# Evaluation on a Dask cluster gives what it gives here.
+
+
+def test_workers_in_another_folder_read_the_same_music(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relative paths name the files of the caller, and not others of the same names beside the worker."""
+    pytest.importorskip("distributed")
+    for seed, name in enumerate(("here", "there")):
+        write_synthetic(tmp_path / name, seed=seed, songs=2, clips_per_song=2, clip_s=6.0)
+    options: dict[str, Any] = {"fps": 60, "up": "y", "unit": "m", "metrics": ("bas",), "intervals": False}
+    options["music"] = "."
+    monkeypatch.chdir(tmp_path / "there")
+    with dask_cluster(os.environ, workers=1) as address:
+        monkeypatch.chdir(tmp_path / "here")
+        there = dancedata.evaluate("motions", cache=tmp_path / "a", scheduler=address, **options)
+    here = dancedata.evaluate("motions", cache=tmp_path / "b", **options)
+    assert there.to_json() == here.to_json()
+    assert there.per_clip == here.per_clip
+    assert list((tmp_path / "a").rglob("*"))

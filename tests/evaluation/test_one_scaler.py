@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.commands import run
 from tests.messages import raises_message
 
 pytest.importorskip("torch")
@@ -287,35 +288,24 @@ def test_the_output_of_an_untrained_network_passes(store: Store, field: str, nor
 def test_the_commands(store: Store, tmp_path: Path) -> None:
     wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["root_offset"]), augment={"mirror": 1.0})
     wide.scaler(FIELD).save(tmp_path / "scaler.json")
+    (tmp_path / "bad.json").write_text("{}")
     (tmp_path / "made").mkdir()
-    np.save(tmp_path / "made" / "x.npy", wide[0][FIELD].numpy())
-    wanted = joints(WindowDataset(store, fields=(FIELD,), scale=None, augment={"mirror": 1.0})[0][FIELD], store)
-
-    def run(*arguments: object) -> Any:
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
-
-    decode = (
-        "decode", tmp_path / "made" / "x.npy", "--field", FIELD, "--to", "npz", "--like", store.path, "--overwrite",
-    )  # fmt: skip
-    evaluate = (
-        "evaluate", tmp_path / "made", "--like", store.path, "--field", FIELD, "--metric", "pfc",
-    )  # fmt: skip
-    view_ = ("view", store.path, "--compare", tmp_path / "made", "--field", FIELD, "--no-browser")
+    file, out = tmp_path / "made" / "x.npy", tmp_path / "out"
+    np.save(file, wide[0][FIELD].numpy())
+    decode = ("decode", file, "--to", "npz", "--like", store.path, "--overwrite", "--out", out)
+    evaluate = ("evaluate", file.parent, "--like", store.path, "--metric", "pfc")
+    view_ = ("view", store.path, "--compare", file.parent, "--no-browser")
     for command in (decode, evaluate, view_):
-        out = ("--out", tmp_path / "out") if command is decode else ()
-        done = run(*command, *out)
-        assert done.exit_code == 2
-        assert "nothing states whether these columns are normalised. State it: --normalized or " in done.stderr
-        done = run(*command, *out, "--not-normalized")
-        assert done.exit_code == 2
-        assert done.stderr.rstrip().endswith("If they are normalised: --normalized")
-        if command is not view_:
-            assert run(*command, *out, "--scaler", tmp_path / "scaler.json").exit_code == 0
-        (tmp_path / "bad.json").write_text("{}")
-        done = run(*command, *out, "--scaler", tmp_path / "bad.json")
-        assert (done.exit_code, "not a scaler file" in done.stderr) == (2, True)
-    assert run(*decode, "--out", tmp_path / "out", "--scaler", tmp_path / "scaler.json").exit_code == 0
-    with np.load(tmp_path / "out" / "x.npz") as made:
+        for options, words in (
+            ((), "nothing states whether these columns are normalised. State it: --normalized or "),
+            (("--not-normalized",), "If they are normalised: --normalized\n"),
+            (("--scaler", tmp_path / "bad.json"), "not a scaler file"),
+        ):
+            assert words in run(*command, "--field", FIELD, *options, code=2).stderr
+    for command in (evaluate, decode):
+        run(*command, "--field", FIELD, "--scaler", tmp_path / "scaler.json")
+    wanted = joints(WindowDataset(store, fields=(FIELD,), scale=None, augment={"mirror": 1.0})[0][FIELD], store)
+    with np.load(out / "x.npz") as made:
         assert worst(made["positions"], wanted) < 1e-5
 
 

@@ -186,14 +186,14 @@ def test_an_ffmpeg_that_fails_leaves_nothing(demo, tmp_path, monkeypatch, script
     out = tmp_path / "out"
     out.mkdir()
     with raises_message(StoreError, "ffmpeg.* disk", where="out/a.mp4"):
-        plot.write_video(demo, dancedata.open(demo).clips()[0].id, out / "a.mp4", length_s=1, size=SIZE)
+        plot.write_video(demo, dancedata.open(demo).clips()[0].id, out / "a.mp4", length_s=0.2, size=SIZE)
     assert list(out.iterdir()) == []
     gc.collect()  # imageio-ffmpeg leaves the pipe open, which is a warning of whichever test runs then
 
 
 def test_a_full_disk_leaves_nothing(demo: Path, tmp_path: Path) -> None:
     clip = dancedata.open(demo).clips()[0].id
-    code = f"from dancedata import plot; plot.write_video({str(demo)!r}, {clip!r}, 'a.mp4', size={SIZE})"
+    code = f"from dancedata import plot; plot.write_video({str(demo)!r}, {clip!r}, 'a.mp4', length_s=2, size={SIZE})"
     result = subprocess.run(
         ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", sys.executable, "-B", "-c", code],
         cwd=tmp_path, capture_output=True, text=True,
@@ -225,7 +225,7 @@ def test_a_signal_leaves_nothing(demo: Path, tmp_path: Path, after: float) -> No
     assert [list((tmp_path / name).iterdir()) for name in ("out", "tmp")] == [[], []]
 
 
-@pytest.mark.parametrize("fps", [25, "30000/1001", 60])
+@pytest.mark.parametrize("fps", ["30000/1001", 60])
 def test_the_rate_is_exact(demo: Path, tmp_path: Path, fps: int | str) -> None:
     motion = dancedata.decode(dancedata.open(demo).clips()[0].read("edge151")[:12], "edge151", fps=fps)
     plot.write_video({"mine": motion}, "", tmp_path / "a.mp4", size=SIZE)

@@ -47,6 +47,12 @@ def report(demo: Path) -> Report:
     return write_report(demo)
 
 
+@pytest.fixture(scope="session")
+def demo_page(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of it, with its clips."""
+    return write_report(demo, tmp_path_factory.mktemp("page") / "demo.html").path
+
+
 @pytest.fixture
 def numbers(report: Report) -> Document:
     return report.numbers

@@ -27,14 +27,15 @@ VOID = {"meta", "link", "img", "br", "wbr", "input", "hr"}
 class Page(HTMLParser):
     """Elements of a page: attributes, texts of scripts, tables of figures; tags have to match."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, page: Path | str) -> None:
         super().__init__()
         self.elements: list[tuple[str, dict[str, str]]] = []
         self.scripts: list[tuple[dict[str, str], str]] = []
+        self.styles: list[str] = []
         self.tables: dict[str, list[list[str]]] = {}
         self.stack: list[str] = []
         self.figure = ""
-        self.text = path.read_text(encoding="utf-8")
+        self.text = page if isinstance(page, str) else page.read_text(encoding="utf-8")
         self.feed(self.text)
         self.close()
         assert self.stack == []
@@ -63,6 +64,8 @@ class Page(HTMLParser):
         if self.stack and self.stack[-1] == "script":
             about, text = self.scripts[-1]
             self.scripts[-1] = about, text + data
+        elif self.stack and self.stack[-1] == "style":
+            self.styles.append(data)
         elif {"td", "th"} & set(self.stack) and self.figure in self.tables:
             self.tables[self.figure][-1][-1] += data
 
@@ -88,13 +91,6 @@ def check_safe(page: Page) -> None:
         if not about.get("type"):
             assert source_hash(text) in policy
     assert "data:audio" not in page.text
-
-
-@pytest.fixture(scope="module")
-def demo_page(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("page") / "demo.html"
-    write_report(demo, path)
-    return path
 
 
 def test_the_page_is_complete_and_makes_no_requests(demo_page: Path) -> None:

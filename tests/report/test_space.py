@@ -76,9 +76,8 @@ def test_the_map_holds_every_pose_in_its_nearest_hexagon(numbers: Document, pose
     np.testing.assert_allclose(np.array(hexagon.pose) / 1000, pose[:, :2], atol=6e-4)
 
 
-def test_the_map_shows_poses_and_leads_to_their_moments(demo: Path, tmp_path: Path) -> None:
-    write_report(demo, tmp_path / "page.html", clips=8)
-    figure = re.findall(r'<figure id="r-poses"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S)[0]
+def test_the_map_shows_poses_and_leads_to_their_moments(demo_page: Path) -> None:
+    figure = re.findall(r'<figure id="r-poses"(.*?)</figure>', demo_page.read_text(), re.S)[0]
     n = figure.count('class="cell"') + 1
     assert figure.count('class="cell most"') == 1  # whose pose is there before a pointer is
     assert n == figure.count('class="hex s0"') == figure.count("<title>")
@@ -264,9 +263,8 @@ def test_offsets_of_songs_are_those_of_all(numbers: Document) -> None:
     assert sum(song.key_motions for song in songs) == numbers.music.key_motions
 
 
-def test_alignment_of_clips_is_listed_the_worst_first(demo: Path, tmp_path: Path, numbers: Document) -> None:
-    write_report(demo, tmp_path / "page.html", clips="none")
-    figure = re.findall(r'<figure id="r-bas_clips"(.*?)</figure>', (tmp_path / "page.html").read_text(), re.S)[0]
+def test_alignment_of_clips_is_listed_the_worst_first(demo_page: Path, numbers: Document) -> None:
+    figure = re.findall(r'<figure id="r-bas_clips"(.*?)</figure>', demo_page.read_text(), re.S)[0]
     listed = [re.sub("<[^>]*>", "", cell) for cell in re.findall(r'<th scope="row">(.*?)</th>', figure)]
     gains = {row.clip: row.numbers.bas - row.numbers.bas_chance for row in numbers.clips}  # type: ignore[operator]
     assert listed == sorted(gains, key=lambda clip: (gains[clip], clip))

@@ -7,7 +7,6 @@ import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
-from html.parser import HTMLParser
 from importlib.resources import files
 
 import numpy as np
@@ -17,32 +16,9 @@ from dancedata.scene.page import clip_page, page_parts, source_hash
 from dancedata.scene.payload import page_json
 from dancedata.viewer.notebook import html_of
 from tests.report.test_colours import contrast
+from tests.report.test_page import Page
 
 HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
-
-
-class Reader(HTMLParser):
-    """Collects elements, attributes and the texts of scripts and styles."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.texts: dict[str, list[str]] = {"script": [], "style": []}
-        self._inside = ""
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-        self._inside = tag
-        if tag in self.texts:
-            self.texts[tag].append("")
-
-    def handle_endtag(self, tag: str) -> None:
-        self._inside = ""
-
-    def handle_data(self, data: str) -> None:
-        if self._inside in self.texts:
-            self.texts[self._inside][-1] += data
 
 
 @pytest.fixture(scope="module")
@@ -51,21 +27,21 @@ def page(scenes) -> str:
 
 
 def test_it_is_one_file(page: str) -> None:
-    read = Reader(page)
-    assert not [tag for tag, attrs in read.tags if tag in ("img", "iframe", "object", "embed") or "src" in attrs]
-    assert [attrs.get("href") for tag, attrs in read.tags if tag == "link"] == ["data:,"]
+    read = Page(page)
+    assert not [tag for tag, attrs in read.elements if tag in ("img", "iframe", "object", "embed") or "src" in attrs]
+    assert [attrs.get("href") for tag, attrs in read.elements if tag == "link"] == ["data:,"]
     assert "://" not in page_parts().script + page_parts().html + page_parts().css
     assert len(page) < 400_000
 
 
 def test_its_policy_allows_its_own_script_and_style_only(page: str) -> None:
-    read = Reader(page)
-    policy = next(a["content"] for tag, a in read.tags if a.get("http-equiv") == "Content-Security-Policy")
+    read = Page(page)
+    policy = read.policy()
     assert "unsafe" not in policy
     assert policy.startswith("default-src 'none'")
-    assert f"script-src '{source_hash(read.texts['script'][1])}'" in policy
-    assert f"style-src '{source_hash(read.texts['style'][0])}'" in policy
-    inline = [a for _, a in read.tags for name in a if name == "style" or name.startswith("on")]
+    assert f"script-src '{source_hash(read.scripts[1][1])}'" in policy
+    assert f"style-src '{source_hash(read.styles[0])}'" in policy
+    inline = [a for _, a in read.elements for name in a if name == "style" or name.startswith("on")]
     assert not inline  # attributes that the policy would refuse
 
 
@@ -78,10 +54,10 @@ def test_names_are_data(scenes) -> None:
     item = dataset.items[0]
     clip = replace(item.clip, genre=HOSTILE, music=HOSTILE, dancer=HOSTILE)
     page = clip_page(dataset, [replace(item, clip=clip)])
-    read = Reader(page)
-    assert len(read.texts["script"]) == 2
-    assert "img" not in [tag for tag, _ in read.tags]
-    data = json.loads(read.texts["script"][0])
+    read = Page(page)
+    assert len(read.scripts) == 2
+    assert "img" not in [tag for tag, _ in read.elements]
+    data = json.loads(read.scripts[0][1])
     assert data["clips"]["0"]["genre"] == HOSTILE
     assert page_json({"a": HOSTILE}).isascii()
     assert "<" not in page_json({"a": HOSTILE})
@@ -90,15 +66,13 @@ def test_names_are_data(scenes) -> None:
 def test_a_clip_shows_itself(scenes) -> None:
     dataset = scenes("thirty")
     shown = html_of(dataset.store[dataset.items[0].id])
-    read = Reader(shown)
-    ((tag, attrs),) = read.tags
+    ((tag, attrs),) = Page(shown).elements
     assert tag == "iframe"
     assert attrs["sandbox"] == "allow-scripts"
-    inner = Reader(attrs["srcdoc"] or "")
-    data = json.loads(inner.texts["script"][0])
+    data = json.loads(Page(attrs["srcdoc"]).scripts[0][1])
     assert data["single"]
     assert len(data["list"]["items"]) == 1
-    assert html.unescape(html.escape(attrs["srcdoc"] or "")) == attrs["srcdoc"]
+    assert html.unescape(html.escape(attrs["srcdoc"])) == attrs["srcdoc"]
 
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")

@@ -167,8 +167,8 @@ def test_refusals(path: Path, tmp_path: Path) -> None:
 # ---------------------------------------------------------------------------------------------------------- Lightning
 
 
-def lightning_run(path: Path, folder: Path, **keys: Any) -> Any:
-    """Train a layer for two epochs; return trainer, callback and module."""
+def lightning_run(path: Path, folder: Path, *, generates: bool = True, **keys: Any) -> Any:
+    """Train a layer for two epochs, whose module generates samples; return trainer, callback and module."""
     lightning = pytest.importorskip("lightning")
     from lightning.pytorch.loggers import CSVLogger
 
@@ -195,6 +195,8 @@ def lightning_run(path: Path, folder: Path, **keys: Any) -> Any:
         def configure_optimizers(self) -> Any:
             return torch.optim.AdamW(self.parameters())
 
+    if not generates:
+        del Dance.sample
     torch.manual_seed(0)
     callback = LightningSamples(SampleLog(evaluator(path), folder / "walls", wall=2), **keys)
     trainer = lightning.Trainer(
@@ -237,28 +239,10 @@ def test_lightning_samples_some_batches(path: Path, tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_lightning_needs_something_that_generates(path: Path, tmp_path: Path) -> None:
-    lightning = pytest.importorskip("lightning")
-    from dancedata.training import LightningSamples
-
-    class Mute(lightning.LightningModule):  # type: ignore[misc, name-defined]
-        def training_step(self, batch: Any, number: int) -> None:
-            pass
-
-        def validation_step(self, batch: Any, number: int) -> None:
-            pass
-
-        def configure_optimizers(self) -> None:
-            pass
-
-    log = SampleLog(evaluator(path))
-    trainer = lightning.Trainer(
-        accelerator="cpu", logger=False, enable_checkpointing=False, callbacks=[LightningSamples(log)]
-    )
-    loader = DataLoader(windows(path), 4)
     with raises_message(UsageError, "lambda"):
-        trainer.fit(Mute(), loader, loader)
+        lightning_run(path, tmp_path, generates=False)
     with raises_message(UsageError, "batches"):
-        LightningSamples(log, batches=0)
+        lightning_run(path, tmp_path, batches=0)
 
 
 # --------------------------------------------------------------------------------------------------------- Accelerate
