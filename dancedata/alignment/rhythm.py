@@ -70,10 +70,7 @@ def find_offsets(
     jobs: int | Executor,
     progress: Progress,
 ) -> tuple[list[Offset | Reject], list[Reject]]:
-    """Return the offset of each unit, a reject where no clip of it can be used, and the rejects of clips.
-
-    `songs` are audio files of the source, which null distributions are drawn from.
-    """
+    """Return the offset of each unit, a reject where no clip of it can be used, and the rejects of clips."""
     clips = [clip for unit in units for clip in unit.clips]
     paths = {clip.audio_path for clip in clips if clip.audio_path is not None}
     music, unheard = _all_music(cache, sorted(paths), songs, jobs, progress)

@@ -112,10 +112,7 @@ def compute(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floa
 
 
 def first_columns(samples: Floats, rate: int, onset_fmax: float, octaves: int) -> Floats:
-    """Compute all columns before the tempogram, (T, 54), of samples (n,) at `rate`, T = 1 + n // 512.
-
-    `onset_fmax`: Upper limit in Hz of the mel bands of the onset envelope. `octaves`: Of the chroma, from 32.7 Hz on.
-    """
+    """Compute all columns before the tempogram, (T, 54), of samples (n,) at `rate`, T = 1 + n // 512."""
     import librosa
 
     with _known_warnings():

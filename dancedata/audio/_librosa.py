@@ -33,12 +33,7 @@ def window_features(
 
 @lru_cache(maxsize=1)
 def compile_kernels() -> None:
-    """Load librosa's compiled kernels, one process at a time and once per process.
-
-    numba compiles them on first use in an environment and caches them on disk. Two processes that compile at the
-    same time can end in a segmentation fault (seen with numba 0.68: a kernel's address was 0). The lock file is in
-    the user's cache folder, which the machines of a cluster share as they share the environment.
-    """
+    """Load librosa's compiled kernels, one process at a time and once per process."""
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(3 * TEMPO_SAMPLE_RATE).astype(np.float32)
     noise[:: TEMPO_SAMPLE_RATE // 2] = 10.0

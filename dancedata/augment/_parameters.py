@@ -21,10 +21,7 @@ def require_seed(seed: int) -> None:
 
 
 def spatial_of(field: SampleField) -> Spatial | None:
-    """Return how a field's columns follow a turn or a shift; None for key motions, which do not change.
-
-    Raises UsageError: if the field's representation is not known, or does not define it.
-    """
+    """Return how a field's columns follow a turn or a shift; None for key motions, which do not change."""
     if field.kind != "motion":
         return None
     if field.representation is None:

@@ -104,10 +104,7 @@ class JointNoise(CopyAugmentation, SampleAugmentation):
 
 
 def _draw_smooth(draw: Draw, n_joints: int, n_frames: int, grid: FrameGrid, every_s: float) -> Float64Array:
-    """Return vectors (T, J, 3): standard normal at knots every `every_s` seconds, linear between them.
-
-    Joints are drawn one after another: the first ones have the same noise on every skeleton.
-    """
+    """Return vectors (T, J, 3): standard normal at knots every `every_s` seconds, linear between them."""
     n_knots = math.ceil(float(grid.seconds(n_frames)) / every_s) + 1
     knots = draw.normal(n_joints, n_knots, 3)
     at = np.arange(n_frames) / float(grid.rate) / every_s

@@ -62,11 +62,7 @@ def penetration(joints: Float64Array, rate: float, skeleton: Skeleton, least: fl
 
 
 def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float) -> tuple[Span, ...]:
-    """Return the spans in which a foot on the floor slides by at least `least`, metres.
-
-    A foot is on the floor while its ankle is at most 4 cm and its toe at most 2.5 cm above the tenth quantile of
-    their heights, for 0.1 s or more. Its speed is the lesser of the two, so that turns on one of them are not slides.
-    """
+    """Return the spans in which a foot on the floor slides by at least `least`, metres."""
     spans = []
     for ankle, toe in ((0, 2), (1, 3)):
         pair = [skeleton.feet[ankle], skeleton.feet[toe]]
@@ -86,10 +82,7 @@ def sliding(joints: Float64Array, rate: float, skeleton: Skeleton, least: float)
 
 
 def joint_limits(motion: Motion, least: float) -> tuple[Span, ...]:
-    """Return the spans in which a joint is bent beyond its range by more than `least`, degrees.
-
-    For SMPL's joints, whose rest pose is a T: the shin of a bent knee points back, a bent forearm forwards.
-    """
+    """Return the spans in which a joint is bent beyond its range by more than `least`, degrees."""
     beyond, names = [], []
     matrices, joints = motion.matrices, motion.skeleton.joints
     for side in ("left", "right"):

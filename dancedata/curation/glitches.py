@@ -47,10 +47,7 @@ def _lagrange(at: int, width: int) -> Float64Array:
 
 
 def _departures(tracks: Float64Array, width: int) -> Float64Array:
-    """Return how far frames t .. t + width - 1 are from the cubic through their neighbours, least of them.
-
-    (T, K) by first frame t, 0 where a neighbour is missing.
-    """
+    """Return how far frames t .. t + width - 1 are from the cubic through their neighbours, least of them."""
     n = len(tracks) - width - 3
     least = np.zeros(tracks.shape[:2])
     nodes = [tracks[k : k + n] for k in (0, 1, width + 2, width + 3)]
@@ -63,10 +60,7 @@ def _departures(tracks: Float64Array, width: int) -> Float64Array:
 
 
 def _excuses(tracks: Float64Array, width: int) -> Float64Array:
-    """Return the least departure that the neighbours of frames [t, t + width) do not explain, (T, K), metres.
-
-    A track that does not return is a step, and one that jumps beside the frames makes the cubic useless.
-    """
+    """Return the least departure that the neighbours of frames [t, t + width) do not explain, (T, K), metres."""
     n = len(tracks) - width - 3
     least = np.zeros(tracks.shape[:2])
     before, start, end, after = (tracks[k : k + n] for k in (0, 1, width + 2, width + 3))
@@ -115,11 +109,7 @@ def _usual(off: Float64Array, rate: float) -> Float64Array:
 
 
 def frozen(motion: Motion) -> list[tuple[int, int]]:
-    """Return the frames [start, stop) that repeat the frame before, while the dancer moves before or after.
-
-    The pose does not change for 0.08 s or more, and a joint moves at 0.3 m/s in the step into the span or out of it:
-    the mark of held frames. A dancer who rests slows down first.
-    """
+    """Return the frames [start, stop) that repeat the frame before, while the dancer moves before or after."""
     steps = lengths(np.diff(motion.joints(), axis=0)).max(axis=1)
     rate = float(motion.grid.rate)
     limit = _FROM_M_S / rate
@@ -133,11 +123,7 @@ def frozen(motion: Motion) -> list[tuple[int, int]]:
 
 
 def jitter(motion: Motion) -> Float64Array | None:
-    """Return the size of movement above 10 Hz, (T,), metres: of the median joint, in the half second around a frame.
-
-    Positions pass a Butterworth filter of fourth order. The size is 1.4826 times the median of the distances from 0,
-    which a spike hardly changes. None below 25 frames per second, and for less than 16 frames.
-    """
+    """Return the size of movement above 10 Hz of the median joint, (T,), metres, in half a second around a frame."""
     from scipy.ndimage import median_filter
 
     joints, rate = motion.joints(), float(motion.grid.rate)

@@ -66,10 +66,7 @@ def repair_spikes(motion: Motion, least_m: float) -> tuple[Motion, list[Flag]]:
 def _interpolated(
     motion: Motion, start: int, stop: int, joints: Collection[int]
 ) -> tuple[Motion, list[tuple[int, int]]]:
-    """Return the motion with frames [start, stop) interpolated, and the frames and joints that changed.
-
-    Of `joints` those turned by more than 2 degrees there, and the place if it is off by more than a centimetre.
-    """
+    """Return the motion with frames [start, stop) interpolated, and the frames and joints that changed."""
     translation, rotations = np.array(motion.translation), np.array(motion.rotations)
     frames, before = np.arange(start, stop), start - 1
     between = slerp(motion.rotations[[before, stop]], (frames - before) / (stop - before))

@@ -95,10 +95,7 @@ def score_motion(motion: Motion, names: Iterable[str] = MEASURES) -> dict[str, S
 
 
 def checked_limit(value: object, where: str, default: float, low: float) -> float | None:
-    """Return a limit of a recipe; None for false or None, the default for true.
-
-    Raises UsageError: if it is no number from `low` to a million.
-    """
+    """Return a limit of a recipe; None for false or None, the default for true."""
     if value is None or isinstance(value, bool):
         return default if value else None
     if not (isinstance(value, int | float) and low <= value <= _MOST):

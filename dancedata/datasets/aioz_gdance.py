@@ -58,10 +58,7 @@ def read_sizes(path: Path) -> Sizes:
 
 
 def load_dancers(path: Path, members: Sequence[int]) -> list[Motion]:
-    """Read some dancers of a sequence, numbered from 0; the pickle is read once.
-
-    Returns: 30 FPS; axis-angle (T, 24, 3), hands zero where the file has none; metres, +Y up, in one world; SMPL24.
-    """
+    """Read some dancers, numbered from 0: 30 FPS; axis-angle (T, 24, 3); metres, +Y up, in one world; SMPL24."""
     with open_arrays(path) as arrays:
         sizes = _sizes(arrays)
         for member in members:

@@ -151,11 +151,7 @@ def require_matrices(
 
 
 def up_axis(path: Path, spine: NDArray[np.float64], up: str, dataset: str, axes: Sequence[str] = ("y", "z")) -> str:
-    """Return the axis that is up in a file: `up`, or for "auto" the one of `axes` that is along the spine.
-
-    `spine`: (3,) vector from pelvis to head in the file's axes, on average.
-    Raises DataError: ``bad_axes`` where the spine does not say so clearly, or clearly contradicts `up`.
-    """
+    """Return the axis that is up in a file: `up`, or for "auto" the one of `axes` that is along the spine."""
     cosines = dict(zip("xyz", spine / max(float(np.linalg.norm(spine)), 1e-9), strict=True))
     clear = next((axis for axis, value in cosines.items() if abs(value) >= _UPRIGHT_COSINE), "")
     clear = f"-{clear}" if clear and cosines[clear] < 0 else clear

@@ -116,10 +116,7 @@ def list_audio(
     mixed: Sequence[Path] = (),
     music_dir: Path | None = None,
 ) -> Files:
-    """List one audio file for each valid name, of `music_dir` first; others are ``extra_file`` or ``unused_music``.
-
-    `folders`: In order of preference; of those that are `mixed` only audio files are considered.
-    """
+    """List one audio file for each valid name, of `music_dir` first; of `mixed` folders only audio files count."""
     by_stem: dict[str, list[Path]] = {}
     rejects, where = list[Reject](), dict[Path, None]()
     for path in (path for folder in folders if folder.is_dir() for path in list_folder(folder)):
@@ -187,10 +184,7 @@ def clips_note(clips: Sequence[ClipRef], left_out: Sequence[Reject], splits: Seq
 
 
 def read_names(path: Path, *, spaces: bool = False) -> list[str]:
-    """Return the first word of every line, except comments (``#``), of a text; of JSON the entries of a list.
-
-    `spaces`: Whether a name is the whole line. SourceError if the list cannot be read, or is out of bounds.
-    """
+    """Return the first word of every line, except comments (``#``), of a text; of JSON the entries of a list."""
     try:
         text = read_regular(path, MAX_LIST_BYTES).decode("utf-8-sig")
         lines = list(map(str, parse_json(text))) if path.suffix == ".json" else text.splitlines()

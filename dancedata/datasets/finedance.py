@@ -298,10 +298,7 @@ def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
 
 
 def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
-    """Read a (T, 315) array: translation 3, then 52 joints x 6D (two rows of each matrix).
-
-    Returns: 30 FPS, metres, +Y up; axis-angle (T, 55, 3), jaw and eyes zero; the dance begins at `trim_start`.
-    """
+    """Read translation and 52 x 6D of a (T, 315) array: 30 FPS, metres, +Y up; axis-angle (T, 55, 3)."""
     with open_arrays(path) as arrays:
         _check_shape(arrays)
         array = arrays.read("")

@@ -207,11 +207,7 @@ def shape_of(path: Path) -> tuple[int, int]:
 
 
 def load_motions(path: Path, members: Sequence[int], rate: Fraction, up: str = "auto", trim: int = 0) -> list[Motion]:
-    """Read some dancers of a pickle, numbered from 0, without `trim` frames at both ends.
-
-    `up`: Axis that is up, "y" or "z"; "auto": that along which heads are above pelvises, on average over dancers.
-    Returns: Metres, turned to +Y up about the world's origin, so dancers stay in one world; SMPL24.
-    """
+    """Read some dancers without `trim` frames at both ends: metres, turned to +Y up in one world; SMPL24."""
     with open_arrays(path) as arrays:
         checks.require_keys(arrays, KEYS)
         matrices, places = (arrays.read(key) for key in KEYS)

@@ -304,10 +304,7 @@ def _origins_note(origins: Collection[str]) -> str:
 
 
 def _load_fit(path: Path, up: str = "auto") -> Motion:
-    """Read a fit of SMPL-X's body, axis `up`, "auto": along which heads are above pelvises, on average.
-
-    Returns: 30 FPS, metres, +Y up; (T, 22, 3) of SMPLX22. SMPL's hands, the last two of 23 joints, are not used.
-    """
+    """Read a fit: 30 FPS, metres, turned from its axis `up` to +Y; (T, 22, 3) of SMPLX22, without SMPL's hands."""
     with open_arrays(path) as arrays:
         pose, root, places = checks.read_frames(arrays, _SHAPES)
     rotations = np.concatenate([root, pose[:, : 3 * BODY]], axis=1).reshape(len(pose), -1, 3)

@@ -32,10 +32,7 @@ _one_at_a_time = threading.Lock()
 
 
 def normalizer_bytes(pieces: Iterable[npt.NDArray[np.float32]]) -> bytes:
-    """Return torch's pickle of Lodge's ``Normalizer``, min-max to [-1, 1] in float32 over rows (T, D) of pieces.
-
-    To read it the module ``dld.data.utils.preprocess`` of Lodge has to be importable.
-    """
+    """Return torch's pickle of Lodge's ``Normalizer``, min-max to [-1, 1] in float32 over rows (T, D) of pieces."""
     import torch
 
     from dancedata.kernel import Scaler

@@ -52,10 +52,7 @@ class BodyMesh:
 
     @classmethod
     def read(cls, path: str | Path, betas: npt.ArrayLike | None = None) -> BodyMesh:
-        """Read a file of SMPL, SMPL-H or SMPL-X as published; nothing in it is executed. UsageError for any other.
-
-        `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
-        """
+        """Read a file of SMPL, SMPL-H or SMPL-X as published; nothing in it is executed. UsageError for any other."""
         file = Path(path).expanduser()
         if not file.is_file():
             problem = "a folder is not a body model" if file.is_dir() else "the body model does not exist"

@@ -30,10 +30,7 @@ _COLOUR, _ROUGHNESS = [0.6, 0.6, 0.62, 1.0], 0.7
 
 
 def motion_glb(motion: Motion, mesh: BodyMesh | None = None) -> bytes:
-    """Return a motion as a .glb file, frame k at k / rate seconds, rotations as quaternions, linear in between.
-
-    `mesh`: The body model to animate, whose bones it is put on, with 4 weights a vertex, without correctives.
-    """
+    """Return a motion as a .glb file, frame k at k / rate seconds; `mesh` is the body model to animate."""
     motion = motion if mesh is None else mesh.on(motion)
     skeleton = motion.skeleton
     file = _Glb()

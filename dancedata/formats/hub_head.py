@@ -35,13 +35,7 @@ _SIZES = ((1, "n<1K"), (10, "1K<n<10K"), (100, "10K<n<100K"), (1000, "100K<n<1M"
 
 
 def hub_licence(text: str) -> str:
-    """Return the name that hubs have for a licence; "other" for those that they do not know.
-
-    Examples
-    --------
-    >>> hub_licence("CC BY-NC 4.0"), hub_licence("for research only")
-    ('cc-by-nc-4.0', 'other')
-    """
+    """Return the name that hubs have for a licence; "other" for those that they do not know."""
     named = text.strip().lower()
     ids = [name for name, pattern in _LICENCES if re.match(rf"(?:{pattern})(?![\w-]*[ -](?:sa|nc|nd)\b)", named)]
     # Several terms in one text are as strict as those that are not known.
@@ -96,12 +90,7 @@ def head(
     place: HubPlace | None = None,
     viewer: bool = False,
 ) -> str:
-    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup.
-
-    `files`: By configuration, the first being the default: path of a split's files, such as ``data/{}-*.parquet``.
-    `place`: Where and how it is published, if it is.
-    `viewer`: Whether a hub can show the files as a table.
-    """
+    """Return the YAML between the lines of dashes; texts are quoted, so that none of them is markup."""
     name, licence = strictest(store)
     required = tuple(name for name in store.fields if not store.field(name).optional)
     n = sum(len(store.windows(split, fields=required)) for split in splits) or len(store)

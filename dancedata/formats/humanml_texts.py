@@ -16,10 +16,7 @@ MAX_BYTES = 1 << 24
 
 
 def read_texts(path: Path, layer: Layer) -> list[Segment]:
-    """Read the captions of a clip, seconds; those of one span are alternatives of one segment. DataError with line.
-
-    0 to 0 is the whole clip; HumanML3D's code takes a time that is not a number as 0.
-    """
+    """Read the captions of a clip; those of one span are one segment, 0 to 0 is the clip. DataError with line."""
     try:
         text = read_regular(path, MAX_BYTES).decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -49,10 +49,7 @@ def open_arrays(path: Path) -> Iterator[ArrayFile]:
 
 
 def holds_values(path: Path) -> bool:
-    """Return whether a file holds a pickle: one of VALUE_SUFFIXES, or numpy's with a dict in an array of objects.
-
-    Archives that hold arrays of numbers as well are read without their objects.
-    """
+    """Return whether a file holds a pickle: one of VALUE_SUFFIXES, or numpy's with a dict in an array of objects."""
     kind = path.suffix.lower()
     try:
         if kind == ".npz":

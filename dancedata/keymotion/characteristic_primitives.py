@@ -140,11 +140,7 @@ def borders(window: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def joints_of(window: npt.NDArray[Any]) -> Float64Array:
-    """Return the 55 SMPL-X joints (N, 55, 3), metres, of lodge139 or lodge319 columns, hands and face at rest.
-
-    Raises UsageError: The columns are not those of lodge139 or lodge319.
-    Raises DataError: "nan" or "bad_rotation".
-    """
+    """Return the 55 SMPL-X joints (N, 55, 3), metres, of lodge139 or lodge319 columns, hands and face at rest."""
     window = np.asarray(window)
     if window.ndim != 2 or window.shape[1] not in _LODGE_WIDTHS:
         raise UsageError("minima can only be found in Lodge's columns", found=f"{window.shape[-1]} columns",

@@ -84,10 +84,7 @@ def packed_positions(motion: Motion) -> npt.NDArray[np.float32]:
 
 
 def on_floor(directions: Float64Array, least: float) -> Float64Array:
-    """Return directions on the floor, (T, 2) as x and z, as unit vectors.
-
-    Where one is shorter than `least`, the last one before it, at the beginning the first one; +Z if there is none.
-    """
+    """Return directions on the floor, (T, 2) as x and z, as unit vectors."""
     length = np.linalg.norm(directions, axis=1)
     directed = np.flatnonzero(length > least)
     if not len(directed):

@@ -46,10 +46,7 @@ _SMOOTHING_FRAMES = 20
 
 
 def retargeted(joints: Float64Array, floor_m: float | None = None) -> Float64Array:
-    """Return joints (T, 22, 3) with the target's bones, on the floor, first at the origin and facing +Z.
-
-    The floor is the height of the lowest joint; or `floor_m`, in the world of `joints`.
-    """
+    """Return joints (T, 22, 3) with the target's bones, on the floor, first at the origin and facing +Z."""
     placed, scale = _on_target(joints)
     placed[..., 1] -= placed[..., 1].min() if floor_m is None else floor_m * scale
     placed -= placed[0, 0] * (1, 0, 1)
@@ -81,10 +78,7 @@ def _on_target(joints: Float64Array) -> tuple[Float64Array, float]:
 
 
 def columns_of(joints: Float64Array) -> npt.NDArray[np.float32]:
-    """Return the columns (T, 263) of retargeted joints (T, 22, 3).
-
-    The original has one row fewer: velocities lead to the next frame. The last row here has those of the row before.
-    """
+    """Return the columns (T, 263) of retargeted joints (T, 22, 3)."""
     facing = _facing(joints)
     local = joints - joints[:, :1] * (1, 0, 1)
     step = np.diff(joints, axis=0)

@@ -50,11 +50,7 @@ class SixD:
         return out
 
     def unpack(self, array: npt.NDArray[Any]) -> tuple[Float64Array, Float64Array]:
-        """Return translation (T, 3) and matrices (T, J, 3, 3) of (T, D) columns, not normalised, by Gram-Schmidt.
-
-        Raises UsageError: The array has another shape.
-        Raises DataError: "nan", or "bad_rotation" where six columns do not span a plane.
-        """
+        """Return translation (T, 3) and matrices (T, J, 3, 3) of columns; DataError "nan" or "bad_rotation"."""
         numbers = parts.checked(array, self.width, self.name, first=4)
         rows = numbers[:, 3:].reshape(len(numbers), self.skeleton.n_joints, 6)
         parts.refuse_rotations(

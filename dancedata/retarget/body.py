@@ -35,10 +35,7 @@ class Body:
 
 
 def body_of(motion: Motion, names: Names | None = None) -> Body:
-    """Put a motion on SMPL's joints; the world rotation of each joint is kept, up to one constant rotation.
-
-    A motion that already has SMPL's body joints, in their order, is returned as it is, whatever the map.
-    """
+    """Put a motion on SMPL's joints; the world rotation of each joint is kept, up to one constant rotation."""
     source = motion.skeleton
     if has_body(source):
         return Body(motion, motion.joints(), tuple(range(source.n_joints)), (), ())

@@ -45,14 +45,7 @@ def sliding(feet: Float64Array, spans: list[tuple[int, int]]) -> tuple[float, in
 
 
 def with_planted_feet(motion: Motion, wanted: Float64Array, spans: list[list[tuple[int, int]]]) -> Motion:
-    """Bend the legs so that each foot moves in its contacts as in the source.
-
-    The foot keeps its rotation in the world, the knee its direction. A foot that is out of reach comes as near as a
-    straight leg allows.
-
-    `motion`: On a skeleton that begins with SMPL's 22 body joints.
-    `wanted`: (T, 2, 3) toes of the source, left and right, scaled; their place on the ground is that of `motion`.
-    """
+    """Bend the legs so that each foot moves in its contacts as in the source."""
     skeleton, rate = motion.skeleton, float(motion.grid.rate)
     world = world_matrices(skeleton, motion.matrices).copy()
     joints = joint_positions(skeleton, world, motion.translation)

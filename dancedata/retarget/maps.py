@@ -33,10 +33,7 @@ def map_names() -> tuple[str, ...]:
 
 
 def load_map(map_or_path: str | Path | Mapping[str, Any]) -> dict[str, tuple[str, ...]]:
-    """Return a joint map: a name of the package's, the path of a JSON file, or SMPL joint -> name or names.
-
-    Raises UsageError: if it does not exist, cannot be read, or names a joint that SMPL lacks.
-    """
+    """Return a joint map: a name of the package's, the path of a JSON file, or SMPL joint -> name or names."""
     if isinstance(map_or_path, Mapping):
         return _checked(map_or_path, "joint map")
     if str(map_or_path) in map_names():
@@ -76,11 +73,7 @@ def _checked(joints: Any, where: str) -> dict[str, tuple[str, ...]]:
 
 
 def map_skeleton(skeleton: Skeleton, names: Names | None = None) -> dict[int, int]:
-    """Return the index in SMPL24 -> index in a skeleton; by default with the map that matches most joints.
-
-    Raises UsageError: if a required joint is missing (pelvis, hips, knees, ankles, shoulders, elbows, and neck or
-        head), or the skeleton's tree differs from SMPL's.
-    """
+    """Return the index in SMPL24 -> index in a skeleton; by default with the map that matches most joints."""
     tables = [names] if names is not None else [_shipped(name) for name in map_names()]
     joints = dict(enumerate(map(plain, skeleton.joints)))
     matches = [(_matches(joints, table), table) for table in tables]

@@ -54,17 +54,7 @@ def _cell(value: Any) -> Any:
 def segments(
     path: str | Path, *, to: str | Path | None = None, set_file: str | Path | None = None, layer: str | None = None
 ) -> SegmentsResult:
-    """Summarise the segments of a dataset, write them to a file, or replace layers by those of a file.
-
-    `path`: A built dataset.
-    `to`: New file, .csv or .jsonl, for its segments.
-    `set_file`: File whose layers take the place of those of the same name, language and author. The segments and
-        dataset.json are rewritten, and nothing else; copies of clips get theirs unless the file has rows of them.
-    `layer`: Name of the layers to write or to summarise; default: all.
-    Raises UsageError: for an unknown layer, and a file that exists or is neither .csv nor .jsonl.
-    Raises SourceError: for a mistake in the file.
-    Raises StoreError: if there is no dataset, or it cannot be written.
-    """
+    """Summarise the segments of a dataset, write them to a file (`to`), or replace layers by those of a file."""
     folder = (local_folder(path) if set_file is None else Path(path).expanduser()).absolute()
     notes = () if set_file is None else _set(folder, Path(set_file).expanduser())
     with open_store(folder) as store:

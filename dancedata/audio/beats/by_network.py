@@ -37,10 +37,7 @@ GRID = FrameGrid.of(2 * SAMPLE_RATE // HOP)
 
 
 def log_mel(samples: torch.Tensor) -> torch.Tensor:
-    """Return the spectrum (1 + n // 441, 128) of samples (n,) float32 at 22,050 Hz, n >= `MIN_SAMPLES`.
-
-    Frame t is centred on t / 50 s. log(1 + 1000 x) of magnitudes, divided by the root of the frame's length.
-    """
+    """Return the spectrum (1 + n // 441, 128) of samples (n,) float32 at 22,050 Hz, n >= `MIN_SAMPLES`."""
     spectrum = torch.stft(
         samples,
         N_FFT,
@@ -76,10 +73,7 @@ def _hertz(mel: torch.Tensor) -> torch.Tensor:
 
 
 def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.device) -> BeatTrack:
-    """Return the beats and downbeats of a signal.
-
-    Raises DataError: "short_audio" for less than 24 ms; "overflow" if the network gives values that are not finite.
-    """
+    """Return the beats and downbeats of a signal; DataError "short_audio" (less than 24 ms) or "overflow"."""
     samples = resample(signal.samples, signal.sample_rate, SAMPLE_RATE)
     if len(samples) < MIN_SAMPLES:
         raise DataError("beats: the audio is too short for a spectrum", reason="short_audio",
@@ -93,10 +87,7 @@ def network_beats(signal: AudioSignal, network: BeatNetwork, device: torch.devic
 
 
 def song_logits(network: BeatNetwork, spectrum: torch.Tensor) -> torch.Tensor:
-    """Return the logits (T, 2) of a spectrum (T, 128) of any length, from stretches of 30 s.
-
-    Where stretches overlap, the earlier one counts.
-    """
+    """Return the logits (T, 2) of a spectrum (T, 128) of any length, from stretches of 30 s."""
     n_frames = len(spectrum)
     starts = list(range(-_BORDER, n_frames - _BORDER, _KEPT))
     if n_frames > _KEPT:

@@ -31,10 +31,7 @@ class BeatTrack:
     grid: FrameGrid
 
     def rows(self, n_rows: int, grid: FrameGrid) -> npt.NDArray[np.float32]:
-        """Return the rows (n_rows, 4) at the rate of `grid`: beat, downbeat, phase in the bar, tempo.
-
-        A beat is in the row nearest to it. Phase and tempo are those of the instant of the row.
-        """
+        """Return the rows (n_rows, 4) at the rate of `grid`: beat, downbeat, phase in the bar, tempo."""
         rows = np.zeros((n_rows, N_COLUMNS), dtype=np.float32)
         rows[:, PHASE] = UNKNOWN
         # A signal ends less than a row after its last row.
@@ -83,10 +80,7 @@ def _phases(seconds: Floats, downbeats: npt.NDArray[np.bool_], instants: Floats)
 
 
 def bar_positions(downbeats: npt.NDArray[np.bool_]) -> Floats:
-    """Return the position (B,) of each beat in bars: whole numbers at downbeats, in steps of 1 / beats of the bar.
-
-    Beats before the first downbeat are of a bar like the first, those after the last of one like the last whole one.
-    """
+    """Return the position (B,) of each beat in bars: whole numbers at downbeats, in steps of 1 / beats of the bar."""
     first = np.flatnonzero(downbeats)
     lengths = np.diff(first) if len(first) > 1 else np.array([_USUAL_BAR])
     bar = np.maximum(np.cumsum(downbeats) - 1, 0)

@@ -64,10 +64,7 @@ class HuggingFaceEncoder:
         return f"HuggingFaceEncoder({Path(self.settings.folder.source).name!r}, {self.precision} on {self.device})"
 
     def frames(self, samples: npt.NDArray[np.float32], sample_rate: int) -> FramesOfSignal:
-        """Compute the frames of a signal (n,) at the encoder's own rate.
-
-        Raises DataError: "short_audio" for less than a frame, "overflow" for numbers that are not finite.
-        """
+        """Compute the frames of a signal (n,) at the encoder's own rate; DataError "short_audio" or "overflow"."""
         resampled = resample(samples, sample_rate, self.settings.family.sample_rate)
         chunks = self._chunks(len(resampled))
         grid = FrameGrid(Fraction(1))  # the frames alone are used, not the rows
@@ -86,11 +83,7 @@ class HuggingFaceEncoder:
         finish: Finish,
         batch_size: int | None = None,
     ) -> list[npt.NDArray[Any]]:
-        """Compute rows of signals (n,) of equal length, each by itself; errors as of `frames`.
-
-        `finish`: Turns float32 rows into the type that is stored.
-        `batch_size`: Most chunks at once; None: 1 on a CPU, 16 on a card.
-        """
+        """Compute rows of signals (n,) of equal length, each by itself; errors as of `frames`."""
         family = self.settings.family
         resampled = [resample(samples, sample_rate, family.sample_rate) for samples in signals]
         chunks = self._chunks(len(resampled[0]))

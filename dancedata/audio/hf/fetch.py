@@ -55,18 +55,7 @@ def fetch_model(
     endpoint: str | None = None,
     show_licence: Callable[[str], None] = lambda _: None,
 ) -> FetchedModel:
-    """Get the weights, configs and card of a model; hashes are compared with the hub's. No code is fetched.
-
-    Files are written to a folder next to `out`, which is renamed at the end; the same call resumes.
-
-    `name`: Id on the hub, ``OWNER/NAME``.
-    `revision`: Commit, 40 hexadecimal digits. For a branch, a tag or None the error names the commit to give.
-    `endpoint`: Address of another hub; default: $HF_ENDPOINT, else the public one.
-    `show_licence`: Called with the licence before the weights are fetched.
-    Raises UsageError: `revision` is not a commit, the hub refuses the model, it has no weights of this kind, `out`
-        exists, or the package huggingface_hub is missing or too old.
-    Raises SourceError: The hub cannot be reached, its files are not what it announced, or they cannot be written.
-    """
+    """Get the weights, configs and card of a model; hashes are compared with the hub's. No code is fetched."""
     out = Path(out).absolute()
     if not _NAME.fullmatch(name):
         raise UsageError("hf: not the id of a model on the hub", found=name, allowed="OWNER/NAME")

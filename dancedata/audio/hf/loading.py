@@ -141,10 +141,7 @@ def _quiet(package: Any) -> Iterator[None]:
 
 
 def place(network: Any, device: torch.device, budget: int | None = None) -> Any:
-    """Put a network on a device; weights beyond the budget stay on the host, and are copied block by block.
-
-    `budget`: Bytes; None: 60 % of a card's free memory, all of a CPU's.
-    """
+    """Put a network on a device; weights beyond the budget stay on the host, and are copied block by block."""
     if budget is None and device.type == "cuda":
         free = free_memory(device)
         budget = None if free is None else int(_FOR_WEIGHTS * free)

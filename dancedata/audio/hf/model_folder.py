@@ -58,10 +58,7 @@ class ModelFolder:
     from_hub: bool = False
 
     def weight_files(self) -> tuple[Path, ...]:
-        """Return the files of the weights: safetensors where there are any, or else pickles of torch.
-
-        Raises SourceError: There are none, an index names files that are not in the folder, or it holds an adapter.
-        """
+        """Return the files of the weights: safetensors where there are any, or else pickles of torch."""
         if (self.path / "adapter_config.json").exists():
             raise SourceError("hf: the folder holds an adapter, which changes the network when it is loaded",
                               where=self.path, found="adapter_config.json",
@@ -96,13 +93,7 @@ class ModelFolder:
 
 
 def open_model(model: str, revision: str | None = None) -> ModelFolder:
-    """Find a model by its folder, or by its hub id in this machine's cache; read its config. No download.
-
-    `model`: Folder or hub id; "": $DANCEDATA_HF_MODEL.
-    `revision`: Commit of a hub id, 40 hex digits. None: the one commit that the cache has as "main".
-    Raises UsageError: This machine has no model of that name, or `revision` is not a commit.
-    Raises SourceError: The folder has no config.json, or one that cannot be read.
-    """
+    """Find a model by its folder, or by its hub id in this machine's cache; read its config. No download."""
     named = model or os.environ.get(ENVIRONMENT, "")
     if not named:
         raise UsageError(
@@ -191,10 +182,7 @@ def _shaping(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def licence_of(folder: Path) -> str:
-    """Return the licence that the front matter of a folder's README.md states, or `pull` noted, or UNKNOWN.
-
-    ``license: other`` is replaced by ``license_name`` and ``license_link`` where the card has them.
-    """
+    """Return the licence that the front matter of a folder's README.md states, or `pull` noted, or UNKNOWN."""
     licence = None
     with suppress(OSError, ValueError, yaml.YAMLError):
         text = read_regular(folder / "README.md", _MAX_CARD).decode("utf-8-sig", "replace")

@@ -80,12 +80,7 @@ def settings_of(
     resample: str,
     normalize: str,
 ) -> Settings:
-    """Check keys of a recipe against a model.
-
-    Raises UsageError: A layer or an output that the model does not have, or chunks that it cannot take.
-    Raises SourceError: The config is of no model that is supported, or has more than MAX_FRAMES_PER_S or
-        MAX_WINDOW_FRAMES.
-    """
+    """Check keys of a recipe against a model; UsageError for keys, SourceError for a model that cannot be used."""
     from dancedata.audio.hf.families import family_of
 
     family = family_of(folder.config, folder.extractor, folder.path)

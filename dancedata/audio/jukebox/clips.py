@@ -18,13 +18,7 @@ _MARGIN_S = 1
 
 
 def prepare(samples: ArrayLike, sample_rate: int, config: JukeboxConfig) -> NDArray[np.float32]:
-    """Average the channels, resample to the config's rate (soxr HQ, as librosa does), divide by the largest value.
-
-    `samples`: (m,) or (channels, m), floating point.
-    Returns: (n,) at the config's rate, between -1 and 1; silence stays zero. One gain for the clip, no DC removal.
-    Raises UsageError: Another shape or type, or a sample rate below 1.
-    Raises DataError: "empty_audio", "nan", or "short_audio" (less than one code, 128 samples).
-    """
+    """Average channels (m,) or (c, m), resample as librosa does, divide by the largest value; silence stays zero."""
     signal = np.asarray(samples)
     shaped = signal.ndim == 1 or (signal.ndim == 2 and 1 <= len(signal) <= _MAX_CHANNELS)
     if not (shaped and np.issubdtype(signal.dtype, np.floating)):
@@ -73,11 +67,7 @@ def require_length(n_codes: int, max_codes: int, config: JukeboxConfig) -> None:
 
 
 def fitted(audio: NDArray[np.float32], max_codes: int, config: JukeboxConfig, too_long: str) -> NDArray[np.float32]:
-    """Return the part of a prepared clip that the VQ-VAE encodes.
-
-    Raises DataError: "long_audio" for a clip of more than `max_codes` codes, unless `too_long` is "truncate".
-    Raises UsageError: `too_long` has another value.
-    """
+    """Return the part of a prepared clip that is encoded; DataError "long_audio" unless `too_long` is "truncate"."""
     if too_long not in ("error", "truncate"):
         raise UsageError("jukebox: invalid value for too_long", found=too_long,
                          fix=did_you_mean(too_long, ("error", "truncate")))  # fmt: skip

@@ -194,10 +194,7 @@ class Frames:
         self._ends = strided(padded, (n_signals, n_frames, 2), (needed, hop, 1))
 
     def folded(self, combine: Any, part: slice) -> Floats:
-        """Return sums (`np.add`) or differences (`np.subtract`) of samples at equal distances; (W F, half).
-
-        Those are x[m + 1 + j] and x[m - j], m = half. The filters are periodic, so the partner of x[1] is x[0].
-        """
+        """Return sums (`np.add`) or differences (`np.subtract`) of samples at equal distances; (W F, half)."""
         after = self._after[:, part]
         folded: Floats = np.empty(after.shape, dtype=np.float32)
         self._fold(combine, part, folded)

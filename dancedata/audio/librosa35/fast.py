@@ -44,10 +44,7 @@ _FRAMES_AT_ONCE = 64
 
 
 def near_ties(chroma: Floats, largest: Floats) -> NDArray[np.bool_]:
-    """Return in which frames of chroma (W, T, 12) a share is within rounding of a step; (W, T).
-
-    `largest`: (W,) largest magnitude of each window's samples.
-    """
+    """Return in which frames of chroma (W, T, 12) a share is within rounding of a step; (W, T)."""
     loudness = chroma.sum(axis=2)
     relative = largest[:, np.newaxis] / np.maximum(loudness, np.finfo(np.float32).tiny)
     tolerance = np.maximum(_ROUNDING, _NOISE * relative)
@@ -81,10 +78,7 @@ def librosa_envelope(samples: Floats, rate: int) -> Floats:
 def decide_near_ties(
     chroma: Floats, largest: Floats, tunings: Sequence[int], rate: int, samples_of: Callable[[int], Floats]
 ) -> None:
-    """Replace frames of chroma (W, T, 12) in which a share is too close to a step by librosa's.
-
-    `samples_of`: Returns the samples of a window, resampled by itself.
-    """
+    """Replace frames of chroma (W, T, 12) in which a share is too close to a step by librosa's."""
     near = near_ties(chroma, largest)
     for window in np.flatnonzero(near.any(axis=1)).tolist():
         frames = np.flatnonzero(near[window])
@@ -235,10 +229,7 @@ def estimated_bpm(samples: Floats, sample_rate: int) -> float:
 def _features(
     windows: Windows, bpms: Sequence[float], settings: Settings, samples_of: Callable[[int], Floats]
 ) -> Floats:
-    """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples.
-
-    `bpms`: Where the search for the tempo starts, one per window; `settings.start_bpm` is not used.
-    """
+    """Compute the features (W, T, 35) of windows at the features' rate that begin on multiples of 512 samples."""
     rate = settings.rate
     spectra = window_spectra(windows, rate)
     envelope, mfcc = envelope_and_mfcc(spectra.db, spectra.rows)

@@ -67,10 +67,7 @@ def head_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Fl
 
 @lru_cache(maxsize=16)
 def tail_matrix(from_rate: int, to_rate: int, n_input: int, n_output: int) -> Floats:
-    """Return the matrix that turns the last samples of a signal into its last resampled samples.
-
-    The first of the `n_input` samples must be at an instant that has a sample in the output, too.
-    """
+    """Return the matrix that turns the last samples of a signal into its last resampled samples."""
     import soxr
 
     total = resampled_length(n_input, from_rate, to_rate)
@@ -96,10 +93,7 @@ def _matrix(from_rate: int, to_rate: int, n_input: int, first: int, n_output: in
 
 @lru_cache(maxsize=4)
 def _responses(from_rate: int, to_rate: int) -> Floats:
-    """Return soxr's response to an impulse at each sample of a period, (period, 2 reach + its output samples).
-
-    Column 0 is one reach before the beginning of the period. All impulses are in one signal, far apart.
-    """
+    """Return soxr's response to an impulse at each sample of a period, (period, 2 reach + its output samples)."""
     step_in, reach = period(from_rate, to_rate), reach_out(from_rate, to_rate)
     step_out = step_in * to_rate // from_rate
     periods = 1 + math.ceil((2 * reach + step_out) / step_out)

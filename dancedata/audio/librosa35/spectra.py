@@ -165,10 +165,7 @@ def mel_db(samples: Floats, rate: int) -> Floats:
 def _mel_and_peaks(
     blocks: Iterable[tuple[Floats, NDArray[np.int64]]], n_rows: int, rate: int
 ) -> tuple[Floats, Peaks]:
-    """Transform frames, given as stacks of blocks (b, n, 2048) with the numbers of the frames to keep.
-
-    Each block is transformed and multiplied by itself, independent of the rows kept and of the other blocks.
-    """
+    """Transform frames, given as stacks of blocks (b, n, 2048) with the numbers of the frames to keep."""
     import scipy.fft
 
     filters = mel_filters(rate)

@@ -54,11 +54,7 @@ class Peaks:
 
 
 def find_peaks(spectrum: Floats, rate: int, *, is_power: bool) -> Peaks:
-    """Find the local maxima of rows of a spectrum (R, n_fft / 2 + 1) between 150 and 4,000 Hz.
-
-    Frequency and magnitude are interpolated by a parabola, as in librosa's `piptrack` (Smith, Spectral Audio
-    Signal Processing), with its float32 roundings. Peaks of a power spectrum are turned into magnitudes.
-    """
+    """Find the local maxima of rows of a spectrum (R, n_fft / 2 + 1) between 150 and 4,000 Hz."""
     n_fft = 2 * (spectrum.shape[1] - 1)
     frequencies = np.fft.rfftfreq(n_fft, 1.0 / rate)
     in_range = np.flatnonzero((frequencies >= _MIN_HZ) & (frequencies < min(_MAX_HZ, rate / 2)))

@@ -73,11 +73,7 @@ class Windows:
 def resampled_windows(
     samples: Floats, starts: NDArray[np.int64], length: int, from_rate: int, to_rate: int
 ) -> Windows:
-    """Resample windows of a signal, each as if it were cut out first.
-
-    `starts`: (W,) each at an instant that has a sample at `to_rate`, too.
-    `length`: Samples per window, at least `shortest(from_rate, to_rate)`.
-    """
+    """Resample windows of a signal at `starts` (W,), each as if it were cut out first."""
     new_starts = starts * to_rate // from_rate
     new_length = resampled_length(length, from_rate, to_rate)
     if from_rate == to_rate:
@@ -102,10 +98,7 @@ def shortest(from_rate: int, to_rate: int, halvings: int, half: int) -> int:
 
 
 def halved_windows(windows: Windows, track: Floats) -> Windows:
-    """Halve the rate of windows, each by itself; `track` is their track at half the rate.
-
-    The starts of the windows must be even.
-    """
+    """Halve the rate of windows, each by itself; `track` is their track at half the rate."""
     n_head = 3 * END
     # It begins at an even sample, as the windows do: one more sample if their length is odd.
     n_tail = n_head + windows.length % 2

@@ -57,10 +57,7 @@ def free_memory(device: torch.device) -> int | None:
 
 @lru_cache(maxsize=1)
 def claimed(devices: tuple[str, ...]) -> str | None:
-    """Return a card that no other process of this user on this machine uses, for the life of the process.
-
-    If all cards are in use, the first one, which is then shared; None without cards.
-    """
+    """Return a card that no other process of this user on this machine uses, for the life of the process."""
     for device in devices:
         with suppress(OSError):
             # By the card itself: each job of a batch system counts its cards from 0.
@@ -85,12 +82,7 @@ class Batches:
     def run(
         self, items: Sequence[Item], size: int, compute: Callable[[Sequence[Item]], list[Result]]
     ) -> Iterator[list[Result]]:
-        """Compute items in order, `size` at once; the size is halved whenever the device runs out of memory.
-
-        Yields: Results of the next items.
-        Raises UsageError: `size` is below 1.
-        Raises DanceDataError: The memory is too small for a single item.
-        """
+        """Compute items in order, `size` at once; the size is halved whenever the device runs out of memory."""
         if size < 1:
             raise UsageError("invalid value for batch_size", found=size, allowed="1 or more")
         start = 0

@@ -111,11 +111,7 @@ class NetworkFeature(AudioFeature):
         return sha256
 
     def network(self, how: tuple[Hashable, ...], load: Callable[[], N]) -> N:
-        """Return the network of this process, loaded once; the previous one is released first.
-
-        `how`: Dependencies of `load`, in addition to the hash of the weights.
-        Raises SourceError: The weights have changed since their hash became a part of cache keys.
-        """
+        """Return the network of this process, loaded once; the previous one is released first."""
         key = (self._recipe_hash, *how)
         if _networks.get(self.name, (None, None))[0] != key:
             _networks.pop(self.name, None)

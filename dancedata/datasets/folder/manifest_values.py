@@ -130,10 +130,7 @@ def check_free_names(columns: Sequence[str], bad: Bad) -> None:
 
 
 def typed(rows: Sequence[Mapping[str, Any]], bads: Sequence[Bad], *, written: bool) -> list[dict[str, ColumnValue]]:
-    """Return the free columns of all rows, without the prefix, as values; SourceError unless a column has one type.
-
-    `written`: Whether values are texts, as in CSV: numbers, truth values or JSON lists if all of the column are.
-    """
+    """Return the free columns of all rows as values, `written` ones from texts; SourceError unless of one type."""
     found: list[dict[str, ColumnValue]] = [{} for _ in rows]
     for name in sorted({name for row in rows for name in row}):
         holders = [k for k, row in enumerate(rows) if name in row]

@@ -116,10 +116,7 @@ def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
 
 
 def on_video_frames(arrays: ArrayFile, translation: Floats, rotations: Floats) -> tuple[Floats, Floats, int]:
-    """Return a motion (F, 3), (F, J, 3) on the frames of the video, and the frame in which the person appears.
-
-    Gaps are interpolated: linear, and along the shortest arc. Before the person appears it keeps its first pose.
-    """
+    """Return a motion (F, 3), (F, J, 3) on the frames of the video, and the frame in which the person appears."""
     span = seen_in(arrays)
     if span is None:
         return translation, rotations, 0

@@ -77,10 +77,7 @@ class Prepared:
 
 
 def prepare(folder: str | Path, out: str | Path | None = None) -> Prepared:
-    """Write manifest.csv and recipe.yaml of a folder; of a manifest that is there, only empty cells are filled.
-
-    SourceError without motion or for a manifest with mistakes, StoreError if a file cannot be written.
-    """
+    """Write manifest.csv and recipe.yaml of a folder; of a manifest that is there, only empty cells are filled."""
     source = Path(folder).expanduser()
     target = source if out is None else Path(out).expanduser()
     proposal = propose(source)

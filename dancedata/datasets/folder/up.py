@@ -72,10 +72,7 @@ def wrong_files(stances: Mapping[str, Stance]) -> tuple[set[str], Floats]:
 
 
 def judge_up(files: Sequence[tuple[ClipRef, Reading, Fact[str], str]]) -> list[Reject]:
-    """Return the rejects of clips whose up axis is wrong, as other files of their folder show.
-
-    Files of one format and axis are judged together, those whose axis the manifest declares not at all.
-    """
+    """Return the rejects of clips whose up axis is wrong, as other files of their folder show."""
     groups: dict[tuple[str, str, str], list[tuple[ClipRef, Reading]]] = {}
     facts = {}
     for ref, reading, up, kind in files:

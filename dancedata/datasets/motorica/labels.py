@@ -101,10 +101,7 @@ def read_chunk(path: Path) -> list[Segment]:
 
 
 def joined(chunks: Mapping[tuple[int, bool], Path]) -> list[Segment]:
-    """Return the segments of a recording from those of its chunks, which overlap; DataError ``bad_segment``.
-
-    Parts in successive chunks are joined where they touch: one that is cut off does not state its begin or end.
-    """
+    """Return the segments of a recording from those of its chunks, which overlap; DataError ``bad_segment``."""
     parts: dict[tuple[Any, ...], list[tuple[Fraction, Fraction, Segment]]] = defaultdict(list)
     frames: dict[Fraction, tuple[Any, Path]] = {}
     for (number, is_mirrored), path in sorted(chunks.items()):

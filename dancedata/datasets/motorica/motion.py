@@ -36,10 +36,7 @@ def seconds_of(path: Path) -> Fraction | None:
 
 
 def load_motion(path: Path, *, fingers: bool, start: Fraction | None = None, end: Fraction | None = None) -> Motion:
-    """Read a recording from `start` to `end`, seconds: 120 FPS, metres, +Y up, the file's own joints and bones.
-
-    Returns: translation (T, 3) is the position of the hips; rotations (T, J, 3), also of the fingers if `fingers`.
-    """
+    """Read a recording from `start` to `end`, seconds: 120 FPS, metres, +Y up, the file's own joints and bones."""
     bvh = read_bvh(path)
     _check_rate(bvh)
     kept = _joints(bvh, fingers)

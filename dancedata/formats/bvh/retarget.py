@@ -79,10 +79,7 @@ class Rig:
 
 
 def make_rig(bvh: Bvh, joints: JointMap, up: Floats) -> Rig:
-    """Compute the constant rotations and the bones; `up` (3,) is the file's up axis. DataError: ``bad_skeleton``.
-
-    Of a header the rest pose is assumed to be a pose of a body, which affects rotations but not lengths.
-    """
+    """Compute the constant rotations and the bones; `up` (3,) is the file's up axis. DataError: ``bad_skeleton``."""
     rest = rest_positions([joint.parent for joint in bvh.joints], bone_offsets(bvh))
     places = {s: rest[b] for s, b in joints.of.items()}
     size = body_size(places)

@@ -21,10 +21,7 @@ _PLUGIN = "a network of another kind needs a plug-in: docs/tutorials/add-your-ow
 
 
 def family_of(config: Mapping[str, Any], extractor: Mapping[str, Any], where: object = None) -> Family:
-    """Return the family of a model.
-
-    Raises SourceError: The model type is unknown, needs remote code, or the config cannot be used.
-    """
+    """Return the family of a model; SourceError if it is unknown, needs remote code, or its config cannot be used."""
     kind = config.get("model_type")
     if kind is None and all(key in config for key in _OF_MUQ):
         kind = "muq"

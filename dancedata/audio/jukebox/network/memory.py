@@ -48,11 +48,7 @@ def fixed_bytes(config: JukeboxConfig, precision: torch.dtype, max_codes: int) -
 
 
 def clip_bytes(config: JukeboxConfig, precision: torch.dtype, n_codes: int) -> int:
-    """Size of one clip's activations at their peak.
-
-    In a block: the residual stream, its norm and the half-precision copy of the norm; in fp32 the stream, the norm
-    and the MLP's hidden layer. In the encoder: three tensors at half the sample rate.
-    """
+    """Size of one clip's activations at their peak."""
     codes = padded_length(config, n_codes)
     peak_columns = 10 * config.width if precision != torch.float32 else 8 * config.width + 4 * config.mlp_width
     encoder = 3 * 4 * config.conv_width * n_codes * config.hop // 2
@@ -62,11 +58,7 @@ def clip_bytes(config: JukeboxConfig, precision: torch.dtype, n_codes: int) -> i
 def place(
     config: JukeboxConfig, n_blocks: int, precision: torch.dtype, max_codes: int, budget: int | None
 ) -> Placement:
-    """Decide which blocks stay on the device, with memory left for a clip of `max_codes` codes.
-
-    `budget`: Bytes on the device; None: no limit.
-    Raises UsageError: Two blocks and one clip do not fit.
-    """
+    """Decide which blocks stay on the device, with memory left for a clip of `max_codes` codes."""
     block, fixed = block_bytes(config, precision), fixed_bytes(config, precision, max_codes)
     one_clip = clip_bytes(config, precision, max_codes)
     if budget is None or fixed + one_clip + n_blocks * block <= budget:
@@ -85,11 +77,7 @@ def place(
 
 
 def batch_size(config: JukeboxConfig, precision: torch.dtype, n_codes: int, free: int | None) -> int:
-    """Return the number of clips of `n_codes` codes to compute at once.
-
-    `free`: Bytes left on the device; None (CPU): one clip at a time, which is as fast there and keeps the numbers of
-        a clip independent of the other clips to the bit.
-    """
+    """Return the number of clips of `n_codes` codes to compute at once."""
     if free is None:
         return 1
     return max(1, min(MAX_BATCH, free // clip_bytes(config, precision, n_codes)))

@@ -110,10 +110,7 @@ def table_tensors(config: JukeboxConfig, n_codes: int) -> tuple[TensorSpec, ...]
 
 
 def prior_tensors(config: JukeboxConfig, layer: int, n_codes: int | None = None) -> tuple[TensorSpec, ...]:
-    """Return the tensors of prior_level_2.pth.tar that activations up to `layer` (1 to depth) need.
-
-    `n_codes`: The longest sequence; None: the whole context.
-    """
+    """Return the tensors of prior_level_2.pth.tar that activations up to `layer` (1 to depth) need."""
     blocks = (spec for index in range(layer) for spec in block_tensors(config, index))
     return (*table_tensors(config, config.n_ctx if n_codes is None else n_codes), *blocks)
 
@@ -161,10 +158,7 @@ def time_conditioning(
     relative_position: torch.Tensor,
     n_codes: int,
 ) -> torch.Tensor:
-    """x_cond, (n_codes, W) float32: the three time labels of each position, added.
-
-    `song_length`, `song_position`, `relative_position`: (bins, W) float32 tables, of the bins of `n_codes` codes.
-    """
+    """x_cond, (n_codes, W) float32: the three time labels of each position, added."""
     import torch
 
     at_position = torch.from_numpy(_song_position_bins(config, n_codes))

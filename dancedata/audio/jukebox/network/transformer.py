@@ -77,10 +77,7 @@ class BlockStream:
             self._copies = torch.cuda.Stream(device)  # type: ignore[no-untyped-call]
 
     def run(self, h: torch.Tensor, n_clips: int) -> Iterator[tuple[int, torch.Tensor | None]]:
-        """Send the residual stream h (n_clips * L, W) through all blocks, in place.
-
-        Yields: After each block: its number from 1, and the result of `Block.forward`.
-        """
+        """Send the residual stream h (n_clips * L, W) through all blocks, in place; yield what each returns."""
         queue = iter(self._away)
         for slot, index in zip(self._slots, queue, strict=False):
             self._fetch(slot, index)
@@ -254,10 +251,7 @@ def _attend(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, *, causal: bool) 
 
 
 def product(x: torch.Tensor, weight: torch.Tensor, bias: torch.Tensor, *, alpha: float = 1.0) -> torch.Tensor:
-    """Linear layer alpha * (x @ weight) + bias of x (N, in), rounded to its type; sums in fp32.
-
-    `weight`: (in, out), of any floating type: those stored in fp16 stay so in memory, and are cast each time.
-    """
+    """Linear layer alpha * (x @ weight) + bias of x (N, in), rounded to its type; sums in fp32."""
     if x.device.type == "cpu" and x.dtype != torch.float32:
         # CPUs without half-precision units take 75 times as long. The tensor cores of GPUs compute the same:
         # products of exactly representable factors, summed in fp32 and rounded once.

@@ -76,10 +76,7 @@ class Checkpoint:
 
 
 def open_openai(folder: Path, config: JukeboxConfig) -> Checkpoint:
-    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network.
-
-    Raises SourceError: A file is missing, truncated or of another network. That includes the Hugging Face models.
-    """
+    """Open OpenAI's vqvae.pth.tar and prior_level_2.pth.tar, and check that they belong to this network."""
     refuse_hugging_face(folder)
     checkpoint = Checkpoint(open_torch_file(folder / VQVAE_FILE), open_torch_file(folder / PRIOR_FILE))
     expected = {spec.name for spec in tensors.vqvae_tensors(config)}
