@@ -9,10 +9,8 @@ from dancedata.core.lazy import lazy_names
 __all__ = [
     "beats",
     "card_pictures",
-    "compare",
     "features",
     "motion",
-    "paths",
     "pose_map",
     "write_page",
     "write_video",
@@ -21,11 +19,9 @@ __all__ = [
 if TYPE_CHECKING:
     from dancedata.plot.beat_axes import beats
     from dancedata.plot.card import card_pictures
-    from dancedata.plot.compare_axes import compare
     from dancedata.plot.feature_axes import features
     from dancedata.plot.map_axes import pose_map
     from dancedata.plot.motion_axes import motion
-    from dancedata.plot.path_axes import paths
     from dancedata.plot.video import write_video
     from dancedata.scene.motion_page import write_page
 else:
@@ -34,11 +30,9 @@ else:
         {
             "plot.beat_axes": "beats",
             "plot.card": "card_pictures",
-            "plot.compare_axes": "compare",
             "plot.feature_axes": "features",
             "plot.map_axes": "pose_map",
             "plot.motion_axes": "motion",
-            "plot.path_axes": "paths",
             "plot.video": "write_video",
             "scene.motion_page": "write_page",
         },

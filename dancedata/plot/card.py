@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,6 @@ from dancedata.kernel import Progress, Store
 from dancedata.plot.beat_axes import beats
 from dancedata.plot.map_axes import pose_map
 from dancedata.plot.motion_axes import motion
-from dancedata.plot.path_axes import paths
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,20 +36,18 @@ def card_pictures(store: Store, progress: Progress) -> dict[str, tuple[str, byte
 
 
 def _drawings(store: Store) -> dict[str, tuple[str, Callable[[], Axes]]]:
-    """Return name, description and drawing of three pictures."""
+    """Return name, description and drawing of the pictures; of beats where there is music."""
     clip = next((c.id for c in store if not c.source), "")
     if not clip:
         raise UsageError("a dataset without clips has no card", where=store.path)
-    third = ("beats.png", ("speed, key motions and beats of a clip", partial(beats, store, clip)))
-    try:
-        beats(store, clip)
-    except DanceDataError:  # no music
-        third = ("paths.png", ("paths of roots, from above", partial(paths, store)))
-    return {
+    drawings: dict[str, tuple[str, Callable[[], Axes]]] = {
         "poses.png": ("poses of a clip", partial(motion, store, clip, poses=7)),
         "map.png": ("map of the poses along their two largest components", partial(pose_map, store)),
-        third[0]: third[1],
     }
+    with suppress(DanceDataError):  # no music
+        beats(store, clip)
+        drawings["beats.png"] = "speed, key motions and beats of a clip", partial(beats, store, clip)
+    return drawings
 
 
 def _png(axes: Axes) -> bytes:

@@ -4,23 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from dancedata.core.errors import UsageError
-from dancedata.core.grid import FrameGrid, Number
-from dancedata.core.motion import Motion
 from dancedata.core.packages import load
 from dancedata.core.rotations import Float64Array
-from dancedata.core.skeleton import SMPL24
 from dancedata.core.text import shown
-from dancedata.kernel import Clip, Store, open_store
+from dancedata.kernel import Store, open_store
 from dancedata.plot.bodies import Camera, body
 from dancedata.scene.figure import Figure
-from dancedata.scene.inputs.clip import MemoryClip
-from dancedata.scene.motions import figures_of
 from dancedata.scene.palette import Theme, colours_of
 from dancedata.scene.scene_list import Scene
 from dancedata.scene.scenes import Scenes
@@ -28,8 +22,6 @@ from dancedata.scene.scenes import Scenes
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: A motion, a clip of a dataset, or joint positions (T, J, 3), metres.
-Dance: TypeAlias = "Motion | Clip | npt.ArrayLike"
 #: Colours of the middle, the left and the right of a body: distinguishable with every kind of colour vision.
 SIDES: dict[Theme, tuple[str, str, str]] = {
     "light": ("#4a525c", "#2a8ccb", "#a04c00"), "dark": ("#d5d9df", "#7accf8", "#d48500")
@@ -63,30 +55,6 @@ def dancers_of(scene: Scene, theme: Theme = "light") -> list[Dancer]:
     if not scene.members:
         return [Dancer(figures[0][0], SIDES[theme])]
     return [Dancer(figure, colours_of(item, theme), shown(item.part, 20)) for figure, item in figures]
-
-
-def figure_of(dance: Dance, fps: Number | None = None, body: str | None = None) -> Figure:
-    """Return the figure of a dance; rate and body are those of joint positions, as in `dancedata.evaluate`."""
-    if isinstance(dance, Motion):
-        return Figure.of_joints(dance.joints(), dance.skeleton, dance.grid)
-    if isinstance(dance, Clip):
-        store: Store = dance.store  # type: ignore[assignment]
-        scenes = Scenes(store)
-        items = scenes.items_of(dance.id)
-        scene = scenes.scene(items[0])
-        found = [s.figure for s in scene.dancers if s.item.clip.id == dance.id and s.figure is not None]
-        if not found:
-            raise UsageError("no field of this clip can be drawn", where=dance.id, found="; ".join(scene.notes))
-        return found[0]
-    joints = np.asarray(dance)
-    if joints.ndim != 3 or joints.shape[-1] != 3 or joints.dtype.kind not in "fiu":
-        raise UsageError("this is not a dance", found=f"shape {joints.shape}, {joints.dtype}",
-                         allowed="a Motion, a clip of a dataset, or joint positions (T, J, 3) in metres",
-                         fix="for columns: dancedata.decode(rows, NAME, fps=RATE)")  # fmt: skip
-    if fps is None:
-        raise UsageError("the frame rate of the joints is unknown", fix="give fps=")
-    clip = MemoryClip(id="joints", joints=joints.astype(np.float64), grid=FrameGrid.of(fps), body=body)
-    return figures_of(clip, SMPL24)[0]
 
 
 def extent(figure: Figure, at: int, camera: Camera) -> tuple[float, float]:

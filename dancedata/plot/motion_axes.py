@@ -13,17 +13,7 @@ from dancedata.core.motion import Motion
 from dancedata.core.text import shown
 from dancedata.kernel import Store
 from dancedata.plot.bodies import Camera
-from dancedata.plot.dancers import (
-    Dancer,
-    axes_or_new,
-    bare,
-    dancers_of,
-    draw_pose,
-    extent,
-    figure_of,
-    moments,
-    scene_of,
-)
+from dancedata.plot.dancers import Dancer, axes_or_new, bare, dancers_of, draw_pose, extent, moments, scene_of
 from dancedata.scene.figure import Figure
 from dancedata.scene.scene_list import Scene
 
@@ -88,8 +78,12 @@ def motion(
     >>> from dancedata import plot
     >>> plot.motion("data/demo", "gBR_sBM_cAll_d04_mBR4_ch03", poses=6, times="beats").figure.savefig("poses.pdf")
     """
-    scene = None if isinstance(source, Motion) else scene_of(source, clip, field)
-    dancers = [Dancer(figure_of(source))] if isinstance(source, Motion) else dancers_of(scene) if scene else []
+    scene = None
+    if isinstance(source, Motion):
+        dancers = [Dancer(Figure.of_joints(source.joints(), source.skeleton, source.grid))]
+    else:
+        scene = scene_of(source, clip, field)
+        dancers = dancers_of(scene)
     figure = dancers[0].figure
     frames = moments(figure, poses, _at_beats(scene, figure, poses) if isinstance(times, str) else times)
     roots = np.stack([[dancer.figure.joints[at, 0] for dancer in dancers] for at in frames])
