@@ -12,7 +12,7 @@ import pytest
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.segments import Segment
 from dancedata.datasets.motorica import Motorica
-from dancedata.datasets.motorica.labels import joined, read_chunk, read_labels, read_text, write_example
+from dancedata.datasets.motorica.labels import joined, read_labels, read_text, write_example
 from dancedata.datasets.motorica.motion import write_example as write_recordings
 from tests.messages import raises_message
 
@@ -50,7 +50,7 @@ def runs(segments: Sequence[Segment], length: int, fps: int = 30) -> list[list[A
 
 @pytest.mark.parametrize("chunk", ["chunk8", "chunk9", "chunk10", "chunk10_M", "chunk11"])
 def test_chunks_as_their_code_reads_them(stream: dict[str, Any], published: Path, chunk: str) -> None:
-    segments = read_chunk(published / "motorica" / "sliced_labels" / f"{NAME}_{chunk}_label.json")
+    segments = joined({(0, False): published / "motorica" / "sliced_labels" / f"{NAME}_{chunk}_label.json"})
     wanted = stream["chunks"][f"{NAME}_{chunk}"]
     actual = runs(segments, wanted["shape"][0], wanted["current_fps"])
     # Theirs are cut at 1,000 characters, these are whole.
@@ -60,14 +60,14 @@ def test_chunks_as_their_code_reads_them(stream: dict[str, Any], published: Path
 
 
 def test_descriptions_are_one_text_or_a_list(published: Path) -> None:
-    nine = read_chunk(published / "motorica" / "sliced_labels" / f"{NAME}_chunk9_label.json")
+    nine = joined({(0, False): published / "motorica" / "sliced_labels" / f"{NAME}_chunk9_label.json"})
     assert nine[0].texts == ("a gap follows",)
     assert nine[1].texts[:2] == ("one", "two")
 
 
 def test_a_segment_past_the_end_is_kept_exactly(published: Path) -> None:
     """Their ramp fails; here the store cuts frames and keeps the time."""
-    last = read_chunk(published / "motorica" / "sliced_labels" / f"{NAME}_chunk12_label.json")[-1]
+    last = joined({(0, False): published / "motorica" / "sliced_labels" / f"{NAME}_chunk12_label.json"})[-1]
     assert last.end == Fraction(200, 30)
 
 
@@ -154,7 +154,7 @@ def test_broken_chunks(tmp_path: Path, text: str) -> None:
     path = tmp_path / "a_chunk0_label.json"
     path.write_text(text)
     with raises_message(DataError, "label", where="a_chunk0_label.json", reason="bad_segment"):
-        read_chunk(path)
+        joined({(0, False): path})
 
 
 @pytest.mark.parametrize(

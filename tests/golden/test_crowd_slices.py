@@ -16,7 +16,7 @@ from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.motion import Motion
 from dancedata.core.segments import Segment
 from dancedata.datasets.aioz_gdance import load_dancers, read_sizes
-from dancedata.datasets.motorica.labels import read_chunk, read_labels
+from dancedata.datasets.motorica.labels import joined, read_labels
 from dancedata.datasets.motorica.reader import GENRES, IN_BOTH, TEST, TRAIN_COUNT, parse_name
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.exports._slices import quantised_wav
@@ -228,7 +228,7 @@ def test_ramps_of_chunks(crowd: Path) -> None:
     chunks = [key.removesuffix(".label_index") for key in golden if key.endswith(".label_index")]
     assert len(chunks) == 5
     for chunk in chunks:
-        found = ramps([frames(segment) for segment in read_chunk(folder / f"{chunk}_label.json")], 150)
+        found = ramps([frames(segment) for segment in joined({(0, False): folder / f"{chunk}_label.json"})], 150)
         np.testing.assert_allclose(found, golden[f"{chunk}.label_index"], rtol=0, atol=5.1e-4)
 
 

@@ -95,11 +95,6 @@ def read_text(path: Path) -> Segment:
     return _segment(start / rate, (end + 1) / rate, stated.get("genre", ""), stated.get("label", ""), descriptions)
 
 
-def read_chunk(path: Path) -> list[Segment]:
-    """Return the segments of a chunk, from its first frame, in the order of the file; DataError ``bad_segment``."""
-    return [segment for _, segment in _chunk(path)[1]]
-
-
 def joined(chunks: Mapping[tuple[int, bool], Path]) -> list[Segment]:
     """Return the segments of a recording from those of its chunks, which overlap; DataError ``bad_segment``."""
     parts: dict[tuple[Any, ...], list[tuple[Fraction, Fraction, Segment]]] = defaultdict(list)
