@@ -24,18 +24,13 @@ from dancedata.execution.arithmetic import adopt
 
 @dataclass(frozen=True)
 class Output:
-    """The result of a command, as a JSON document and as text.
-
-    `ok`: Whether the exit code is 0, else 1.
-    `warnings`: Those of the document; the text has them already.
-    `error`: A problem for which there is a document all the same.
-    """
+    """The result of a command, as a JSON document and as text."""
 
     document: Callable[[], Any]
     text: Callable[[], str]
-    ok: bool = True
-    warnings: Sequence[str] = ()
-    error: DanceDataError | None = None
+    ok: bool = True  # whether the exit code is 0, else 1
+    warnings: Sequence[str] = ()  # those of the document; the text has them already
+    error: DanceDataError | None = None  # a problem for which there is a document all the same
 
 
 def command(shared: str, **about: About) -> Callable[[Callable[..., Any]], Callable[..., None]]:

@@ -26,18 +26,12 @@ LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 @dataclass(frozen=True)
 class Address:
-    """The place of a dataset.
+    """The place of a dataset."""
 
-    `scheme`: hf, s3, gs, az, https or, on this machine, http.
-    `place`: Repository ORG/NAME of a hub; else bucket or host, and the folder in it.
-    `folder`: Folder in a repository; "" for its top.
-    `revision`: Branch, tag or commit of a repository; "" elsewhere.
-    """
-
-    scheme: str
-    place: str
-    folder: str = ""
-    revision: str = ""
+    scheme: str  # hf, s3, gs, az, https or, on this machine, http
+    place: str  # repository ORG/NAME of a hub; else bucket or host, and the folder in it
+    folder: str = ""  # folder in a repository; "" for its top
+    revision: str = ""  # branch, tag or commit of a repository; "" elsewhere
 
     def __str__(self) -> str:
         if self.scheme != "hf":
@@ -55,10 +49,7 @@ class Address:
 
 
 def parse_address(text: str | Path) -> Address:
-    """Parse an address; UsageError if it is not valid.
-
-    An address with a password or a signature is refused, and not repeated: addresses are printed and recorded.
-    """
+    """Parse an address; UsageError for an invalid one; a password or signature is not repeated."""
     match = _SCHEME.match(str(text))
     if match is None:
         raise _invalid(str(text))

@@ -40,12 +40,7 @@ _SHARD = re.compile(r"(?P<split>.+)-(?P<k>\d{5,})-of-(?P<n>\d{5,})\.h5")
 
 
 def folder_of_address(path: str | Path, cache: Path | None = None) -> Path:
-    """Return the folder in the cache of the dataset of an address.
-
-    Its dataset.json is fetched and its self_sha256 compared; other files follow when they are opened. A
-    branch or tag is resolved to a commit here, once: the folder stays that of the commit. With HF_HUB_OFFLINE=1 it is
-    the folder of the last time.
-    """
+    """Return the folder in the cache of the dataset of an address, with dataset.json; of a branch, its commit."""
     address = parse_address(path)
     root = Cache.at(cache).root
     remembered = root / DATASETS / _ADDRESSES / f"{sha256_bytes(str(address).encode())}.json"
@@ -108,10 +103,7 @@ def _listed(folder: Path) -> Mapping[str, FileEntry]:
 
 
 def fetch(path: Path) -> None:
-    """Fetch a file of a dataset of the cache.
-
-    The first shard of a split, or one whose predecessor is there, brings the next two along, in the background.
-    """
+    """Fetch a file of a dataset of the cache; a shard that is read in order brings the next two along."""
     files = _listed(path.parent)
     if path.name in files:
         fetch_files(path.parent, [files[path.name]])

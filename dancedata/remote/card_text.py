@@ -31,11 +31,7 @@ def without_paths(text: str) -> str:
 
 
 def card_text(store: Store, pictures: Mapping[str, str], place: HubPlace | None = None) -> str:
-    """Return the README.md of a dataset.
-
-    `pictures`: Address and description of each picture.
-    `place`: Where and how it is published, if it is.
-    """
+    """Return the README.md of a dataset; `pictures` are addresses and descriptions."""
     meta, splits = store.info, tuple(store.splits)
     name = _text(str(meta.get("name", "dataset")))
     description = _text(str(meta.get("recipe", {}).get("description") or "Built by dancedata."))

@@ -53,11 +53,7 @@ def changed(name: str) -> StoreError:
 def contents(
     store: Store, place: HubPlace, beside: Sequence[Path], pictures: Pictures | None, progress: Progress
 ) -> list[Upload]:
-    """Return the files of a publication; the last one makes it complete.
-
-    `pictures`: Draws those of the card; None: it has none.
-    `beside`: Files of the source to publish with a recipe, such as a manifest or a local plug-in.
-    """
+    """Return the files of a publication, with those `beside` a recipe; the last one makes it complete."""
     listing = DatasetFiles.of(store.info, f"{store.path}/{DatasetFiles.DATASET}")
     if place.recipe_only:
         files = [*_recipe(store), *_beside(beside)]

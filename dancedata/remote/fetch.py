@@ -75,11 +75,7 @@ def read_small(source: Client, name: str, where: str) -> bytes:
 
 
 def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, report: Report) -> None:
-    """Bring a file into `folder`, unless it is there; processes that ask for the same file wait for the first.
-
-    What arrives goes to ``FOLDER.parts/NAME.part`` and is kept if the process is killed, so that the next one asks
-    for the rest. Wrong bytes are deleted and asked for once more.
-    """
+    """Bring a file into `folder`, unless it is there; a part that is killed is kept as FOLDER.parts/NAME.part."""
     target, parts = folder / file.file, folder.with_name(f"{folder.name}.parts")
     with written(target, file.size):
         parts.mkdir(parents=True, exist_ok=True)

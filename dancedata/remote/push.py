@@ -31,7 +31,6 @@ class Pushed:
     """Result of `push`: the address with the tag, and the commit, "" of a dry run.
 
     `files`, `bytes`: Number and size of the published files; `uploaded_bytes` of them were not there before.
-    `recipe_only`: Whether the recipe is published without the data.
     """
 
     address: str
@@ -39,7 +38,7 @@ class Pushed:
     files: int
     bytes: int
     uploaded_bytes: int
-    recipe_only: bool
+    recipe_only: bool  # whether the recipe is published without the data
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data."""

@@ -14,11 +14,7 @@ STALL_BYTES, STALL_S = 1024, 60.0
 
 
 class Interrupted(Exception):  # noqa: N818 (a state of a download, not an error of the caller)
-    """The server failed in a way that may pass.
-
-    `problem`: Text for the error, if it does not pass.
-    `wait_s`: Seconds that the server asks to wait; None: it does not say.
-    """
+    """The server failed in a way that may pass; `wait_s`: seconds that it asks to wait, None if it does not say."""
 
     def __init__(self, problem: str, wait_s: float | None = None) -> None:
         super().__init__(problem)

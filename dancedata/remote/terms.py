@@ -26,11 +26,7 @@ class Restriction(NamedTuple):
 
 
 def restrictions(store: Store) -> list[Restriction]:
-    """Return the contents of a dataset that may not be passed on.
-
-    Clips with terms of their own are judged by these, other clips by the record of the dataset's plug-in; a licence
-    that is not known to allow it does not. Rows of audio features count as music: they are made of it.
-    """
+    """Return the contents that no licence known to allow it lets pass on; rows of music features count as music."""
     return [*_of_dataset(store), *_of_clips(store), *_of_words(store)]
 
 

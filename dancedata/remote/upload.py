@@ -43,19 +43,13 @@ _LOGIN = "log in with a token that may write: hf auth login, or HF_TOKEN"
 
 @dataclass(frozen=True)
 class HubUpload:
-    """A repository to publish to.
+    """A repository to publish to; `private` and `gated` are set before anything is uploaded."""
 
-    `address`: Repository, branch and folder.
-    `tag`: Name of the tag of the commit.
-    `private`, `gated`: Settings of the repository that are set before anything is uploaded.
-    `overwrite`: Whether files of others with the same names are replaced.
-    """
-
-    address: Address
-    tag: str
+    address: Address  # repository, branch and folder
+    tag: str  # name of the tag of the commit
     private: bool
     gated: bool
-    overwrite: bool
+    overwrite: bool  # whether files of others with the same names are replaced
 
     def run(self, files: Sequence[Upload], message: str, progress: Progress) -> tuple[Address, int]:
         """Upload; return the address with the commit, and how many bytes were not there before."""
@@ -121,10 +115,7 @@ class HubUpload:
         return at_path
 
     def _replaced(self, before: set[str], there: Mapping[str, Any], files: Sequence[Upload]) -> list[str]:
-        """Return files of an earlier publication that this one does not have.
-
-        UsageError for files of others that would be replaced.
-        """
+        """Return files of an earlier publication that this one does not have; UsageError for files of others."""
         names = {self._path(file.name): file for file in files}
         taken = [p for p, f in names.items() if p in there and p not in before and not _is_there(f, there[p])]
         if taken and not self.overwrite:

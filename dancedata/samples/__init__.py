@@ -16,19 +16,14 @@ from dancedata.store.dataset import Store
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """What an id names in a dataset.
-
-    `clips`: The clip; of a group those of its dancers.
-    `start`, `length`: Frames of the dataset.
-    `recording`: Id of the clip that copies, windows and parts of one file come from: the unit of intervals.
-    """
+    """What an id names in a dataset; `start` and `length` are frames of the dataset."""
 
     id: SampleId
     store: Store
-    clips: tuple[Clip, ...]
+    clips: tuple[Clip, ...]  # the clip; of a group those of its dancers
     start: int
     length: int
-    recording: str
+    recording: str  # id of the clip that copies, windows and parts of one file come from: the unit of intervals
 
     @property
     def clip(self) -> Clip:

@@ -34,20 +34,13 @@ _MAX_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class SavedSamples:
-    """What the file samples.json of a folder states.
-
-    `folder`: The folder.
-    `dataset`: Path of the dataset that the samples are of.
-    `hashes`: Of its dataset.json, its recipe and its source.
-    `field`: Motion field that the samples are of.
-    `scaler`: File of the scaler that normalises them; None if they are not normalised.
-    """
+    """What the file samples.json of a folder states."""
 
     folder: Path
-    dataset: Path
-    hashes: tuple[str, ...]
-    field: str
-    scaler: Path | None
+    dataset: Path  # path of the dataset that the samples are of
+    hashes: tuple[str, ...]  # of its dataset.json, its recipe and its source
+    field: str  # motion field that the samples are of
+    scaler: Path | None  # file of the scaler that normalises them; None if they are not normalised
 
     def like(self, store: Store | None = None) -> Store:
         """Return the dataset, or another copy of it; DataError "other_dataset" if it is another one."""
@@ -105,13 +98,7 @@ def save_samples(
     scaler: Scaler | None,
     overwrite: bool = False,
 ) -> list[Path]:
-    """Write each sample of a batch (B, L, D) to ``ID.npz``, and once what they are to samples.json.
-
-    `scaler`: Normalises them; None if they are not normalised.
-    Raises UsageError, DataError: for ids that are not of the dataset or differ in case alone, samples shorter than
-        their ids state or of another width, files that exist, and a folder of samples of another dataset or field.
-    Raises StoreError: if they cannot be written.
-    """
+    """Write each sample of a batch (B, L, D) to ``ID.npz``, and what they are to samples.json."""
     if isinstance(ids, str):
         raise UsageError("one id is given for a batch", found=shown(ids), allowed='a list of ids, as batch["id"] is',
                          fix=f"give [{ids!r}], and samples (1, L, D)")  # fmt: skip

@@ -99,25 +99,16 @@ class ClipRecord:
 
 @dataclass(frozen=True)
 class ClipColumn:
-    """One column of the table /clips.
+    """One column of the table /clips; `encode` and `decode` turn values into stored ones, and back."""
 
-    `name`: Name of /clips/<name>, and of the attribute of `ClipRecord`.
-    `kind`: What it holds: "text", "texts", "int32" or "float".
-    `default`: Value of clips of a dataset that does not have the column.
-    `problem`: Returns why a value of the attribute cannot be stored; "" if it can.
-    `encode`, `decode`: Turn a value of the attribute into one of the column, and back.
-    `heading`: Heading in the table that ``dancedata info --clips`` prints; empty if it is not shown there.
-    `show`: Returns a value as that table shows it.
-    """
-
-    name: str
-    kind: str
-    default: Any
-    problem: Callable[[Any], str]
+    name: str  # name of /clips/<name>, and of the attribute of `ClipRecord`
+    kind: str  # what it holds: "text", "texts", "int32" or "float"
+    default: Any  # value of clips of a dataset that does not have the column
+    problem: Callable[[Any], str]  # returns why a value of the attribute cannot be stored; "" if it can
     encode: Callable[[Any], Any] = lambda value: value
     decode: Callable[[Any], Any] = lambda value: value
-    heading: str = ""
-    show: Callable[[Any], object] = str
+    heading: str = ""  # heading in the table that ``dancedata info --clips`` prints; empty if it is not shown there
+    show: Callable[[Any], object] = str  # returns a value as that table shows it
 
 
 def _line_problem(value: Any) -> str:

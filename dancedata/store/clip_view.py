@@ -120,10 +120,7 @@ class Clip(ClipRecord):
 
     @property
     def music_offset(self) -> Fraction:
-        """Time in the clip's music at its frame 0, seconds, exactly; negative where the music begins later.
-
-        Rows of audio fields begin at the next whole row, see `rows_within`. 0 where no time is stored.
-        """
+        """Time in the clip's music at its frame 0, exact seconds; negative where it begins later, 0 without."""
         if self.audio_start:
             return self.audio_start  # exact, where rows begin at a fraction of one
         field = next(iter(self.store.fields_with()), None)
@@ -201,10 +198,7 @@ class Clip(ClipRecord):
 
 
 class Clips(Sequence[Clip]):
-    """Clips of a store, in stored order; each is made on access, so that a million of them take an array.
-
-    Made by `Store.clips`.
-    """
+    """Clips of a store, in stored order, as `Store.clips` gives them; each is made on access."""
 
     def __init__(self, store: RowQueries, rows: range | npt.NDArray[np.int64]) -> None:
         self._store, self._tables, self._rows = store, store._tables, rows

@@ -176,10 +176,7 @@ class Store(RowQueries):
         return {name: text for name, text in weights.items() if text}
 
     def quantiles(self, field: str, q: Sequence[float]) -> npt.NDArray[np.float64]:
-        """Return quantiles of the columns of a field over the rows that train windows cover, (len(q), D).
-
-        By linear interpolation; UsageError for codes, StoreError where no train window has rows of the field.
-        """
+        """Return quantiles (len(q), D) of the columns of a field over the rows of train windows, linear ones."""
         f = self.field(field)
         self._require_statistics(f, "quantiles")
         from dancedata.store.train_rows import train_quantiles

@@ -61,11 +61,7 @@ class ListedFile:
         self._next_look = 0.0
 
     def require(self, descriptor: int) -> None:
-        """Raise StoreError unless an open file is the one listed.
-
-        A file that was copied, moved or touched since then is accepted if dataset.json still lists the same size and
-        SHA-256 for it; of one that was written to, the bytes are compared.
-        """
+        """Raise StoreError unless an open file is the one listed, or one that still has its size and bytes."""
         opened = FileId.of(os.fstat(descriptor))
         if self._id is None and opened.size == self._size:
             self._id = opened  # its bytes were compared when they arrived

@@ -19,10 +19,7 @@ _NAME = re.compile(r"[A-Za-z0-9][\w.+-]{0,199}")
 
 @dataclass(frozen=True, eq=False)
 class DatasetFiles:
-    """The files that a description lists; made by `of` and `read`, which check their names.
-
-    `document`: dataset.json or publication.json.
-    """
+    """The files that a description lists; made by `of` and `read`, which check their names."""
 
     #: Names of files, and the largest description, bytes.
     DATASET: ClassVar[str] = DATASET_FILE
@@ -32,14 +29,11 @@ class DatasetFiles:
     REJECTS: ClassVar[str] = REJECTS_FILE
     MAX_BYTES: ClassVar[int] = MAX_BYTES
 
-    document: Mapping[str, Any]
+    document: Mapping[str, Any]  # dataset.json or publication.json
 
     @classmethod
     def of(cls, document: Mapping[str, Any], where: object) -> Self:
-        """Return the listing of a description.
-
-        Raises StoreError: for names that lead out of the folder, and for invalid sizes and hashes.
-        """
+        """Return the listing of a description; StoreError for names out of the folder, wrong sizes and hashes."""
         listing = cls(document)
         try:
             for file in listing.files():
@@ -71,10 +65,7 @@ class DatasetFiles:
         return tuple(dict.fromkeys(entry["split"] for entry in self.document["shards"]))
 
     def files(self, splits: tuple[str, ...] | None = None) -> list[FileEntry]:
-        """Return the files that are listed, those of all splits first needed first: tables, then shards.
-
-        Not the card: it is for people, and a hub has one of its own, which its authors edit there.
-        """
+        """Return the files that are listed, tables first, without the card: a hub has one that its authors edit."""
         files = [(name, entry) for name, entry in self.document["files"].items() if name != CARD_FILE]
         files += [(e["file"], e) for e in self.document["shards"] if splits is None or e["split"] in splits]
         return [FileEntry(name, entry["size"], entry["sha256"]) for name, entry in files]

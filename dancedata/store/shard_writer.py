@@ -26,11 +26,7 @@ _CHUNK_VALUES = 1 << 18
 
 @contextmanager
 def written_shard(out: Path, plan: ShardPlan, progress: Callable[[], None]) -> Iterator[None]:
-    """Write the shard that `plan` describes, and put it at ``out / plan.file`` at the end of the context.
-
-    Leaving the context flushes and renames it, which another thread may do; after an exception nothing of it is left.
-    StoreError for values that are not finite or do not fit the field's dtype.
-    """
+    """Write a shard; leaving the context flushes and renames it, which another thread may do."""
     layout = SparseFile()
     with hdf5.create_file(layout) as file:
         hdf5.write_attributes(file, format=FORMAT, split=plan.split, fps=str(plan.header.fps))

@@ -23,11 +23,7 @@ def music_hashes(clips: Iterable[ClipRecord]) -> dict[str, str]:
 
 
 def songs_of(clips: Sequence[ClipRecord]) -> dict[str, str]:
-    """Return the name of the song of each clip with music, by the clip's id.
-
-    Clips have the same song if its names or its samples, by their hashes, are equal. Copies of a clip have the clip's
-    song, at any speed. Of several names the first by the alphabet leads: "blue (also sky)".
-    """
+    """Return the song of each clip with music, by id: equal names or equal samples are one song, copies too."""
     records = {clip.id: clip for clip in clips}
     keys: dict[str, list[tuple[str, str]]] = {}
     for clip in records.values():

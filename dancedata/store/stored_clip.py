@@ -140,10 +140,7 @@ class AudioBlock:
 
 
 class Signal(NamedTuple):
-    """A decoded song: SHA-256 of its samples, and what identifies it in other datasets.
-
-    `fingerprint` are whole numbers of its sound; () if it was not computed.
-    """
+    """A decoded song: SHA-256 of its samples, and whole numbers of its sound; () if those were not computed."""
 
     sha256: str
     sample_rate: int

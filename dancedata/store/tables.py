@@ -29,12 +29,11 @@ class FieldSpans:
     """Rows of a field by clip, (N,) each.
 
     `first`: Row in the shard that belongs to frame 0; of audio that begins later, no row of the clip lies there.
-    `available`: Rows from there to the end of the clip or its timeline.
     `offset`: Row of the timeline that belongs to frame 0, negative where it begins later; None for rows of one clip.
     """
 
     first: IntArray
-    available: IntArray
+    available: IntArray  # rows from there to the end of the clip or its timeline
     offset: IntArray | None = None
 
     @cached_property
@@ -52,7 +51,6 @@ class Tables:
     """The tables of a dataset. Rows of clips count over all splits; rows of fields count in the clip's shard.
 
     `columns`, `types`: Columns of the table of clips, by name, "x/<name>" of free ones, and types of these.
-    `shard_begin`: (S + 1,) first clip of every shard, and the number of clips.
     `window_clip`, `window_start`: (W,) clip and first frame of every stored window, in stored order.
     """
 
@@ -60,7 +58,7 @@ class Tables:
     columns: Mapping[str, Any]
     types: Mapping[str, str]
     spans: Mapping[str, FieldSpans]
-    shard_begin: IntArray
+    shard_begin: IntArray  # (S + 1,) first clip of every shard, and the number of clips
     window_clip: npt.NDArray[np.integer[Any]]
     window_start: npt.NDArray[np.integer[Any]]
     window_length: int

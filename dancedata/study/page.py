@@ -49,19 +49,13 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """Options of `dancedata study`.
-
-    `systems`: What each system shows, by name: datasets, or motion files. The music is that of the first.
-    `songs`, `checks`: Number of clips; number of pairs in which one dancer stands still.
-    `seconds`: Longest trial.
-    `seed`: Decides on clips, sides, and every rater's order.
-    """
+    """Options of `dancedata study`; the music is that of the first system, and in a check one dancer stands still."""
 
     systems: Mapping[str, ViewRequest]
     songs: int = 12
     checks: int = 2
-    seconds: float = 15.0
-    seed: int = 0
+    seconds: float = 15.0  # longest trial
+    seed: int = 0  # decides on clips, sides, and every rater's order
 
 
 class _Samples(SceneList):

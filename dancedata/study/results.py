@@ -58,7 +58,6 @@ class Preference:
     `wins`, `answers`: Answers for the first, and all.
     `interval`: By the jackknife over songs, see `metrics.jackknife`; None for fewer than three songs, and without
         variation.
-    `reasons`: How often each reason was given, by the system that was chosen.
     """
 
     first: str
@@ -66,7 +65,7 @@ class Preference:
     wins: int
     answers: int
     interval: Interval | None
-    reasons: Mapping[str, Mapping[str, int]]
+    reasons: Mapping[str, Mapping[str, int]]  # how often each reason was given, by the system that was chosen
 
     @property
     def share(self) -> float:
@@ -78,19 +77,16 @@ class Preference:
 class Results:
     """The results of one study.
 
-    `participants`: Raters who count, and those whose answers do not, as they failed a check.
-    `preferences`: Of each two systems.
     `strengths`: Bradley-Terry's log strengths by system, of mean 0; empty for two systems, and where they are not
         finite.
-    `notes`: Sentences on what does not count or cannot be computed.
     """
 
     study: str
-    participants: tuple[str, ...]
+    participants: tuple[str, ...]  # raters who count, and those whose answers do not, as they failed a check
     failed: tuple[str, ...]
-    preferences: tuple[Preference, ...]
+    preferences: tuple[Preference, ...]  # of each two systems
     strengths: Mapping[str, float]
-    notes: tuple[str, ...]
+    notes: tuple[str, ...]  # sentences on what does not count or cannot be computed
 
     def to_json(self) -> dict[str, Any]:
         """Return the results as JSON data."""

@@ -25,17 +25,11 @@ LEAST_S = 2.0
 
 @dataclass(frozen=True)
 class Trial:
-    """One question.
+    """One question; in a check `left` or `right` is `STILL`, else they are names of systems."""
 
-    `number`: Place in the study; raters see an order of their own.
-    `song`: Song of the clip; its id where no song is known.
-    `clip`: Id of the clip, or the song where the systems name their clips differently.
-    `left`, `right`: Names of the systems; in a check one of them is `STILL`.
-    """
-
-    number: int
-    song: str
-    clip: str
+    number: int  # place in the study; raters see an order of their own
+    song: str  # song of the clip; its id where no song is known
+    clip: str  # id of the clip, or the song where the systems name their clips differently
     left: str
     right: str
 
@@ -51,10 +45,7 @@ class Trial:
 
 
 def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]:
-    """Return the item of each system by what all have: an id, else a clip, else a song.
-
-    Of a clip or song those that begin at the same second of it are preferred.
-    """
+    """Return the item of each system by what all have, from the same second where there is: an id, a clip, a song."""
     for name_of in (lambda item: item.id, clip_of, lambda item: item.clip.music):
         named: list[dict[str, list[Item]]] = []
         for scenes in systems.values():
@@ -153,10 +144,7 @@ def make_trials(
 def shown_figures(
     trial: Trial, items: Mapping[str, Item], systems: Mapping[str, SceneList], seconds: float
 ) -> tuple[Figure, Figure]:
-    """Return the two dancers of a trial, at one rate and as long as the shorter, at most `seconds`.
-
-    Both begin at the second of the song at which the last of all systems does, see `begin_of`.
-    """
+    """Return the two dancers of a trial at one rate, from `begin_of` on, as long as the shorter or `seconds`."""
     first = next(iter(systems))
     figures: dict[str, Figure] = {}
     for name in (trial.left, trial.right):

@@ -183,11 +183,7 @@ def check_key_motion(cls: type[Any]) -> None:
 
 
 def check_audio_feature(cls: type[Any]) -> None:
-    """Check an audio feature: rows as announced, finite, deterministic, windows, silence, and what it refuses.
-
-    One that needs files, such as a network's weights, has a class method ``make_example(folder)`` that writes small
-    ones and returns the feature on them.
-    """
+    """Check an audio feature; ``make_example(folder)`` of one that needs files returns it on small ones."""
     check_plugin(cls)
     with tempfile.TemporaryDirectory() as folder:
         make = _RANDOM_WEIGHTS.get(cls, cls.make_example)

@@ -19,10 +19,7 @@ SLICES = [{"slices": {"length_s": 1}}]
 
 
 def check_dataset(cls: type[Any], folder: Path) -> None:
-    """Check a dataset reader: its example scans, loads, and builds, in edge151 and in slices; bad folders are named.
-
-    `folder`: An empty folder to work in.
-    """
+    """Check a dataset reader in an empty folder: its example scans, loads and builds; bad folders are named."""
     check_plugin(cls)
     require(bool(cls.licence and cls.citation), "licence and citation say something")
     reader, sources = cls(), [folder / "an example", folder / "again"]

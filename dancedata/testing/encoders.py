@@ -16,11 +16,7 @@ _SPEECH = {"sampling_rate": 16_000, "do_normalize": True, "feature_size": 1, "pa
 
 
 def write_random_model(kind: str, folder: Path, *, seed: int = 0, **changes: Any) -> None:
-    """Write a random model: config, weights, the extractor's parameters, a model card.
-
-    `kind`: One of `KINDS`.
-    `changes`: Keys of the config that differ from those of the tiny model, such as the sizes of a real one.
-    """
+    """Write a random model, one of `KINDS`; `changes` are keys of the config that differ from the tiny ones."""
     if kind not in _MAKERS:
         raise UsageError(f"no random model {kind!r}", fix=did_you_mean(kind, KINDS))
     folder.mkdir(parents=True, exist_ok=True)

@@ -25,10 +25,7 @@ TINY = JukeboxConfig(
 
 
 class RandomSource:
-    """Random tensors by name, generated when they are read: a `TensorSource` without disk or memory.
-
-    It has the tensors that a layer needs; each depends on the seed and its own name.
-    """
+    """Random tensors by name, made when they are read: those of a layer, each of the seed and its own name."""
 
     path = Path("random weights")
 
@@ -74,13 +71,7 @@ def _scale(spec: tensors.TensorSpec) -> float:
 def random_checkpoint(
     folder: Path, config: JukeboxConfig = TINY, *, seed: int = 0
 ) -> dict[str, dict[str, torch.Tensor]]:
-    """Write vqvae.pth.tar and prior_level_2.pth.tar with random weights, and their sizes as sizes.json.
-
-    As in the real files: torch's legacy format, storages tagged cuda:0, keys hps, model, opt and step, linear weights
-    in fp16 and all others in fp32, and tensors that inference does not need.
-
-    Returns the tensors by name, for each file name.
-    """
+    """Write OpenAI's files with random weights, in torch's legacy format, and sizes.json; return the tensors."""
     import torch
 
     folder.mkdir(parents=True, exist_ok=True)

@@ -121,22 +121,15 @@ class BatchPlan:
 
 @dataclass(frozen=True)
 class FieldReader:
-    """Reads one field.
-
-    `period`: Frames of the dataset and rows of the field that take the same time.
-    `mirror`: Applied to mirrored windows; None for audio.
-    `root`: Columns that become relative to a window's first row.
-    `scaler`: Applied last; the result is float32.
-    `clamp`: Whether scaled values are cut to [-1, 1].
-    """
+    """Reads one field."""
 
     name: str
     rows: WindowRows
-    period: tuple[int, int]
-    mirror: Mirror | None = None
-    root: slice | None = None
-    scaler: Scaler | None = None
-    clamp: bool = False
+    period: tuple[int, int]  # frames of the dataset and rows of the field that take the same time
+    mirror: Mirror | None = None  # applied to mirrored windows; None for audio
+    root: slice | None = None  # columns that become relative to a window's first row
+    scaler: Scaler | None = None  # applied last; the result is float32
+    clamp: bool = False  # whether scaled values are cut to [-1, 1]
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -247,10 +240,7 @@ class BatchReader:
         self.fields[0].rows.require_unchanged(places, again=again)
 
     def __call__(self, plan: BatchPlan, out: Mapping[str, Array]) -> None:
-        """Read windows into `out`: an array (B, *shape) for each name in `layout`.
-
-        Windows are read in the order of the files, independent of their order in the batch.
-        """
+        """Read windows into `out`, an array (B, *shape) for each name in `layout`, in the order of the files."""
         self.require_unchanged(plan.places, again=True)
         order = sorted(range(len(plan)), key=plan.places.__getitem__)
         self.read_ahead([plan.places[nth] for nth in order])

@@ -136,12 +136,7 @@ class BatchStream(IterableDataset[Any]):
 
 
 class EpochLoader:
-    """Batches of a `BatchStream`: those of one epoch, or of the rest of it, each time it is iterated over.
-
-    Made by `BatchStream.by_epoch`.
-
-    `step`: Global step of the next batch.
-    """
+    """Batches of a `BatchStream`, an epoch or the rest of it at a time; `step`: that of the next batch."""
 
     def __init__(self, stream: BatchStream, options: dict[str, Any]) -> None:
         self._stream, self._options = copy(stream), options

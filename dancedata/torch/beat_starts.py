@@ -35,13 +35,7 @@ def windows_at(
 
 
 def beat_starts(store: Store, clip: str, length: int, *, at: StartAt, fields: Sequence[str], trim: bool) -> IntArray:
-    """Return the frames (N,) of a clip at which a window of `length` frames can begin on a beat.
-
-    A beat between two such frames counts at the nearer one.
-
-    The beats are those of the first of `fields` that has the column, else of the first field of the store. UsageError
-    if no field has it.
-    """
+    """Return the frames (N,) of a clip at which a window can begin on a beat, of the first field that has beats."""
     beats = _field_with(store, at, fields)
     starts = store._starts(clip, length, fields=tuple(fields), trim=trim)
     if not len(starts):

@@ -46,11 +46,7 @@ class Sample(dict[str, Any]):
 
 
 def collate(samples: Sequence[Any], *, collate_fn_map: Any = None) -> Any:
-    """Make a batch of samples, as torch's default_collate does, without a copy where they are rows of one.
-
-    Tensors are then the batch that the samples of ``__getitems__`` were read into: batch and samples share memory.
-    Values that were added to a sample, and samples in another order or of several batches, are copied.
-    """
+    """Make a batch as torch's default_collate does, without a copy where the samples are the rows of one."""
     batch = samples[0].batch if isinstance(samples[0], Sample) else None
     if batch is None or len(samples) != batch.size or not all(isinstance(s, Sample) for s in samples):
         rows = [dict(s) if isinstance(s, Sample) else s for s in samples]

@@ -16,10 +16,7 @@ _NOT_SET = -1
 
 
 class EpochDataset(Dataset[dict[str, Any]]):
-    """Samples that may be drawn and changed again in each epoch.
-
-    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
-    """
+    """Samples that may be drawn and changed again in each epoch."""
 
     #: Whether reading draws numbers.
     _is_random: bool = False

@@ -186,10 +186,7 @@ class GroupDataset(WindowDataset):
         return GroupReader(self)
 
     def dancers(self, place: int, epoch: int) -> npt.NDArray[np.int64]:
-        """Return the positions in their group of a window's dancers, (at most `persons`,), in their order.
-
-        For "left_to_right" those of all dancers: their order is known when they are read.
-        """
+        """Return the places in their group of a window's dancers, in order; for "left_to_right" those of all."""
         n = int(self._sizes[self._group_of[place]])
         if self.choose == "seed":
             # n numbers, the same for any number of persons: with the places of the P least, dancers in drawn order.

@@ -275,10 +275,7 @@ def _plugin(columns: Tensor, representation: str | Representation) -> Representa
 
 
 def _on_the_path(columns: Tensor, layout: Columns) -> Tensor:
-    """Return joints (..., T, J, 3) of HumanML3D's columns (..., T, D), as its `recover_from_ric` does.
-
-    Turns and steps lead to the next row. They are added up in float64: float32 would lose 1e-5 m in a few seconds.
-    """
+    """Return joints (..., T, J, 3) of HumanML3D's columns, as its `recover_from_ric` does; sums in float64."""
     turn, step, height, local = (
         columns[..., layout.slice(name)] for name in ("root_turn", "root_velocity", "root_height", "local_position")
     )

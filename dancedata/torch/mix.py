@@ -157,10 +157,7 @@ class Mix(EpochDataset):
         return next(iter(stores.values()))
 
     def scaler(self, field: str) -> Scaler:
-        """Return the scaler of a field, over all sources.
-
-        Raises UsageError: for a field that is not read, or where each source has a scaler of its own.
-        """
+        """Return the scaler of a field, over all sources; UsageError where each source has one of its own."""
         if self.scale == "each":
             raise UsageError(
                 "each source of this mix has a scaler of its own",

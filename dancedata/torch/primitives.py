@@ -23,14 +23,13 @@ def _finder() -> PrimitiveFinder:
 class PrimitiveSpec:
     """Computation of primitives from the windows of a field.
 
-    `field`: Motion field that they are rows of.
     `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
         which uses only the window, and for windows of n frames.
     `n`: Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and soft
         cues.
     """
 
-    field: str
+    field: str  # motion field that they are rows of
     key_motion: str | None
     n: int
     variant: Variant

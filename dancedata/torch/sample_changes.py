@@ -51,11 +51,7 @@ class SampleChanges:
         member: int | None = None,
         about: Float64Array | None = None,
     ) -> npt.NDArray[Any]:
-        """Return the rows of a field of sample `index`, (L, D), not normalised; the same array if nothing changes it.
-
-        The input array is not modified. Of a group's sample, `member` is the dancer's number and `about` a point of
-        the axis that they turn about.
-        """
+        """Return the changed rows of a field of sample `index`, (L, D), not normalised; `about`: a group's axis."""
         return rows
 
     def dropped(self, epoch: int, index: int) -> tuple[str, ...]:

@@ -17,17 +17,11 @@ _USUAL = ("edge151", "librosa35")
 
 @dataclass(frozen=True)
 class SampleItems:
-    """What a sample holds.
+    """What a sample holds; `words` are the text or the segments."""
 
-    `fields`: Names of the fields that rows are read of.
-    `relative`: Those of them whose translation is relative to the window's first frame.
-    `columns`: Names of free columns.
-    `primitives`, `words`: Primitives, and the text or the segments; None without.
-    """
-
-    fields: tuple[str, ...]
-    relative: tuple[str, ...]
-    columns: tuple[str, ...]
+    fields: tuple[str, ...]  # names of the fields that rows are read of
+    relative: tuple[str, ...]  # those of them whose translation is relative to the window's first frame
+    columns: tuple[str, ...]  # names of free columns
     primitives: Primitives | None
     words: Text | Segments | None
 

@@ -131,10 +131,7 @@ def scaler_of(store: Store, name: str, choice: WindowQuery, scale: Scale) -> Sca
 
 
 def _other_train(store: Store, choice: WindowQuery) -> Sequence[Window] | None:
-    """Return the train windows of a protocol, or None if they are of the same clips as the stored statistics.
-
-    As in stats.json they are the stored windows of whole clips, neither trimmed nor filtered.
-    """
+    """Return the stored train windows of a protocol, or None if they are of the same clips as the statistics."""
     if choice.protocol is None:
         return None
     windows = select(store, "train", replace(choice, windows={}, trim=False, filter=None, start_at=None)).windows

@@ -26,11 +26,7 @@ class SegmentReader:
     """Reads the segments of windows, as pure functions of (seed, epoch, index)."""
 
     def __init__(self, store: Store, choice: Text | Segments, *, mirrors: bool, seed: int) -> None:
-        """Check the arguments; `mirrors` tells whether samples may be mirrored.
-
-        Raises UsageError: for an unknown layer, one without texts, and one whose words in mirrored windows are not
-            known.
-        """
+        """Check the arguments; UsageError for an unknown layer, or words of mirrored windows that are not known."""
         self._seed = seed
         text = choice if isinstance(choice, Text) else None
         self.layer = None if text is None else text.layer
@@ -54,11 +50,7 @@ class SegmentReader:
         return [PlacedSegment(self._said(row, mirrored), row.start, row.end, row.share) for row in rows]
 
     def text(self, rows: Iterable[PlacedRow], mirrored: bool, numbers: Sequence[float]) -> str:
-        """Return one text of a window; "" without one, and for the share `empty` of windows.
-
-        Drawn by their shares from the segments that cover at least `min_share` of the window, then from their texts.
-        `numbers` are those of `_drawn`.
-        """
+        """Return a text of a window, drawn by shares of its segments; "" without one, and for the share `empty`."""
         candidates = [row for row in rows if row.n_texts and row.share >= self._min_share]
         if numbers[0] < self._empty or not candidates:
             return ""

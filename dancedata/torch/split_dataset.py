@@ -57,16 +57,10 @@ _log = logging.getLogger(__name__)
 
 
 class SplitDataset(EpochDataset):
-    """Samples of one split of a built dataset, normalised, mirrored and augmented on reading.
+    """Samples of one split of a built dataset, normalised, mirrored and augmented on reading."""
 
-    Pickling copies no data: each process opens the files itself, so fork, spawn and forkserver all work.
-
-    `windows`: (N) the frames that each sample is taken from.
-    `rejects`: What was left out, and why.
-    """
-
-    windows: WindowList
-    rejects: tuple[Reject, ...]
+    windows: WindowList  # (N) the frames that each sample is taken from
+    rejects: tuple[Reject, ...]  # what was left out, and why
     _words: SegmentReader | None
     #: Name in the `Mix` that made this copy.
     _source = ""
@@ -249,10 +243,7 @@ class SplitDataset(EpochDataset):
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
 
     def _read_again(self, name: str | SampleId) -> dict[str, Any]:
-        """Read the sample that an id names, with its changes and their draw.
-
-        Raises UsageError: if this dataset does not read it.
-        """
+        """Read the sample that an id names, with its changes and draw; UsageError if it is none of this dataset."""
         from dancedata.samples import Samples
 
         of = replace(self._id(name), take=0, source="")
@@ -391,10 +382,7 @@ class SplitDataset(EpochDataset):
     def _metadata(
         self, plan: BatchPlan, windows: WindowList | None = None, changes: Sequence[str] = ()
     ) -> dict[str, list[Any]]:
-        """Return the values of samples other than their arrays, (B,) each by name, in the order of a sample's keys.
-
-        Places are of `windows`, by default the dataset's; `changes` are those of every sample, without augmentations.
-        """
+        """Return the values of samples beside their arrays, (B,) by name; `changes` are those of every sample."""
         places, epoch = np.asarray(plan.places, dtype=np.int64), plan.epoch
         windows = (self.windows if windows is None else windows).take(places)
         starts = (windows.start + np.asarray(plan.shifts, dtype=np.int64)).tolist()

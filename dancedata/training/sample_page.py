@@ -28,11 +28,7 @@ class Generated:
 
 
 def sample_page(store: Store, field: str, reader: ColumnsReader, samples: Sequence[Generated], title: str) -> str:
-    """Return a page with a wall for each sample: the dataset's dancer, and that of the model.
-
-    `field`: Motion field of the truth.
-    `reader`: Reader of the columns of samples, as they are normalised.
-    """
+    """Return a page with a wall for each sample: the dataset's dancer, and that of the model."""
     truth = SampleScenes(store, field, [sample.of for sample in samples], title)
     wall = Wall(truth, [_Generated(name="sample", samples=tuple(samples), reader=reader)], "truth")
     return clip_page(wall, wall.items)
