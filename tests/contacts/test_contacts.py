@@ -81,10 +81,6 @@ def test_order_of_the_feet_and_direction_of_time() -> None:
     np.testing.assert_array_equal(contacts, wanted)
 
 
-def test_one_frame() -> None:
-    np.testing.assert_array_equal(Velocity()(np.zeros((1, 24, 3)), FrameGrid.of(30), SMPL24), np.ones((1, 4)))
-
-
 @pytest.mark.parametrize(("rule", "name"), [(Height, "ankle_m"), (Height, "toe_m"), (Velocity, "max_speed_m_s")])
 @pytest.mark.parametrize("limit", [0, -0.1, float("nan"), float("inf")])
 def test_wrong_limits(rule: type, name: str, limit: float) -> None:

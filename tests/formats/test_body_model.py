@@ -1,6 +1,5 @@
 """Skeletons from a user's body model: the published joints through both doors, betas, genders, what is refused."""
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -217,14 +216,6 @@ def test_no_model(tmp_path: Path) -> None:
     np.save(tmp_path / "source" / "a.npy", np.zeros((3, 315)))
     with raises_message(SourceError, "correct", where="gone.npz"):
         Folder(body_model=tmp_path / "gone.npz", music="optional").scan(tmp_path / "source")
-
-
-def test_a_model_that_is_replaced_is_read_again(tmp_path: Path) -> None:
-    path = model(tmp_path / "m.npz", SMPLX55)
-    before = body_model_skeleton(path)
-    model(path, SMPLX55, taller=0.1)
-    os.utime(path, ns=(1, 1))
-    assert not np.allclose(body_model_skeleton(path).offsets, before.offsets)
 
 
 def test_the_content_of_a_model_is_part_of_the_key(tmp_path: Path) -> None:

@@ -79,59 +79,36 @@ def test_names_may_hold_blanks(write) -> None:
     assert read_bvh(write(TEXT.replace("Spine", "Bip01 Spine"))).names == ("Hips", "Bip01 Spine")
 
 
-SPINE_CHANNELS = "\t\tCHANNELS 1 Xrotation\n"
+#: What is replaced, and by what, by reason.
+MISTAKES: dict[str, list[tuple[str, str]]] = {
+    "broken_file": [
+        ("HIERARCHY", "HIERACHY"), (TEXT, ""), (TEXT, "\x89PNG\r\n\x00\xff"), ("OFFSET 0.0 10", "OFSET 0.0 10"),
+        *(("OFFSET 0.0 10.0 0.0", new) for new in (
+            "OFFSET 0.0 10.0", "OFFSET 0,0 10,0 0,0", "OFFSET 0 1e300 0", "OFFSET 0 1 0\nOFFSET 0 1 0",
+        )),
+        ("\t\tOFFSET 0.0 10.0 0.0\n", ""), ("1 Xrotation", "1 Xrotatoin"), ("1 Xrotation", "2 Xrotation Xrotation"),
+        ("JOINT Spine", "JOINT"), ("JOINT Spine", "ROOT Spine"), ("ROOT Hips", "JOINT Hips"),
+        ("\t\tEnd Site\n\t\t{", "\t\tEnd Site\n"), ("}\nMOTION", "MOTION"), ("}\nMOTION", "}\n}\nMOTION"),
+        ("MOTION", ""), ("Frames: 2", "Frames: two"), ("Frames: 2", "Frames: 99999999999999999999"),
+        # One short and one long line have the right number of values together.
+        ("1 2 3 0 0 0 0", "1 2 3 0 0 0"), ("1 2 3 0 0 0 0\n4", "1 2 3 0 0 0\n0 4"),
+        *(("4 5 6", f"4 5 {new}") for new in ("x", "0x10", "1_0", "6\x00")),
+    ],
+    "missing_channels": [("\t\tCHANNELS 1 Xrotation\n", ""), ("1 Xrotation", "2 Xrotation"), ("1 Xro", "Xro")],
+    "bad_rate": [("0.0333333", new) for new in ("0", "-0.03", "nan", "1e999999999", "")],
+    "empty": [("Frames: 2", "Frames: 0")],
+    "length_mismatch": [("Frames: 2", "Frames: 1")],
+    "truncated": [
+        ("Frames: 2", "Frames: 3"), ("Frames: 2", "Frames: 999999999999"), ("4 5 6 0 90 0 90", "4 5 6 0 90"),
+        ("4 5 6 0 90 0 90\n", ""), ("1 2 3 0 0 0 0\n4 5 6 0 90 0 90\n", ""),
+    ],
+    "nan": [("OFFSET 0.0 10.0 0.0", "OFFSET 0 nan 0"), ("4 5 6", "4 5 NaN"), ("4 5 6", "4 5 1e999")],
+    "out_of_range": [("4 5 6", "4 5 1e9")],
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        ("HIERARCHY", "HIERACHY", "broken_file"),
-        (TEXT, "", "broken_file"),
-        (TEXT, "\x89PNG\r\n\x00\xff", "broken_file"),
-        ("OFFSET 0.0 10", "OFSET 0.0 10", "broken_file"),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0.0 10.0", "broken_file"),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0,0 10,0 0,0", "broken_file"),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0 nan 0", "nan"),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0 1e300 0", "broken_file"),
-        ("OFFSET 0.0 10.0 0.0", "OFFSET 0 1 0\nOFFSET 0 1 0", "broken_file"),
-        ("\t\tOFFSET 0.0 10.0 0.0\n", "", "broken_file"),
-        (SPINE_CHANNELS, "", "missing_channels"),
-        ("1 Xrotation", "2 Xrotation", "missing_channels"),
-        ("1 Xrotation", "Xrotation", "missing_channels"),
-        ("1 Xrotation", "1 Xrotatoin", "broken_file"),
-        ("1 Xrotation", "2 Xrotation Xrotation", "broken_file"),
-        ("JOINT Spine", "JOINT", "broken_file"),
-        ("JOINT Spine", "ROOT Spine", "broken_file"),
-        ("ROOT Hips", "JOINT Hips", "broken_file"),
-        ("\t\tEnd Site\n\t\t{", "\t\tEnd Site\n", "broken_file"),
-        ("}\nMOTION", "MOTION", "broken_file"),
-        ("}\nMOTION", "}\n}\nMOTION", "broken_file"),
-        ("MOTION", "", "broken_file"),
-        ("Frames: 2", "Frames: two", "broken_file"),
-        ("Frames: 2", "Frames: 0", "empty"),
-        ("Frames: 2", "Frames: 3", "truncated"),
-        ("Frames: 2", "Frames: 1", "length_mismatch"),
-        ("Frames: 2", "Frames: 999999999999", "truncated"),
-        ("Frames: 2", "Frames: 99999999999999999999", "broken_file"),
-        ("0.0333333", "0", "bad_rate"),
-        ("0.0333333", "-0.03", "bad_rate"),
-        ("0.0333333", "nan", "bad_rate"),
-        ("0.0333333", "1e999999999", "bad_rate"),
-        ("0.0333333", "", "bad_rate"),
-        ("4 5 6 0 90 0 90", "4 5 6 0 90", "truncated"),
-        ("1 2 3 0 0 0 0", "1 2 3 0 0 0", "broken_file"),
-        # One short and one long line have the right number of values together.
-        ("1 2 3 0 0 0 0\n4", "1 2 3 0 0 0\n0 4", "broken_file"),
-        ("4 5 6", "4 5 x", "broken_file"),
-        ("4 5 6", "4 5 0x10", "broken_file"),
-        ("4 5 6", "4 5 1_0", "broken_file"),
-        ("4 5 6", "4 5 NaN", "nan"),
-        ("4 5 6", "4 5 1e999", "nan"),
-        ("4 5 6", "4 5 1e9", "out_of_range"),
-        ("4 5 6", "4 5 6\x00", "broken_file"),
-        ("4 5 6 0 90 0 90\n", "", "truncated"),
-        ("1 2 3 0 0 0 0\n4 5 6 0 90 0 90\n", "", "truncated"),
-    ],
+    ("old", "new", "reason"), [(*change, reason) for reason, changes in MISTAKES.items() for change in changes]
 )
 def test_mistakes_are_named_with_their_line(write, old: str, new: str, reason: str) -> None:
     assert old in TEXT

@@ -81,23 +81,6 @@ def test_a_hundred_thousand_broken_files(hunt: ModuleType) -> None:
     assert findings(reports) == []
 
 
-def test_an_interrupted_run_resumes(hunt: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The order of batches depends only on the run, so that the number of finished ones determines the rest."""
-    run: list[tuple[Any, ...]] = []
-
-    def batch(target: str, **about: Any) -> dict[str, Any]:
-        run.append((target, *about.values()))
-        return {"target": target, "cases": 1, "outcomes": {}, "findings": [], "slowest_s": 0, "peak_growth_mb": 0}
-
-    monkeypatch.setattr(hunt, "run_batch", batch)
-    hunt.hunt(100_000, 1, ["pickle", "bvh", "mp3"], workers=1)
-    whole = run.copy()
-    run.clear()
-    hunt.hunt(100_000, 1, ["pickle", "bvh", "mp3"], workers=1, skip=7)
-    assert run == whole[7:]
-    assert len(set(whole)) == len(whole)
-
-
 CORPUS = Path(__file__).parent / "corpus" / "hdf5"
 #: Column and a word of the error, by file.
 ERRORS = {

@@ -37,12 +37,6 @@ def inflated(n_bytes: int) -> bytes:
     return packed.getvalue()
 
 
-def wav(n_bytes: int) -> bytes:
-    fmt = struct.pack("<HHIIHH", 1, 1, 48_000, 96_000, 2, 16)
-    size = struct.pack("<I", n_bytes)
-    return b"RIFF" + size + b"WAVEfmt " + struct.pack("<I", 16) + fmt + b"data" + size + bytes(100)
-
-
 def flac(n_samples: int) -> bytes:
     import soundfile
 
@@ -183,17 +177,6 @@ def test_tables_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Pat
     report = hunt.run_batch("hdf5", seed=0, first=0, count=0, files=files)
     assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
     assert report["outcomes"] == {"StoreError": len(changes)}
-
-
-def test_a_wav_is_as_long_as_its_file(tmp_path: Path) -> None:
-    """Whatever its header says: libsndfile looks at the file's size itself."""
-    from dancedata.music.signal import audio_length, load_audio
-
-    path = tmp_path / "a.wav"
-    for n_bytes in (2**31, 2**32 - 1):
-        path.write_bytes(wav(n_bytes))
-        assert audio_length(path) == (50, 48_000)
-        assert load_audio(path).n_samples == 50
 
 
 def test_a_long_silence_is_read(tmp_path: Path) -> None:

@@ -69,14 +69,6 @@ def test_rows_of_a_clip() -> None:
     assert rows[-1, 1:].tolist() == [0, 0]
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 10])
-def test_short_clips_have_rows(n: int) -> None:
-    rows = key_motion(swinging(n)).to_rows()
-    assert rows.shape == (n, 3)
-    assert np.isfinite(rows).all()
-    assert (rows[:, 0] > 0).all() == (n > 1)
-
-
 @given(start=st.integers(0, 198), length=st.integers(1, 200))
 def test_a_window_of_rows_has_the_clips_minima(start: int, length: int) -> None:
     found = key_motion(swinging(200))

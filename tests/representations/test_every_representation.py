@@ -24,7 +24,6 @@ DECODED = [
     for name, made in ((name, REPRESENTATIONS.get(name)) for name in NAMES)
     if made.decodes and not made.positions_only and not (made.spatial is not None and made.spatial.placeless)
 ]
-ON_OWN_BODY = [name for name in NAMES if not REPRESENTATIONS.get(name).positions_only]
 #: Those whose joints are known: of others the mirror is proved by the reflected motion alone.
 WITH_JOINTS = [
     name
@@ -56,12 +55,6 @@ def other_side(skeleton: Skeleton) -> list[int]:
     return order
 
 
-def reflected(motion: Motion) -> Motion:
-    """The reflection across x = 0, danced by the mirrored body: an axis of rotation is a pseudovector."""
-    rotations = motion.rotations[:, other_side(motion.skeleton)] * -FLIP
-    return Motion(motion.translation * FLIP, rotations, motion.grid, motion.skeleton.mirrored(), motion.trim_start)
-
-
 @pytest.mark.parametrize("name", DECODED)
 @settings(max_examples=20, deadline=None)
 @given(seeds, st.integers(0, 3))
@@ -84,19 +77,6 @@ def test_decoding_undoes_encoding(name: str, seed: int, trim: int) -> None:
     np.testing.assert_allclose(again[:, motion_columns], array[:, motion_columns], atol=4e-6)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=10, deadline=None)
-@given(seeds)
-def test_mirroring_twice_gives_the_same_bytes(name: str, seed: int) -> None:
-    made = REPRESENTATIONS.get(name)()
-    mirror = made.columns.mirror
-    assert mirror is not None
-    array = made.encode(random_motion(seed, made.skeleton), contact_rule_of(made))
-    image = mirror.apply(array)
-    assert image.dtype == np.float32
-    np.testing.assert_array_equal(mirror.apply(image), array)
-
-
 @pytest.mark.parametrize("name", WITH_JOINTS)
 @settings(max_examples=20, deadline=None)
 @given(seeds)
@@ -112,22 +92,6 @@ def test_mirrored_columns_on_the_mirrored_body_are_the_reflection(name: str, see
         # Without a decoder it has to hold the positions themselves, or nothing proves its mirror.
         plain, mirrored = (x[:, made.columns.slice("position")].reshape(len(x), -1, 3) for x in (array, image))
     np.testing.assert_allclose(mirrored, plain[:, other_side(made.skeleton)] * FLIP, atol=1e-5)
-
-
-@pytest.mark.parametrize("name", ON_OWN_BODY)
-@settings(max_examples=20, deadline=None)
-@given(seeds, st.integers(0, 3))
-def test_mirroring_columns_is_encoding_the_reflection(name: str, seed: int, trim: int) -> None:
-    """The same from the other end: no decoder is trusted."""
-    made = REPRESENTATIONS.get(name)()
-    motion = random_motion(seed, made.skeleton, trim=trim)
-    image = made.columns.mirror.apply(made.encode(motion, contact_rule_of(made)))
-    again = reflected(motion)
-    # On the mirrored bones, not on the layout's own, which `encode` takes.
-    wanted = made.reencode(grounded(again) if made.grounded else again, contact_rule_of(made))
-    # Contacts of another body's feet: the next test.
-    motion_columns = [j for j, label in enumerate(made.columns.labels) if not label.startswith("contact.")]
-    np.testing.assert_allclose(image[:, motion_columns], wanted[:, motion_columns], atol=1e-5)
 
 
 @pytest.mark.parametrize(

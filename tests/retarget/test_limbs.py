@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 #: Collar to shoulder, upper arm, forearm, thigh, shin, foot of both sides.
 LIMBS = [(13, 16), (16, 18), (18, 20), (1, 4), (4, 7), (7, 10)]
 LIMBS += [(14, 17), (17, 19), (19, 21), (2, 5), (5, 8), (8, 11)]
-TARGETS = ["smpl24", "smplx22", "smplx52", "smplx55", "lodge139", "lodge319", "finedance319"]
+TARGETS = ["smpl24", "smplx55", "lodge139", "finedance319"]
 BODIES = [name for name, body in SKELETONS.items() if has_body(body)]
 
 
