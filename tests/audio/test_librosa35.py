@@ -45,13 +45,6 @@ def _plain_librosa(samples: NDArray[np.float32], rate: int, fps: int, start_bpm:
     return np.concatenate([envelope[:, None], mfcc, chroma, peaks[:, None], beats[:, None]], axis=-1)
 
 
-def test_columns() -> None:
-    groups = {group.name: FEATURE.columns.slice(group.name) for group in FEATURE.columns.groups}
-    assert [(part.start, part.stop) for part in groups.values()] == [(0, 1), (1, 21), (21, 33), (33, 34), (34, 35)]
-    assert next(iter(groups)) == "onset_envelope"
-    assert FEATURE.columns.mirror is None
-
-
 @pytest.mark.parametrize(("fps", "start_bpm"), [(30, 120.0), (30, None), (60, 90.0), (25, None)])
 def test_track_is_plain_librosa_to_the_bit(clicks: AudioSignal, fps: int, start_bpm: float | None) -> None:
     features = PLAIN.extract(clicks, FrameGrid.of(fps), start_bpm=start_bpm)

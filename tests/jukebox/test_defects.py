@@ -21,7 +21,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dancedata.audio.jukebox import JukeboxEncoder
-from dancedata.audio.jukebox.clips import n_frames, prepare, resampling_matrix
+from dancedata.audio.jukebox.clips import prepare, resampling_matrix
 from dancedata.audio.jukebox.encoder import JukeboxOverflowError
 from dancedata.audio.jukebox.network.tensors import CODEBOOK
 from dancedata.audio.jukebox.network.transformer import COLUMN, PREVIOUS_ROW, ROW, factored_attention
@@ -209,11 +209,6 @@ def test_resampling_is_scipys(n_in: int, n_out: int) -> None:
     x = np.random.default_rng(n_in).standard_normal((n_in, 3))
     found = resampling_matrix(n_in, n_out) @ x
     np.testing.assert_allclose(found, scipy.signal.resample(x, n_out), rtol=0, atol=1e-5)
-
-
-def test_frames_of_a_clip() -> None:
-    rate = 344.53125
-    assert [n_frames(n, 30, rate) for n in (1, 1711, 1712, 1722, 1723, 8192)] == [1, 149, 150, 150, 151, 714]
 
 
 def test_first_of_equal_codes_wins() -> None:

@@ -1,4 +1,4 @@
-"""Checkpoint files: what is read, and what is said of those that are damaged or of another network."""
+"""Checkpoint files and folders: what is read, and what is said of those that are damaged or of another network."""
 
 import os
 import pickle
@@ -18,13 +18,17 @@ from tests.messages import raises_message
 pytest.importorskip("torch")
 pytest.importorskip("accelerate")
 
+import subprocess
+
+import pytest
 import torch
 
-from dancedata.audio.jukebox import JukeboxEncoder
+from dancedata.audio.jukebox import JukeboxEncoder, checkpoint_sha256
 from dancedata.audio.jukebox.network.tensors import BLOCKS
 from dancedata.audio.jukebox.weights.folder import PRIOR_FILE, VQVAE_FILE
 from dancedata.audio.jukebox.weights.sources import TorchFile
 from dancedata.core.errors import SourceError, UsageError
+from dancedata.files.regular_file import sha256_file
 from dancedata.testing.jukebox import write_torch_file
 
 QKV = f"{BLOCKS}.3.attn.c_attn.w"
@@ -224,3 +228,26 @@ def test_foreign_code_is_not_run(tiny, broken, tmp_path, pickled):
 def test_bad_arguments(tiny: SimpleNamespace, arguments: dict[str, object], message: str) -> None:
     with pytest.raises(UsageError, match=message):
         JukeboxEncoder(tiny.folder, **{"layers": (1,), "device": "cpu", **arguments})
+
+
+# ---- a folder of weights: its hashes and sizes, read without torch
+
+
+def test_the_facts_of_a_folder_need_no_torch(tiny: SimpleNamespace) -> None:
+    code = (
+        "import sys; from pathlib import Path; from dancedata.audio.jukebox.weights import folder; "
+        "path = Path(sys.argv[1]); print(folder.config_of(path).depth, len(folder.checkpoint_sha256(path))); "
+        "assert not {'torch', 'accelerate', 'safetensors'} & set(sys.modules)"
+    )
+    command = [sys.executable, "-c", code, str(tiny.folder)]
+    assert subprocess.run(command, check=True, capture_output=True, text=True).stdout == "6 2\n"
+    assert checkpoint_sha256(tiny.folder) == {f: sha256_file(tiny.folder / f) for f in (VQVAE_FILE, PRIOR_FILE)}
+
+
+def test_files_that_are_not_openais_are_not_read(tiny: SimpleNamespace, tmp_path: Path) -> None:
+    for name in (VQVAE_FILE, PRIOR_FILE):
+        (tmp_path / name).write_bytes(b"a pickle that takes forever")
+    with raises_message(SourceError, "OpenAI.*sizes", where=tmp_path.name):
+        checkpoint_sha256(tmp_path)
+    (tmp_path / "sizes.json").write_bytes((tiny.folder / "sizes.json").read_bytes())
+    assert set(checkpoint_sha256(tmp_path)) == {VQVAE_FILE, PRIOR_FILE}

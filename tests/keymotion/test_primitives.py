@@ -258,21 +258,8 @@ def test_get_list(peers: Any) -> None:
         assert [key.frame for key in key_frames(json.loads(minima), int(count), 1024)] == wanted, case
 
 
-def test_the_next_of_a_dropped_minimum_survives() -> None:
-    # By hand: 3 goes, 7 is not examined; 11 goes, 500 is not; 1015 goes, 1020 is not.
-    kept = [key for key in key_frames([3, 7, 11, 500, 1015, 1020, 1023], 3, 1024) if not key.filled]
-    assert [key.frame for key in kept] == [7, 500, 1020]
-
-
-def test_gaps_are_halved_and_marked() -> None:
-    assert key_frames([], 3, 1024) == [Key(260, True), Key(512, True), Key(764, True)]
-    assert key_frames([512], 3, 1024) == [Key(260, True), Key(512, False), Key(764, True)]
-    # No gap of 10 frames or more: the first one is taken, at any width.
+def test_the_first_gap_is_filled_where_all_are_narrow() -> None:
     assert [key.frame for key in key_frames([12, 20], 4, 32)] == [9, 10, 12, 20]
-
-
-def test_many_minima_leave_out_the_end() -> None:
-    assert [key.frame for key in key_frames(range(20, 1000, 25), 16, 1024)][-1] == 770
 
 
 def test_sources_and_flags(windows: list[np.ndarray]) -> None:
