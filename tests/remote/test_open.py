@@ -1,26 +1,21 @@
 """A dataset of an address reads as its copy on the disk; what is fetched, pulled, shown by cache and pruned."""
 
-import json
 import os
 import pickle
 import threading
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.execution.cache_admin import prune
 from dancedata.files.addresses import is_address
-from dancedata.pages.write import write_report
 from dancedata.remote.pull import pull
-from dancedata.torch import BatchLoader, EpochSampler, GroupDataset, WindowDataset
-from tests.groups_store import write_groups
+from dancedata.torch import BatchLoader, EpochSampler, WindowDataset
+from tests.commands import as_json
 from tests.messages import raises_message
 from tests.remote.servers import Handler, Hub, Server, cut
 
@@ -43,15 +38,6 @@ def test_a_store_of_an_address_is_that_of_the_disk(server: Server, published: Pa
         assert remote.stats == local.stats
     assert not _shards(server.requests, "val") + _shards(server.requests, "test")
     assert max(server.requests.values()) == 1
-
-
-def test_a_reader_begins_after_the_first_shard(server: Server) -> None:
-    store = dancedata.open(f"{server.url}/store")
-    store.read(store.windows("train")[0], "pose")
-    assert len(_shards(server.requests, "train")) <= 3  # two ahead
-    last = store.windows("test")[-1]
-    store.read(last, "pose")
-    assert len(_shards(server.requests, "test")) == 1
 
 
 # Of few shards under fork, where a new process fetches each.
@@ -176,40 +162,8 @@ def test_a_loader_begins_after_the_first_shard_and_two_come_ahead(server: Server
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
 
 
-def _rank(rank: int, world: int, address: str, file: str, cache: str, results: Any) -> None:
-    os.environ["DANCEDATA_CACHE"] = cache  # the server that forks was started by another test
-    torch.distributed.init_process_group("gloo", init_method=f"file://{file}", rank=rank, world_size=world)
-    ds = WindowDataset(address, "train", scale=None)
-    sampler = EpochSampler(ds, seed=2, block=64)
-    batches = list(BatchLoader(ds, 4, sampler=sampler))
-    sums = {int(i): float(rows.sum()) for b in batches for i, rows in zip(b["index"], b["pose"], strict=True)}
-    torch.distributed.barrier()
-    results.put((rank, sums))
-    torch.distributed.destroy_process_group()
-
-
-def test_ranks_see_each_window_once_and_fetch_once(server, published, tmp_path, own_cache):
-    """Two processes of torch.distributed on one node."""
-    context = torch.multiprocessing.get_context("forkserver")
-    results = context.Queue()
-    arguments = (2, f"{server.url}/store", str(tmp_path / "rendezvous"), str(own_cache), results)
-    ranks = [context.Process(target=_rank, args=(rank, *arguments), daemon=True) for rank in range(2)]
-    for process in ranks:
-        process.start()
-    seen = [results.get(timeout=120)[1] for _ in ranks]  # a rank that dies leaves the other at the barrier
-    for process in ranks:
-        process.join(60)
-        assert process.exitcode == 0
-    local = WindowDataset(published, "train", scale=None)
-    assert set(seen[0]) | set(seen[1]) == set(range(len(local)))
-    assert len(seen[0]) + len(seen[1]) <= len(local) + 1  # the last one again, where they are odd
-    for index, total in (seen[0] | seen[1]).items():
-        assert total == float(local[index]["pose"].sum())
-    assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
-
-
-@pytest.mark.parametrize("world", [1, 2, 8])
-def test_ranks_by_sampler(server: Server, published: Path, world: int) -> None:
+def test_ranks_see_each_window_once_and_fetch_once(server: Server, published: Path) -> None:
+    world = 2
     local = WindowDataset(published, "train", scale=None)
     seen: list[int] = []
     for rank in range(world):
@@ -222,17 +176,11 @@ def test_ranks_by_sampler(server: Server, published: Path, world: int) -> None:
     assert {n for name, n in server.requests.items() if name.startswith("train-0")} == {1}
 
 
-def _run(*args: object, code: int = 0) -> Any:
-    result = CliRunner().invoke(app, [*map(str, args), "--json"])
-    assert result.exit_code == code, result.output
-    return json.loads(result.stdout)["result"]
-
-
 def test_info_counts_them(server: Server, own_cache: Path) -> None:
-    pulled = _run("pull", f"{server.url}/store", "--split", "val")
-    stage = _run("cache")["stages"]["datasets"]
+    pulled = as_json("pull", f"{server.url}/store", "--split", "val")
+    stage = as_json("cache")["stages"]["datasets"]
     assert stage["entries"] == pulled["files"] == pulled["fetched_files"]
-    assert _run("cache", "verify")["damaged"] == []
+    assert as_json("cache", "verify")["damaged"] == []
 
 
 def test_prune_by_size_and_what_is_fetched_again(server: Server, own_cache: Path) -> None:
@@ -267,25 +215,3 @@ def test_parts_are_pruned_too(server: Server, own_cache: Path, published: Path) 
     assert [p.name for p in own_cache.rglob("*.part")] == [f"{name}.part"]
     prune(own_cache, max_bytes=0)
     assert not list(own_cache.rglob("*.part"))
-
-
-def test_exports_and_evaluations_name_the_commit(hub, built, tmp_path, monkeypatch):
-    hub.commits = {"a" * 40: built}
-    address = f"hf://datasets/org/name@{'a' * 40}"
-    exported = dancedata.export("hf://datasets/org/name", "npz", tmp_path / "npz", progress=False)
-    assert exported.about["address"] == address
-    report = dancedata.evaluate("hf://datasets/org/name", metrics=("pfc",), intervals=False, jobs=1, progress=False)
-    assert address in str(report.to_json())
-    written = write_report("hf://datasets/org/name", None, clips=0, progress=False)
-    assert written.to_json() == write_report(built, None, clips=0, progress=False).to_json()
-
-
-def test_groups_and_the_viewer(server: Server, tmp_path: Path) -> None:
-    server.folder = tmp_path
-    write_groups(tmp_path / "groups", 60)
-    address = f"{server.url}/groups"
-    remote, local = (GroupDataset(where, "train", scale=None) for where in (address, tmp_path / "groups"))
-    assert len(remote) == len(local) > 0
-    assert np.array_equal(remote[0]["person_mask"], local[0]["person_mask"])
-    result = CliRunner().invoke(app, ["view", address, "--out", str(tmp_path / "page.html"), "--quiet"])
-    assert result.exit_code == 0, result.output
