@@ -7,8 +7,8 @@ from pathlib import Path
 from dancedata.core.errors import UsageError
 from dancedata.core.text import counted, listed
 from dancedata.evaluation.clips import ClipSet
-from dancedata.evaluation.measuring import MeasuredClip, measure_clips
-from dancedata.evaluation.music import ClipMusic, MusicPlans, Resources, read_beats
+from dancedata.evaluation.measuring import MeasuredClip, MeasuredSet, measure_clips
+from dancedata.evaluation.music import ClipMusic, MusicPlan, MusicPlans, Resources, read_beats
 from dancedata.evaluation.options import EvaluationOptions, Inputs
 from dancedata.evaluation.pool import Pool, pool_of, save_pool
 from dancedata.evaluation.protocol import Protocol
@@ -39,8 +39,7 @@ def evaluate_inputs(
 
 def _report(resources: Resources, inputs: Inputs, music: MusicPlans) -> Report:
     protocol, clip_set, truth, numbers = inputs.protocol, inputs.clip_set, inputs.truth, inputs.numbers
-    beats, problems = read_beats(resources, music[0])
-    measured = measure_clips(resources, protocol, clip_set, numbers, beats)
+    measured, beats, problems = _measured(resources, protocol, clip_set, numbers, music[0])
     if clip_set.nothing_matched is not None:
         raise clip_set.nothing_matched
     pool = _pool(resources, protocol, inputs.pool, inputs.pool_numbers)
@@ -50,7 +49,7 @@ def _report(resources: Resources, inputs: Inputs, music: MusicPlans) -> Report:
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
     of_truth: list[MeasuredClip] = []
     if truth is not None:
-        of_truth = measure_clips(resources, protocol, truth, numbers, read_beats(resources, music[1])[0]).clips
+        of_truth = _measured(resources, protocol, truth, numbers, music[1])[0].clips
     report = report_of(
         protocol, measured.clips, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=numbers, left_out=[*clip_set.left_out, *((r.clip, r.detail) for r in measured.rejects)],
@@ -61,13 +60,21 @@ def _report(resources: Resources, inputs: Inputs, music: MusicPlans) -> Report:
     return replace(report, inputs=clip_set.clips, music=beats)
 
 
+def _measured(
+    resources: Resources, protocol: Protocol, clip_set: ClipSet, numbers: Sequence[int], plan: MusicPlan | None
+) -> tuple[MeasuredSet, dict[str, ClipMusic], list[str]]:
+    """Read the beats of a set and measure its clips; return them with the beats, and problems of these in words."""
+    beats, problems = read_beats(resources, plan)
+    return measure_clips(resources, protocol, clip_set, numbers, beats), beats, problems
+
+
 def _pool(
     resources: Resources, protocol: Protocol, pool: ClipSet | Pool | None, numbers: Sequence[int]
 ) -> Pool | None:
     """Return a pool that was read from a file, or measure its clips."""
     if not isinstance(pool, ClipSet):
         return pool
-    measured = measure_clips(resources, protocol, pool, numbers)
+    measured, _, _ = _measured(resources, protocol, pool, numbers, None)
     return pool_of(protocol, measured.clips, pool.source, pool.scaler_sha256)
 
 

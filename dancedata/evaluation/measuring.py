@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,7 +197,7 @@ def measure_clips(
     protocol: Protocol,
     clip_set: ClipSet,
     numbers: Sequence[int],
-    music: Mapping[str, ClipMusic] = MappingProxyType({}),
+    music: Mapping[str, ClipMusic],
 ) -> MeasuredSet:
     """Measure clips with their music, by the ids of clips."""
     cache, role = resources.cache, clip_set.role
