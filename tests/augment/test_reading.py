@@ -20,7 +20,7 @@ from dancedata.core.clip import Window
 from dancedata.core.errors import UsageError
 from dancedata.core.sample_steps import RandomAugmentation, steps_of
 from dancedata.testing.stores import write_random_store
-from dancedata.torch import BatchLoader, EpochSampler, Relative, Scale, WindowDataset, Windows
+from dancedata.torch import BatchLoader, EpochSampler, Relative, Scale, WindowDataset
 from dancedata.torch.augmenting import Augmenter
 from tests.messages import raises_message
 
@@ -159,22 +159,6 @@ def test_crops_are_windows_of_their_clips(store_path: Path) -> None:
                     rows = store.read(Window(window.clip, sample["start"], window.length), name)
                     np.testing.assert_array_equal(sample[name], rows)
         assert any(start % 15 for start in starts)
-
-
-def test_crops_of_any_length_begin_at_whole_rows_after_the_trim(tmp_path: Path) -> None:
-    from dancedata.testing.stores import random_fields
-
-    fields = random_fields({"edge151": 6}, {"half": 4}, half=15)
-    write_random_store(tmp_path / "out", fields=fields, n_frames=(60, 90), length=30, stride=16)
-    data = WindowDataset(
-        tmp_path / "out", fields=("edge151", "half"), windows=Windows(length=14, stride=2), augment=["crop"]
-    )
-    store = data.store
-    clip = data.windows[0].clip
-    starts = store._starts(clip, 14)
-    assert starts.step == 2
-    assert starts[-1] + 14 <= store[clip].n_frames < starts[-1] + 16
-    assert all(data[k]["start"] % 2 == 0 for k in range(len(data)))
 
 
 def test_dropped_fields_are_zero_and_say_so(store_path: Path) -> None:

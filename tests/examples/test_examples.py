@@ -93,11 +93,6 @@ def check_dance(out: Path, frames: int) -> None:
     np.testing.assert_allclose(hip, (places[:, 0, 0] - middle) * 200, atol=2)
 
 
-def test_the_edge_like_example_is_short() -> None:
-    assert len((EXAMPLES / "train_edge_like.py").read_text().splitlines()) < 200
-    assert len((EXAMPLES / "train_lodge_like.py").read_text().splitlines()) < 200
-
-
 def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], data: Path, tmp_path: Path) -> None:
     size = ["--seconds", "2", "--batch", "8"]
     (song,) = sorted((data.parent).rglob("*.wav"))[:1]
@@ -114,21 +109,16 @@ def test_edge_like_learns_generates_and_resumes(run: Callable[..., ModuleType], 
     check_dance(tmp_path / "twice", len(dancedata.open(data).clips()[-1].read("librosa35")))
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("train_edge_like", "no field 'edge151'; found joints, librosa35"),
-        ("train_lodge_like", "no field 'lodge139'; found joints, librosa35"),
-    ],
-)
-def test_unusable_data_is_reported_in_one_line(tmp_path, monkeypatch, name, words):
+@pytest.mark.parametrize(("name", "field"), [("train_edge_like", "edge151"), ("train_lodge_like", "lodge139")])
+def test_unusable_data_is_reported_in_one_line(tmp_path, monkeypatch, name, field):
     fields = random_fields({"joints": 72}, {"librosa35": 35})
     write_random_store(tmp_path / "own", n_frames=(40, 40), length=20, fields=fields)
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.setattr(sys, "argv", [name, "--data", str(tmp_path / "own"), "--out", str(tmp_path), *SMALL])
     with pytest.raises(SystemExit) as end:
         runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")  # a process would import torch again
-    assert re.match(f"error: .*{re.escape(words)}", str(end.value.code))  # Python prints it, and ends with 1
+    # Python prints it, and ends with 1.
+    assert re.match(f"error: .*no field '{field}'; found joints, librosa35", str(end.value.code))
 
 
 def test_lodge_like_learns_and_generates(run: Callable[..., ModuleType], data: Path, tmp_path: Path) -> None:

@@ -32,12 +32,9 @@ SEGMENTS = (
 def read(folder: Path) -> dict[str, Any]:
     """Return what is read from a dataset; only names that every version has are used."""
     ds = dancedata.open(folder)
-    digest, windows = hashlib.sha256(), {}
-    fourth: dict[str, list[float]] = {}
-    for split in ("train", "val", "test"):
-        if split not in {clip.split for clip in ds}:
-            continue
-        windows[split] = len(ds.windows(split))
+    digest, fourth = hashlib.sha256(), dict[str, list[float]]()
+    windows = {split: len(ds.windows(split)) for split in ("train", "test")}
+    for split in windows:
         for window in ds.windows(split):
             for field in sorted(ds.fields):
                 rows = ds.read(window, field)
@@ -51,13 +48,12 @@ def read(folder: Path) -> dict[str, Any]:
         "clips": [[c.id, c.split, int(c.n_frames), c.genre, c.music, c.dancer] for c in ds],
     }
     if find_spec("torch"):
-        answer["normalized"] = normalized(folder, next(name for name in sorted(ds.fields) if name != "librosa35"))
-    if folder.name == "groups":
-        answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds]
-        answer["segments"] = [
-            [s.layer.name, str(s.start), str(s.end), s.label, list(s.texts), list(s.texts_mirrored)]
-            for s in ds.segments(ds.clips()[0].id)
-        ]
+        answer["normalized"] = normalized(folder, min(ds.fields))
+    answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds]
+    answer["segments"] = [
+        [s.layer.name, str(s.start), str(s.end), s.label, list(s.texts), list(s.texts_mirrored)]
+        for s in ds.segments(ds.clips()[0].id)
+    ]
     return answer
 
 

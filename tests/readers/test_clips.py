@@ -118,6 +118,9 @@ def test_crops_begin_at_whole_rows_of_slow_fields(tmp_path: Path) -> None:
         for sample in crops:
             assert sample["start"] % 4 == 0
             np.testing.assert_array_equal(sample["slow"], made.rows(sample["clip"], "slow", sample["start"], 32))
+    options: dict[str, Any] = {"fields": (MOTION, "slow"), "windows": Windows(length=32), "scale": None}
+    moved = WindowDataset(made.path, augment=["crop"], **options)
+    assert {int(sample["start"]) % 4 for sample in moved} == {0}
     with raises_message(UsageError, "fields"):
         ClipDataset(made.path, fields=(MOTION, "slow"), windows=Windows(length=30))
 
