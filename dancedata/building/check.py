@@ -21,7 +21,6 @@ from dancedata.building.left_out import NOTED
 from dancedata.building.signals import SignalId
 from dancedata.building.sources import scan_source
 from dancedata.building.stored import BuiltClips
-from dancedata.building.word_check import word_notes
 from dancedata.core.arguments import Overrides
 from dancedata.core.bodies import has_body
 from dancedata.core.clip import ClipRef, Reject, Scan
@@ -251,7 +250,7 @@ def _both(one: str, other: str) -> str:
 
 
 def _implausible(path: Path) -> list[Problem]:
-    """Return notes on implausible clips of a sound dataset by its flags and today's rules, on songs, and on words."""
+    """Return notes on implausible clips of a sound dataset by its flags and today's rules, and on songs."""
     with open_store(path) as store:
         flagged = {(row.get("clip"), row.get("kind")) for row in store.quality}
         rows = store.quality + [row for row in _side_rows(store) if (row["clip"], row["kind"]) not in flagged]
@@ -261,7 +260,7 @@ def _implausible(path: Path) -> list[Problem]:
             why = f"{listed(audio)} has no MFCC and chroma, as librosa35 has"
             message = f"songs of splits were compared by name and samples, not by their sound: {why}"
             notes.append(Problem("note", str(path), message))
-        return [*notes, *word_notes(store)]
+        return notes
 
 
 def _side_rows(store: Store) -> Iterator[dict[str, Any]]:

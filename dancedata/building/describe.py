@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,7 +57,7 @@ def describe_built(path: Path, checked: Sequence[str]) -> str:
             *_left_out(store, details=False),
             *describe_implausible(store.quality),
             *_repaired(store.quality),
-            *_flagged([flag for flag in store.quality if flag["kind"] not in (*OF_CLIPS, *REPAIRED)]),
+            *_flagged(store.quality),
             *checked,
         ]
     return "\n".join([*lines, _next_steps(path)])
@@ -104,9 +104,10 @@ def _left_out(store: Store, *, details: bool) -> list[str]:
 
 
 def _flagged(flags: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Count the clips that have flags of each kind."""
-    clips = Counter(kind for kind, _ in {(str(flag["kind"]), str(flag["clip"])) for flag in flags})
-    kinds = ", ".join(f"{kind} in {counted(n, 'clip')}" for kind, n in sorted(clips.items()))
+    """Count the clips that have flags of each kind, but flags of whole clips and of what was repaired."""
+    pairs = {(str(flag.get("kind")), str(flag["clip"])) for flag in flags}
+    clips = Counter(kind for kind, _ in pairs if kind not in (*OF_CLIPS, *REPAIRED))
+    kinds = ", ".join(f"{shown(kind)} in {counted(n, 'clip')}" for kind, n in sorted(clips.items()))
     return [f"  flagged, not repaired: {kinds}"] if kinds else []
 
 
@@ -164,8 +165,7 @@ def describe_store(path: Path) -> str:
         info = _store_json(store, path)
         left_out, implausible = _left_out(store, details=True), describe_implausible(store.quality)
         columns, terms = store.free_columns(), terms_text(clips_by_terms(store))
-        quality = _describe_quality([f for f in store.quality if f.get("kind") not in (*OF_CLIPS, *REPAIRED)])
-        quality = [*_repaired(store.quality), *quality]
+        quality = [*_repaired(store.quality), *(_flagged(store.quality) or ["  no quality flags"])]
     lines = [
         f"{shown(info.get('name', path.name))}: {shown(path_text(path))} ({size_text(info['bytes'])})",
         rate_text(info["fps"], info["windows"]["length"], info["windows"]["stride"]),
@@ -194,23 +194,6 @@ def describe_store(path: Path) -> str:
     lines.append(f"  licence: {shown(info.get('licence', 'unknown'), _NOTE)}")
     lines += [f"  licence of {shown(line, _NOTE)}" for line in terms]
     return "\n".join([*lines, *(f"  weights of {shown(name)}: {text}" for name, text in info["weights"].items())])
-
-
-def _describe_quality(flags: Sequence[Mapping[str, Any]]) -> list[str]:
-    if not flags:
-        return ["  no quality flags"]
-    lines, by_clip = ["  quality flags, not repaired:"], defaultdict[str, list[Mapping[str, Any]]](list)
-    for flag in flags:
-        by_clip[flag["clip"]].append(flag)
-    for clip, of_clip in by_clip.items():
-        worst = max(of_clip, key=lambda f: float(f.get("value", 0)))
-        frames = len({f.get("frame") for f in of_clip})
-        kind, joint, unit = (shown(worst.get(key, "?")) for key in ("kind", "joint", "unit"))
-        lines.append(
-            f"    {shown(clip)}: {len(of_clip)} in {frames} frame steps, the worst {kind} of {joint} "
-            f"at source frame {worst.get('frame')}: {worst.get('value', 0):.1f} {unit}"
-        )
-    return lines
 
 
 def _repaired(flags: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -134,12 +134,10 @@ def alike_songs(store: Store, songs: Mapping[str, str]) -> list[AlikeSongs] | No
     """Find songs of different splits that sound like one recording, such as a song and its MP3 copy.
 
     The rows of `sound_field` are compared at the shift of their largest normalised cross-correlation, in pieces of
-    half a second; the likeness is the correlation of the piece at the lowest tenth. Loudness, format, sample rate and
-    silence or cuts at the ends do not matter; at least 5 s have to be in both. Another speed or key is another song.
-    Of slices, those of the clip with the most are taken, and frames between them do not count.
+    half a second; the likeness is the correlation of the piece at the lowest tenth. At least 5 s have to be in both.
+    Another speed or key is another song. Of slices, those of the clip with the most are taken.
 
-    `songs`: See `songs_of`; songs that are known to be one are not compared.
-    Returns: By falling likeness; none where no field shows the sound. None: there are more than MAX_PAIRS pairs.
+    Returns by falling likeness; None where there are more than MAX_PAIRS pairs. `songs`: See `songs_of`.
     """
     field = sound_field(store)
     if field is None or len(store.splits) < 2:

@@ -64,36 +64,23 @@ class Ask(NamedTuple):
 
 @dataclass(frozen=True)
 class Reach:
-    """The frames [first, end) that a field covers, and what is said of windows beyond.
-
-    `window`, `clip`: Reasons of rejects: of a window beyond, of a clip without any window.
-    `beyond`, `short`: Of the window, "reaches beyond the end of song.wav", and of the clip.
-    `file`: The file that ends too early; "" for the motion.
-    """
+    """The frames [first, end) that a field covers, and what is said of windows beyond."""
 
     first: int
     end: int
-    window: str = "short_field"
-    clip: str = "too_short"
-    beyond: str = ""
-    short: str = ""
-    file: str = ""
+    window: str = "short_field"  # reason of rejects of windows beyond
+    clip: str = "too_short"  # of clips without any window
+    beyond: str = ""  # of the window: "reaches beyond the end of song.wav"
+    short: str = ""  # of the clip
+    file: str = ""  # that ends too early; "" for the motion
     numbers: Mapping[str, float | int] = field(default_factory=dict)
 
 
 class Maker(ABC):
-    """Makes results of takes: rows of a field, or segments. All are computed, cached and shared in one way.
+    """Makes results of takes: rows of a field, or segments. All are computed, cached and shared in one way."""
 
-    Attributes
-    ----------
-    stage
-        Folder of its results in the cache.
-    suffix
-        "npy" for arrays, "json" for JSON data.
-    """
-
-    stage: ClassVar[str]
-    suffix: ClassVar[Literal["npy", "json"]]
+    stage: ClassVar[str]  # folder of its results in the cache
+    suffix: ClassVar[Literal["npy", "json"]]  # arrays, or JSON data
 
     @property
     def batch(self) -> int:
@@ -144,59 +131,24 @@ _SIDES = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
 
 
 class Field(RecipePart, Maker):
-    """A field: rows on a grid; plug-ins of motion derive from `building.fields.motion.SceneField`.
-
-    Attributes
-    ----------
-    slot
-        Key of a recipe under which it is named.
-    name
-        Name in the recipe and in the dataset, which is unique: that of the plug-in, or PLUGIN.NAME where a recipe has
-        several of one plug-in.
-    grid
-        Grid of the rows.
-    kind
-        Kind in the dataset: "motion" and "keymotion" are of each clip, "audio" is shared by the clips of a song.
-    dtype
-        Type on disk.
-    codebook
-        Of codes; None for real values.
-    optional
-        Whether clips that it cannot take are kept without rows.
-    without
-        Names of transforms that it is made without, such as repairs.
-    holds_places
-        Whether its columns are the places of dancers, for fields without them.
-    from_files
-        Whether rows are read from files, and may begin before frame 0.
-    needs_music
-        Whether it is made of decoded music, which every clip then has.
-    unit
-        What a result is of: "clips", "songs", "files".
-    axes
-        Axes of the columns, as text for dataset.json.
-    packages
-        Distributions that shape the numbers, beside numpy and scipy.
-    about
-        Metadata of its network for dataset.json: source, licence and the like; not part of any key.
-    """
+    """A field: rows on a grid; plug-ins of motion derive from `building.fields.motion.SceneField`."""
 
     suffix = "npy"
-    slot: ClassVar[str] = "fields"
-    name: str  # type: ignore[misc]
+    slot: ClassVar[str] = "fields"  # key of a recipe under which it is named
+    name: str  # type: ignore[misc]  # unique: that of the plug-in, or PLUGIN.NAME
     grid: FrameGrid
-    kind: Literal["motion", "keymotion", "audio"] = "motion"
+    kind: Literal["motion", "keymotion", "audio"] = "motion"  # "audio" is shared by a song's clips
     dtype: DType = "float32"
-    codebook: Codebook | None = None
-    optional: bool = False
-    without: tuple[str, ...] = ()
-    holds_places: bool = False
-    from_files: bool = False
-    needs_music: bool = False
-    unit: str = "clips"
-    axes: str = ""
-    packages: Sequence[str] = ()
-    about: Mapping[str, Any] = MappingProxyType({})
+    codebook: Codebook | None = None  # None for real values
+    optional: bool = False  # whether clips that it cannot take are kept without rows
+    without: tuple[str, ...] = ()  # names of transforms that it is made without, such as repairs
+    holds_places: bool = False  # whether its columns are the places of dancers
+    from_files: bool = False  # whether rows may begin before frame 0
+    needs_music: bool = False  # whether every clip has decoded music
+    unit: str = "clips"  # what a result is of: "clips", "songs", "files"
+    axes: str = ""  # text for dataset.json
+    packages: Sequence[str] = ()  # that shape the numbers, beside numpy and scipy
+    about: Mapping[str, Any] = MappingProxyType({})  # its network, for dataset.json; not part of any key
 
     def on(self, grid: FrameGrid) -> Field:
         """Return the field for a recipe of this rate."""

@@ -232,24 +232,17 @@ def union_find(groups: Iterable[Iterable[T]]) -> list[set[T]]:
 
 @dataclass(frozen=True)
 class FreeColumn:
-    """One free column, over the clips that are not copies.
+    """One free column, over the clips that are not copies."""
 
-    `name`: With the prefix, "x/level".
-    `clips`, `of`: Clips with a value, and all.
-    `least`, `middle`, `most`: Of numbers, also of those in lists; None for others.
-    `values`: Texts and truth values, also those in lists: number of clips of the most frequent ones.
-    `distinct`: Number of different values, or entries of lists.
-    """
-
-    name: str
+    name: str  # with the prefix, "x/level"
     type: str
-    clips: int
-    of: int
-    least: float | None
-    middle: float | None
+    clips: int  # with a value
+    of: int  # all clips
+    least: float | None  # of numbers, also of those in lists
+    middle: float | None  # their median
     most: float | None
-    values: dict[str, int]
-    distinct: int
+    values: dict[str, int]  # of others: number of clips by the most frequent
+    distinct: int  # number of different values, or entries of lists
 
     def __str__(self) -> str:
         held = f"{self.name}: {self.type}, {self.clips:,} of {counted(self.of, 'clip')}"

@@ -72,10 +72,7 @@ def checked_group(joints: npt.ArrayLike, least: int = 1) -> Float64Array:
 
 
 def peak_offsets(curve: npt.ArrayLike, at: IntArray) -> Float64Array:
-    """Return how far the peak of a curve (n,) is from each of its indices `at` (B,): -1/2 to 1/2.
-
-    It is that of the parabola through the index and its two neighbours; 0 at the ends, and where it has no peak.
-    """
+    """Return how far a curve's peak is from its indices `at`, -1/2 to 1/2, by parabolas; 0 at ends or without one."""
     values = np.asarray(curve, dtype=np.float64)
     before, value, after = (values[(at + k).clip(0, len(values) - 1)] for k in (-1, 0, 1))
     bend = before - 2 * value + after

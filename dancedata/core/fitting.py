@@ -15,14 +15,11 @@ _ROUNDS = 4
 
 
 def fitted(positions: Float64Array, skeleton: Skeleton, grid: FrameGrid, unseen: Collection[int] = ()) -> Motion:
-    """Return a motion whose joints are at given positions; `Motion.fit_m` says how far they are from them.
+    """Return a motion whose joints are at positions (T, J, 3), metres; `Motion.fit_m` says how far they are apart.
 
-    Bones have their mean length over the frames. How a bone turns about itself does not follow from positions: it
-    turns as little as possible from its parent. A joint with several children (pelvis, chest) takes the rotation that
-    comes closest to all of them, so positions are exact where its children are arranged alike in every frame.
+    Bones have their mean length over the frames, and turn about themselves as little as possible from their parent. A
+    joint with several children (pelvis, chest) takes the rotation that comes closest to all of them.
 
-    `positions`: (T, J, 3) metres, finite.
-    `skeleton`: J joints; it gives the directions of the bones at rest.
     `unseen`: Joints without children whose positions are not known: their bones do not turn, and stay the skeleton's.
     """
     children: list[list[int]] = [[] for _ in skeleton.joints]

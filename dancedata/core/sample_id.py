@@ -31,10 +31,7 @@ _MOST = 120
 
 @lru_cache(maxsize=4096)
 def safe_name(name: str) -> str:
-    """Return a name as ids have it, which every file system takes: characters that one refuses are ``%XX``.
-
-    One that is longer than 120 bytes, or not in Unicode's form NFC, ends in ``_`` and 12 digits of its SHA-256.
-    """
+    """Return a name that every file system takes, as ids have it: ``%XX`` for a character, a hash for a long end."""
     composed = normalize("NFC", name)
     safe = _quoted(composed)
     if len(safe.encode()) <= _MOST and composed == name:

@@ -160,14 +160,7 @@ def layer_of(entry: Mapping[str, Any]) -> Layer:
 
 @dataclass(frozen=True)
 class LayerNumbers:
-    """Numbers of a layer, over clips that are not copies.
-
-    `segments`, `clips`, `texts`, `words`: Numbers of segments, of clips with one, of texts, and of words in them.
-    `median_s`: Length of a segment in seconds, median; None without segments.
-    `coverage`: Share of all frames that at least one of its segments covers.
-    `labels`: The most frequent labels.
-    `still`: Segments within one span of the facts in which the dancer keeps still; None without facts.
-    """
+    """Numbers of a layer, over clips that are not copies."""
 
     name: str
     kind: str
@@ -175,11 +168,11 @@ class LayerNumbers:
     author: str
     licence: str
     sided: str
-    segments: int
-    clips: int
-    median_s: float | None
-    coverage: float
-    texts: int
-    words: int
-    labels: Mapping[str, int]
-    still: int | None
+    segments: int  # their number
+    clips: int  # with a segment
+    median_s: float | None  # length of a segment; None without any
+    coverage: float  # share of all frames that a segment covers
+    texts: int  # their number
+    words: int  # in all texts
+    labels: Mapping[str, int]  # the most frequent ones
+    still: int | None  # segments within one span of the facts in which the dancer keeps still

@@ -171,9 +171,8 @@ def with_mirrored_words(
     """Return the segments of clips with the words of mirrored dancers, and layers that tell whether they name sides.
 
     `Layer.sided` "unknown" becomes "no" where no word of a layer names a side, "mirrored" where all mirrored words
-    are stated or a lexicon of the layer's language makes them; without either it stays. "mirrored" becomes "unknown"
-    where words are neither stated nor made, as in a layer with "leftkick" (`unread_word`). Labels that name a side
-    get a pair in `Layer.mirror`.
+    are stated or a lexicon of the layer's language makes them, and "mirrored" becomes "unknown" where neither holds
+    (`unread_word`). Labels that name a side get a pair in `Layer.mirror`.
     """
     by_layer: dict[Layer, list[Segment]] = defaultdict(list)
     for segment in (segment for segments in clips for segment in segments):

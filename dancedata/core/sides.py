@@ -91,10 +91,7 @@ def wrong_up(joints: Float64Array) -> tuple[Float64Array, bool] | None:
     """Return the body's mean direction if the dancer stands along an axis other than +Y, and whether that is certain.
 
     Dancers lie down and stand on their hands: an axis is wrong only if the lowest joint along the other one keeps
-    its height better than that along +Y, as on a floor, on which the feet move. Those of a dancer lying still keep
-    their place along any axis.
-
-    `joints`: (T, J, 3) as for `sides_of`.
+    its height better than that along +Y, as on a floor, on which the feet move.
     """
     places, mean = sampled(joints)[:, :22], body_direction(joints)
     axis = int(np.abs(mean).argmax())

@@ -68,11 +68,10 @@ def _version(program: str) -> str:
 
 
 def decode(path: Path, limit: int) -> tuple[NDArray[np.float32], int, str, float]:
-    """Decode the sound of a file or of a video, at most `limit` bytes of float32 samples.
+    """Decode the sound of a file or of a video, at most `limit` bytes of float32 samples; else NotDecodedError.
 
-    Returns: Samples (n, channels), their rate, ffmpeg's own errors, of damage that it has skipped, and the seconds
-        from the first picture to the first sample.
-    Raises NotDecodedError: Without ffmpeg, or if nothing was decoded, more than `limit`, or a choice of streams.
+    Returns samples (n, channels), their rate, ffmpeg's own errors, of damage that it has skipped, and the seconds
+    from the first picture to the first sample.
     """
     try:
         program = find_ffmpeg()

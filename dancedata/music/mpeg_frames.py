@@ -105,10 +105,9 @@ def _is_chain(data: bytes, at: int, end: int) -> bool:
 
 
 def _tag(frame: bytes) -> tuple[int, int] | None:
-    """Return the samples of delay and padding, and the frames, that a frame states in place of sound; None for sound.
+    """Return samples of delay and padding, and frames, that a tag (Xing, Info, VBRI) states; None for sound.
 
-    The tag (Xing, Info, VBRI) is behind the side information, whose size depends on version and channels. Decoders
-    use delay and padding where it counts the frames, too.
+    It is behind the side information. Decoders use delay and padding where it counts the frames, too.
     """
     at = next((k for k in (36, 21, 13, 38, 23, 15) if frame[k : k + 4] in (b"Xing", b"Info")), -1)
     if at < 0:

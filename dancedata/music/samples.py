@@ -7,12 +7,7 @@ from dancedata.core.audio_signal import resampled_length
 
 
 def resample(samples: NDArray[np.float32], from_rate: int, to_rate: int) -> NDArray[np.float32]:
-    """Resample as `librosa.load` does: soxr, quality HQ, zeros appended to the length of `resampled_length`.
-
-    `samples`: (n,) float32 at `from_rate`.
-    `from_rate`, `to_rate`: Sample rates in Hz.
-    Returns: (m,) float32, m = `resampled_length(n, from_rate, to_rate)`; the same array if the rates are equal.
-    """
+    """Resample (n,) as `librosa.load` does: soxr, quality HQ, zeros appended to the length of `resampled_length`."""
     if from_rate == to_rate:
         return samples
     import soxr  # what librosa calls; importing librosa takes seconds

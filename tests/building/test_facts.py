@@ -1,6 +1,6 @@
 """The key `segments` of recipes: facts, genres, a lexicon; in builds, with copies, from the cache."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -151,36 +151,3 @@ def test_no_facts_are_asked_for_by_default() -> None:
 def test_wrong_values_are_named(value: Any) -> None:
     with raises_message(RecipeError, "problem", where="recipe"):
         parse_recipe(document(annotators=value))
-
-
-def test_check_names_words_that_facts_do_not_show(tmp_path, cache, monkeypatch):
-    english = Layer("description", language="en-GB")
-
-    def says(start: float, end: float, *texts: str, layer: Layer = english) -> Segment:
-        return Segment(layer, Fraction(start), Fraction(end), texts=texts)
-
-    words = (
-        says(0, 3, "spins around", "turns to the left", "turns right once"), says(3, 4.5, "a jump", "spins twice"),
-        says(5, 7, "hops, then kneels"), says(0, 1, "springt", layer=Layer("german", language="de")),
-    )  # fmt: skip
-    plain = Planted.scan
-
-    def scan(self: Planted, source: Path) -> Scan:
-        found = plain(self, source)
-        return replace(found, clips=tuple(replace(c, segments=words * (c.id == "single")) for c in found.clips))
-
-    monkeypatch.setattr(Planted, "scan", scan)
-    build(tmp_path, cache, "facts", annotators={"facts": True}, augment={"mirror": True})
-    build(tmp_path, cache, "jumps", annotators={"facts": {"kinds": ["jumps"]}})
-    build(tmp_path, cache, "none")
-
-    def notes(out: str) -> list[str]:
-        problems = dancedata.check(tmp_path / out, progress=False)
-        return [p.message.partition("says ")[2] for p in problems if "says" in p.message]
-
-    assert notes("facts") == [
-        "'turns right once', no turn to the right found", "'spins twice', no turn found",
-        "'hops, then kneels', no flight found",
-    ]  # fmt: skip
-    assert notes("jumps") == ["'hops, then kneels', no flight found"]
-    assert notes("none") == []

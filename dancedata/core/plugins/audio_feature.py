@@ -58,10 +58,7 @@ class AudioFeature(Plugin):
 
     @property
     def windows_per_call(self) -> int | None:
-        """Windows that `extract_windows` takes at once, after which they are published; None: all of a song.
-
-        A killed build loses at most this many.
-        """
+        """Windows that `extract_windows` takes at once, and a killed build loses; None: all of a song."""
         return None
 
     def workers(self, jobs: int) -> int:

@@ -17,17 +17,12 @@ from dancedata.core.plugins.audio_feature import AudioFeature
 
 @dataclass(frozen=True)
 class FileSpan:
-    """The rows of a file on a clip's grid.
+    """The rows of a file on a clip's grid."""
 
-    `first`: Row of the clip's grid, from frame 0, that is the first within the file; may be below 0.
-    `n_rows`: Rows within the file.
-    `phase`, `step`: Place of the first in the file, and distance of two, in rows of the file.
-    """
-
-    first: int
-    n_rows: int
-    phase: Fraction
-    step: Fraction
+    first: int  # row from frame 0 that is the first within the file; may be below 0
+    n_rows: int  # rows within the file
+    phase: Fraction  # place of the first in the file, in its rows
+    step: Fraction  # distance of two, in rows of the file
 
 
 class FileFeature(AudioFeature):
