@@ -17,7 +17,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.curation.quality import quality
 from dancedata.synthetic import synthesise_motion
 from tests.commands import run
-from tests.formats.test_bvh_retarget import MIXAMO, SEGMENTS, SMPL_SHORT, XSENS, write_as
+from tests.formats.test_bvh_retarget import MIXAMO, write_as
 
 RECIPE: dict[str, Any] = {
     "recipe": 1, "name": "mixed", "dataset": {"folder": {"unit": "cm"}}, "windows": {"length_s": 2, "stride_s": 1},
@@ -30,14 +30,9 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Captures of several producers, and what may be wrong with them."""
     folder = tmp_path_factory.mktemp("mixed")
     motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=240)[0]
-    bones = {"mixamo": MIXAMO, "xsens": XSENS, "segments": SEGMENTS, "smpl": SMPL_SHORT}
-    for name, names in {
-        **bones,
-        "short": MIXAMO,
-        "silent": XSENS,
-        "brief_song": SMPL_SHORT,
-        "no_song": XSENS,
-    }.items():
+    smpl = " ".join(SMPL24.joints)
+    bones = {"mixamo": MIXAMO, "smpl": smpl, "short": MIXAMO, "silent": smpl, "brief_song": smpl, "no_song": smpl}
+    for name, names in bones.items():
         part = motion.part(0, 60) if name == "short" else motion
         write_as(folder / f"{name}.bvh", part, SMPL24, Rotation.identity(24), names=names.split())
     swapped = MIXAMO.replace("Left", "?").replace("Right", "Left").replace("?", "Right")
@@ -61,7 +56,7 @@ def test_check_finds_what_a_build_leaves_out(mixed: Path, tmp_path: Path) -> Non
     result = dancedata.build(RECIPE, mixed, tmp_path / "out", cache=tmp_path / "cache", progress=False, jobs=1)
     with result.open() as store:
         built = {(row.get("clip") or row["file"], row["reason"]) for row in store.rejects}
-        assert {clip.id for clip in store} == {"mixamo", "xsens", "segments", "smpl"}
+        assert {clip.id for clip in store} == {"mixamo", "smpl"}
     problems = dancedata.check(mixed, recipe=RECIPE, progress=False)
     found = {(p.where, p.message.partition(":")[0]) for p in problems if p.where != str(mixed)}
     assert found == built
