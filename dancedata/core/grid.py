@@ -186,6 +186,14 @@ class FrameGrid:
         """
         return self.rows_down(n_frames - 1, of=target) + 1 if n_frames > 0 else 0
 
+    def places(self, n: int, target: FrameGrid) -> npt.NDArray[np.float64]:
+        """Return where the first n frames of `target` lie between the frames of this grid, (n,) frames."""
+        import numpy as np
+
+        period, target_period = self.common_period(target)
+        # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
+        return np.arange(n, dtype=np.float64) * period / target_period
+
     def __repr__(self) -> str:
         return f"FrameGrid.of({self.rate.numerator if self.rate.denominator == 1 else str(self.rate)!r})"
 

@@ -259,9 +259,7 @@ class Motion:
             trim = min(self.grid.rows_up(self.trim_start, of=grid), (self.n_frames - 1) // step)
             return self._frames(slice(None, None, step), grid, trim)
         n = self.grid.resampled_length(self.n_frames, grid)
-        period, new_period = self.grid.common_period(grid)
-        # Multiplied before divided: in floating point k * (2 / 3) can fall below an integer frame.
-        frames = np.arange(n, dtype=np.float64) * period / new_period
+        frames = self.grid.places(n, grid)
         lower = np.minimum(frames.astype(np.int64), max(self.n_frames - 2, 0))
         upper = np.minimum(lower + 1, self.n_frames - 1)
         share = (frames - lower)[:, None]

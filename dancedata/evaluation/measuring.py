@@ -366,6 +366,4 @@ def _at_rate(joints: Float64Array, grid: FrameGrid, target: FrameGrid) -> Float6
     """Return positions (T, J, 3) at another rate, linearly interpolated, from the same first frame."""
     if grid == target:
         return joints
-    period, target_period = grid.common_period(target)
-    frames = np.arange(grid.resampled_length(len(joints), target), dtype=np.float64) * period / target_period
-    return interpolated(joints, frames)
+    return interpolated(joints, grid.places(grid.resampled_length(len(joints), target), target))

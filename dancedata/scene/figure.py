@@ -219,9 +219,8 @@ class Figure:
     def resampled(self, grid: FrameGrid, seconds: float, late: float = 0.0) -> Figure:
         """Return the figure at another rate and length, joints linear between frames; the last pose stays."""
         count = max(1, round(seconds * float(grid.rate)))
-        period, new = self.grid.common_period(grid)
         begin = late * float(self.grid.rate)
-        frames = np.clip(np.arange(count, dtype=np.float64) * period / new - begin, 0, self.n_frames - 1)
+        frames = np.clip(self.grid.places(count, grid) - begin, 0, self.n_frames - 1)
         joints, lower = interpolated(self.joints, frames), frames.astype(np.int64)
         facing = None if self.facing is None else self.facing[lower]
         turns = None if self.rotations is None else slerp(self.rotations, frames)
@@ -268,8 +267,7 @@ class Figure:
         ours = self.joints[:, [self.skeleton.joints.index(n) for n in names]]
         theirs = other.joints[:, [other.skeleton.joints.index(n) for n in names]]
         distance = np.full(self.n_frames, np.nan)
-        period, new = other.grid.common_period(self.grid)
-        frames = np.arange(self.n_frames, dtype=np.float64) * period / new
+        frames = other.grid.places(self.n_frames, self.grid)
         inside = frames <= len(theirs) - 1
         if not names or not inside.any():
             return distance
