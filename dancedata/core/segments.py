@@ -175,4 +175,3 @@ class LayerNumbers:
     texts: int  # their number
     words: int  # in all texts
     labels: Mapping[str, int]  # the most frequent ones
-    still: int | None  # segments within one span of the facts in which the dancer keeps still

@@ -141,17 +141,17 @@ def _segments(d: FigureSpec) -> list[Figure]:
     if not layers:
         return []
     head = ("layer", "language", "author", "segments", "clips", "median s", "coverage", "texts", "words per text",
-            "left and right", "while still", "labels")  # fmt: skip
+            "left and right", "labels")  # fmt: skip
     rows = [
         (
             layer.name, layer.language, layer.author, layer.segments, layer.clips, layer.median_s,
             percent(layer.coverage), layer.texts, layer.words / layer.texts if layer.texts else None, layer.sided,
-            layer.still, _text(listed(f"{label} {n}" for label, n in layer.labels.items()), 300),
+            _text(listed(f"{label} {n}" for label, n in layer.labels.items()), 300),
         )
         for layer in layers
     ]  # fmt: skip
     body = scrolled(head, rows, "list texts")
-    note = "of clips that are not copies; coverage is the share of frames in a segment; while still: no motion in it"
+    note = "of clips that are not copies; coverage is the share of frames in a segment"
     return [Figure("segments", "Layers of segments", note, body, kind="wide")]
 
 

@@ -1,6 +1,6 @@
 """Free columns and layers of segments in numbers: for `info`, reports and cards."""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from statistics import median
 from typing import Any
@@ -57,16 +57,8 @@ def layer_numbers(store: RowQueries) -> tuple[LayerNumbers, ...]:
         np.asarray(columns.get(name, ()), dtype=np.int64) for name in ("clip", "start", "end", "layer")
     )
     rows = [np.flatnonzero(original[clip] & (layer_of == number)) for number in range(len(store.layers))]
-    is_fact = [layer.name == "facts" for layer in store.layers]
-    still: dict[int, list[tuple[int, int]]] = defaultdict(list)
-    facts = [row for of_layer, fact in zip(rows, is_fact, strict=True) if fact for row in of_layer.tolist()]
-    for row in facts:
-        if columns["label"][row] == "still":
-            still[int(clip[row])].append((int(start[row]), int(end[row])))
     numbers = []
-    for layer, k, fact in zip(store.layers, rows, is_fact, strict=True):
-        spans = zip(clip[k].tolist(), start[k].tolist(), end[k].tolist(), strict=True)
-        at_rest = sum(any(a <= first and last <= b for a, b in still.get(of, ())) for of, first, last in spans)
+    for layer, k in zip(store.layers, rows, strict=True):
         texts = [text for row in k.tolist() for text in columns["texts"][row]]
         labels = Counter(label for row in k.tolist() if (label := columns["label"][row]))
         numbers.append(
@@ -79,7 +71,6 @@ def layer_numbers(store: RowQueries) -> tuple[LayerNumbers, ...]:
                 texts=len(texts),
                 words=sum(len(text.split()) for text in texts),
                 labels=_most_frequent(labels),
-                still=None if fact or not any(is_fact) else at_rest,
             )
         )  # fmt: skip
     return tuple(numbers)

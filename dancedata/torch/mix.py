@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,7 +38,8 @@ class Mix(EpochDataset):
     one is repeated, and over any number of epochs the counts of its samples differ by one at most. A sample is as its
     dataset gives it, with ``"source"`` (name), ``"source_id"`` (number) and an ``"id"`` that begins with the source.
 
-    Samplers, ranks, workers and resuming are as for one dataset: `EpochSampler`, `BatchLoader`, `BatchStream`.
+    Samplers, ranks, workers and resuming are as for one dataset: `EpochSampler`, `BatchLoader`, `BatchStream`. Each
+    field has one scaler, whose range covers those of all sources: decode a model's columns with ``scaler=mix``.
 
     Parameters
     ----------
@@ -48,9 +49,6 @@ class Mix(EpochDataset):
         Shares of the samples of an epoch, in any unit. Default: every sample once an epoch.
     n_samples
         Samples of an epoch. Default: as many as the datasets have together.
-    scale
-        "one": each field has one scaler over all sources, whose range covers those of their scalers; decode a
-        model's columns with ``scaler=mix``. "each": each source keeps its own, and its columns mean something else.
     seed
         Whole number >= 0, of the order in which sources are read.
 
@@ -89,25 +87,22 @@ class Mix(EpochDataset):
         *,
         weights: Sequence[float] | None = None,
         n_samples: int | None = None,
-        scale: Literal["one", "each"] = "one",
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if scale not in ("one", "each"):
-            raise UsageError(f"unknown scale {scale!r}", fix=did_you_mean(scale, ("one", "each")))
         by_name = dict(datasets) if isinstance(datasets, Mapping) else {}
         if not by_name or not all(isinstance(reader, SplitDataset) for reader in by_name.values()):
             raise UsageError("a mix is made of readers", found=shown(datasets), allowed="readers by name")
         self.sources = names("datasets", by_name)
         _require_alike(by_name)
-        self.seed, self.scale = whole("seed", seed), scale
+        self.seed = whole("seed", seed)
         sizes = [len(dataset) for dataset in by_name.values()]
         total = sum(sizes) if n_samples is None else whole("n_samples", n_samples, 1, MAX_ROWS)
         self.counts = _counts(self.sources, sizes, _shares(sizes, weights), total)
         first = next(iter(by_name.values()))
         self.fields, self.normalized = first.fields, first.normalized
         scalers = {name: _joint([d.scaler(name) for d in by_name.values()]) for name in self.normalized}
-        self.datasets = tuple(d.rescaled(scalers if scale == "one" else {}, name) for name, d in by_name.items())
+        self.datasets = tuple(d.rescaled(scalers, name) for name, d in by_name.items())
         self._begin = np.concatenate([[0], np.cumsum(self.counts)])
         whole_sources = all(count % size == 0 for count, size in zip(self.counts, sizes, strict=True))
         self._is_random = not whole_sources or any(dataset._is_random for dataset in self.datasets)
@@ -119,8 +114,7 @@ class Mix(EpochDataset):
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name}: {count:,}" for name, count in zip(self.sources, self.counts, strict=True))
-        scaling = "one scaler" if self.scale == "one" else "a scaler each"
-        return f"Mix({parts}; fields: {', '.join(self.fields)}; {scaling})"
+        return f"Mix({parts}; fields: {', '.join(self.fields)})"
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "_chosen": None}
@@ -157,21 +151,13 @@ class Mix(EpochDataset):
         return next(iter(stores.values()))
 
     def scaler(self, field: str) -> Scaler:
-        """Return the scaler of a field, over all sources; UsageError where each source has one of its own."""
-        if self.scale == "each":
-            raise UsageError(
-                "each source of this mix has a scaler of its own",
-                fix=f"name the source's, mix.datasets[k].scaler({field!r}), or mix with scale='one'",
-            )
+        """Return the scaler of a field, over all sources: its range covers those of their scalers."""
         return _joint([dataset.scaler(field) for dataset in self.datasets])
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the hashes of the scalers, {"scalers": {field: hash}}; by "source/field" where each has its own."""
-        states = [dataset.state_dict()["scalers"] for dataset in self.datasets]
-        if self.scale == "one":
-            return {"scalers": {name: states[0][name] for name in self.normalized}}
-        named = zip(self.sources, states, strict=True)
-        return {"scalers": {f"{source}/{name}": sha for source, state in named for name, sha in state.items()}}
+        """Return the hashes of the scalers, {"scalers": {field: hash}}."""
+        stated = self.datasets[0].state_dict()["scalers"]
+        return {"scalers": {name: stated[name] for name in self.normalized}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with these scalers; UsageError if not; changes nothing."""
@@ -312,7 +298,7 @@ def _joint(scalers: Sequence[Scaler]) -> Scaler:
     if kinds != {"minmax"}:
         raise UsageError(
             "z-scores of several sources do not join", found=listed(map(repr, scalers)),
-            fix="name one for all sources, scale={FIELD: Scaler(...)}, or mix with scale='each'",
+            fix="name one for all sources, scale={FIELD: Scaler(...)}",
         )  # fmt: skip
     low, high = (np.stack([getattr(s, name) for s in scalers]) for name in ("data_min", "data_max"))
     return Scaler(

@@ -145,15 +145,6 @@ def test_one_scaler_covers_all_sources(stores: dict[str, Store]) -> None:
     torch.testing.assert_close(parts["small"][0][name], WindowDataset(stores["small"])[0][name], rtol=0, atol=0)
 
 
-def test_each_source_may_keep_its_scaler(stores: dict[str, Store]) -> None:
-    mix = Mix(windows(stores), scale="each")
-    [name] = mix.normalized
-    torch.testing.assert_close(mix[42][name], WindowDataset(stores["small"])[0][name], rtol=0, atol=0)
-    assert set(mix.state_dict()["scalers"]) == {f"{source}/{name}" for source in stores}
-    with raises_message(UsageError, r"mix\.datasets"):
-        mix.scaler(name)
-
-
 def test_without_an_epoch_shares_are_exact_too(stores: dict[str, Store]) -> None:
     torch.manual_seed(0)
     mix = Mix(windows(stores), weights=(1, 1, 2))
@@ -219,19 +210,18 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
     [
         {"weights": (1, 2)}, {"weights": (1, 0, 1)}, {"weights": (1, float("nan"), 1)},
         {"weights": {"large": 1, "tiny": 1, "small": 1}}, {"weights": (1, 1, 1000), "n_samples": 10},
-        {"scale": "all"}, {"seed": -1}, {"n_samples": 10**30}, {"weights": (10**400, 1, 1)},
+        {"seed": -1}, {"n_samples": 10**30}, {"weights": (10**400, 1, 1)},
     ],
 )  # fmt: skip
 def test_invalid_arguments(stores: dict[str, Store], options: dict[str, Any]) -> None:
-    with raises_message(UsageError, "n_samples|negative|scale|shares|sources"):
+    with raises_message(UsageError, "n_samples|negative|shares|sources"):
         Mix(windows(stores), **options)
 
 
-@pytest.mark.parametrize("scale", ["one", "each"])
-def test_an_id_is_read_from_its_source_alone(stores: dict[str, Store], scale: Any) -> None:
+def test_an_id_is_read_from_its_source_alone(stores: dict[str, Store]) -> None:
     """A clip of another source may have the same name."""
     parts = windows(stores)
-    mix = Mix(parts, scale=scale)
+    mix = Mix(parts)
     sample = mix[0]
     assert sample["id"].startswith("large=")
     for dataset in (mix, mix.datasets[0]):

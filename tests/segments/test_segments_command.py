@@ -131,7 +131,7 @@ def test_numbers_of_layers(built: Store) -> None:
     frames = {clip.id: clip.n_frames for clip in built.clips() if not clip.source}
     assert (moves.segments, moves.clips, moves.median_s, moves.labels) == (1, 1, 1.0, {"left spin": 1})
     assert moves.coverage == pytest.approx(30 / sum(frames.values()))
-    assert (words.texts, words.words, words.still) == (1, 3, None)
+    assert (words.texts, words.words) == (1, 3)
     assert words.coverage == pytest.approx(frames["own"] / sum(frames.values()))
     document = write_report(built.path).to_json()["report"]
     assert [layer["name"] for layer in document["segments"]] == [layer.name for layer in built.layers]
