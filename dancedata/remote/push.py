@@ -96,13 +96,6 @@ def push(
         Check the terms and the dataset, and publish nothing.
     overwrite
         Replace files of the same names that were not published by this function.
-    progress
-        Show progress on stderr.
-
-    Returns
-    -------
-    Pushed
-        `address` is where it is read; `commit`, numbers of files and bytes.
 
     Raises
     ------

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] = (), mapped: bool = True) -> Store:
-    """Open a built dataset; reads dataset.json, compares its hash, and checks the sizes of the shards.
+    """Open a built dataset: dataset.json and the sizes of shards are checked, the others read on first use.
 
     Parameters
     ----------
@@ -47,11 +47,6 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
         replaces segments of the same layer, start and end.
     mapped
         False: readers read by position, for files that may be overwritten in place, or file systems that map poorly.
-
-    Returns
-    -------
-    Store
-        Tables, rows and statistics are read on first use.
 
     Raises
     ------

@@ -51,8 +51,7 @@ def verify_store(path: str | Path) -> list[Problem]:
     Returns
     -------
     list of Problem
-        "error": the dataset is damaged, or a clip is in two splits. "note": anything else
-        that should be known. Empty for a valid dataset. A damaged dataset never raises an error.
+        "error": the dataset is damaged, or a clip is in two splits; "note": what else should be known. None raises.
 
     Examples
     --------

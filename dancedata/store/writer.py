@@ -55,16 +55,12 @@ def write_store(
         Fields, windows and frame rate of the store.
     clips
         In any order. Their arrays are loaded one at a time.
-    rejects
-        For rejects.jsonl, in this order.
-    quality
-        Quality flags of the clips, for the layers "quality" of their segments.
+    rejects, quality
+        For rejects.jsonl, in this order; quality flags of the clips, for the layers "quality" of their segments.
     shard_bytes
         A shard takes clips while its rows stay within this many bytes; it has at least one clip.
-    card
-        Text of README.md.
-    progress
-        Called with (clips written, number of clips) after each clip.
+    card, progress
+        Text of README.md; called with (clips written, number of clips) after each clip.
 
     Raises
     ------

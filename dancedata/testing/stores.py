@@ -22,21 +22,11 @@ Array = npt.NDArray[Any]
 
 @dataclass(frozen=True)
 class RandomStore:
-    """A store on disk and its source arrays.
-
-    Attributes
-    ----------
-    path
-        Folder of the store.
-    header
-        As given to the writer.
-    clips
-        As given to the writer: split by split, clip by clip. Their arrays are the expected values.
-    """
+    """A store on disk and its source arrays."""
 
     path: Path
     header: StoreHeader
-    clips: tuple[StoredClip, ...]
+    clips: tuple[StoredClip, ...]  # as given to the writer; their arrays are the expected values
 
     def clip(self, clip_id: str) -> StoredClip:
         """Return a clip by id."""
@@ -104,31 +94,20 @@ def write_random_store(
 
     Parameters
     ----------
-    out
-        Folder; created if it does not exist.
     clips
         Number of clips per split. Default: train 6, val 2, test 2. Ids are ``<split>_c00`` and so on.
     fields
         Default: edge151 (151 columns) and librosa35 (35), both 30 per second.
-    length, stride
-        Of the windows, in frames.
     n_frames
         Least and largest length of a clip, drawn at random. Equal ones give a known number of windows.
     clips_per_song
         Adjacent clips of a split share a song: one timeline, with an offset per clip.
-    seed
-        Equal arguments give equal stores.
     slices
         Whether each window is a clip of its own, ``<split>_c00_slice1``.
     meta
         Additional keys of dataset.json.
     **writer
         Arguments of `write_store`: rejects, quality, card, ...
-
-    Returns
-    -------
-    RandomStore
-        The store with its arrays.
 
     Examples
     --------

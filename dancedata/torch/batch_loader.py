@@ -42,13 +42,6 @@ class BatchLoader:
     A batch is a dict as torch's default collate makes it: a tensor (B, rows, D) per field, tensors and lists of
     the other values of a sample.
 
-    Attributes
-    ----------
-    dataset, sampler, batch_size, drop_last, threads, prefetch
-        As given; `sampler` is the one made if none was given.
-    pinned
-        Whether batches are in pinned memory.
-
     Notes
     -----
     Batches belong to the caller; memory is reused once no tensor or array refers to it (a bare address,
@@ -75,8 +68,6 @@ class BatchLoader:
 
         Parameters
         ----------
-        batch_size
-            Samples per batch.
         sampler
             Indices of one epoch each time it is iterated. Default: all samples in order, from the start each time.
         shuffle
@@ -84,10 +75,8 @@ class BatchLoader:
             next epoch follows; to resume in the middle, give a sampler.
         drop_last
             Whether a last batch of fewer samples is left out.
-        threads
-            Number of threads; each reads one batch at a time.
-        prefetch
-            Batches that are read ahead.
+        threads, prefetch
+            Number of threads, each with a batch at a time; batches that are read ahead.
         pin_memory
             Whether batches are in pinned memory, for faster copies to a GPU. Without a GPU it is ignored, as in a
             DataLoader, and a warning is logged.
@@ -119,12 +108,6 @@ class BatchLoader:
 
     def __len__(self) -> int:
         return len(self._batches())
-
-    def __repr__(self) -> str:
-        return (
-            f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, drop_last={self.drop_last}, "
-            f"threads={self.threads}, prefetch={self.prefetch}, pinned={self.pinned})"
-        )
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         previous = self._iteration() if self._iteration is not None else None

@@ -53,7 +53,6 @@ class BucketSampler(Sampler[list[int]]):
         seed: int = 0,
         rank: int | None = None,
         world_size: int | None = None,
-        shuffle: bool = True,
         drop_last: bool = False,
     ) -> None:
         """Make the sampler at the start of epoch 0.
@@ -66,7 +65,7 @@ class BucketSampler(Sampler[list[int]]):
             Instead: frames of a batch, padding included, so that short clips come in larger batches.
         n_buckets
             Number of buckets, at most one per sample.
-        seed, rank, world_size, shuffle
+        seed, rank, world_size
             As for an `EpochSampler`.
         drop_last
             Whether batches that are not full are left out: one per bucket.
@@ -93,10 +92,8 @@ class BucketSampler(Sampler[list[int]]):
         longest = [int(lengths[bucket[-1]]) for bucket in self._buckets]
         size = 0 if batch_size is None else whole("batch_size", batch_size, 1)
         self._sizes = [max_frames // frames if max_frames else size for frames in longest]
-        self._source, self.seed, self.shuffle, self.drop_last = data_source, seed, shuffle, drop_last
-        self.order_of_batches = EpochSampler(
-            len(self.batches(0)), seed=seed, rank=rank, world_size=world_size, shuffle=shuffle
-        )
+        self._source, self.seed, self.drop_last = data_source, seed, drop_last
+        self.order_of_batches = EpochSampler(len(self.batches(0)), seed=seed, rank=rank, world_size=world_size)
         self.order_of_batches._groups = sha256_bytes(f"{self._sizes}{bool(drop_last)}".encode(), order.data)
 
     def __len__(self) -> int:
@@ -110,8 +107,7 @@ class BucketSampler(Sampler[list[int]]):
         """Return all batches of an epoch, bucket by bucket, before they are shuffled and dealt to the ranks."""
         batches_: list[npt.NDArray[np.int64]] = []
         for number, (bucket, size) in enumerate(zip(self._buckets, self._sizes, strict=True)):
-            if self.shuffle:
-                bucket = bucket[permutation(len(bucket), self.seed, _BUCKET_STREAM, epoch, number)]
+            bucket = bucket[permutation(len(bucket), self.seed, _BUCKET_STREAM, epoch, number)]
             stop = len(bucket) // size * size if self.drop_last else len(bucket)
             batches_ += [bucket[first : first + size] for first in range(0, stop, size)]
         return batches_

@@ -89,11 +89,9 @@ class ClipDataset(SplitDataset):
 
         Raises
         ------
-        StoreError
-            If there is no finished dataset at `store`.
-        UsageError
-            For an unknown split or field, invalid numbers, values that do not go together, or if no clip is long
-            enough.
+        StoreError, UsageError
+            Without a finished dataset; for an unknown split or field, invalid numbers, values that do not go
+            together, or if no clip is long enough.
         """
         super().__init__(store, split, fields, select, scale)
         self._items.require_plain("ClipDataset")

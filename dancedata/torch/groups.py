@@ -59,10 +59,9 @@ class GroupDataset(WindowDataset):
 
     Raises
     ------
-    StoreError
-        If there is no finished dataset at `store`.
-    UsageError
-        If no window is left, for an unknown choice, and for augmentations that do not say what they act on.
+    StoreError, UsageError
+        Without a finished dataset; if no window is left, for an unknown choice, and for augmentations that do not say
+        what they act on.
 
     Attributes
     ----------

@@ -75,11 +75,9 @@ class WindowDataset(SplitDataset):
 
     Raises
     ------
-    StoreError
-        If there is no finished dataset at `store`.
-    UsageError
-        For an unknown split or field, a field that cannot be augmented, windows that this store cannot give, and
-        for two values that do not go together.
+    StoreError, UsageError
+        Without a finished dataset; for an unknown split or field, a field that cannot be augmented, windows that this
+        store cannot give, and for two values that do not go together.
 
     Attributes
     ----------

@@ -36,7 +36,7 @@ class LightningSamples(Callback):
         Batches of each validation and process that are sampled. Default: all.
     seed
         Seed of torch's generators while samples are drawn, with the number of the process and of the batch: each
-        validation draws the same noise, and sampling does not change the random numbers of training. None: no seed.
+        validation draws the same noise, and sampling does not change the random numbers of training.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class LightningSamples(Callback):
         sample: Callable[[Any, Any], Tensor] | None = None,
         *,
         batches: int | None = None,
-        seed: int | None = 0,
+        seed: int = 0,
     ) -> None:
         for name, number, least in (("batches", batches, 1), ("seed", seed, 0)):
             if number is not None and number < least:
@@ -102,11 +102,8 @@ class LightningSamples(Callback):
 
 
 @contextmanager
-def _seeded(seed: int | None, device: torch.device, rank: int, batch: int) -> Iterator[None]:
+def _seeded(seed: int, device: torch.device, rank: int, batch: int) -> Iterator[None]:
     """Draw from generators with a seed in the context, and leave those of the training as they were."""
-    if seed is None:
-        yield
-        return
     devices = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices):
         torch.manual_seed(int(np.random.SeedSequence((seed, rank, batch)).generate_state(1)[0]))

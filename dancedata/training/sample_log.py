@@ -87,9 +87,6 @@ class SampleLog:
         self.folder = None if folder is None else Path(folder).expanduser()
         self._samples: list[Generated] = []
 
-    def __repr__(self) -> str:
-        return f"SampleLog({self.evaluator!r}, {str(self.folder)!r})"
-
     def reset(self) -> None:
         """Forget all samples."""
         self.evaluator.reset()
