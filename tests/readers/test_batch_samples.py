@@ -1,7 +1,6 @@
 """Batches as `WindowDataset.__getitems__` reads them, torch's collate puts them together, and memory goes round."""
 
 import copy
-import gc
 import importlib.util
 import os
 import pickle
@@ -80,6 +79,9 @@ def test_a_partial_batch_is_copied_correctly(mixed_store: Store) -> None:
 
 def test_keys_added_to_samples_are_in_the_batch(mixed_store: Store) -> None:
     items = dataset_of(mixed_store, "normalised").__getitems__([5, 1, 3])
+    for again in (pickle.loads(pickle.dumps(items[0])), copy.copy(items[0]), copy.deepcopy(items[0])):
+        assert type(again) is dict
+        assert_equal(again, items[0])
     items[1]["fast"] = items[1]["fast"] * 2
     items[2]["half"] += 1
     for item in items:
@@ -93,14 +95,6 @@ def test_keys_added_to_samples_are_in_the_batch(mixed_store: Store) -> None:
     del items[1]["half"]
     with pytest.raises(KeyError, match="half"):
         default_collate(items)
-
-
-def test_copies_and_pickles_of_samples_are_dicts(mixed_store: Store) -> None:
-    (sample,) = dataset_of(mixed_store, "normalised").__getitems__([5])
-    assert isinstance(sample, dict)
-    for again in (pickle.loads(pickle.dumps(sample)), copy.copy(sample), copy.deepcopy(sample)):
-        assert type(again) is dict
-        assert_equal(again, sample)
 
 
 @pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
@@ -120,29 +114,6 @@ def test_workers_subsets_and_collate_by_name(mixed_store: Store) -> None:
 LARGE = (1 << 19, 3)
 
 
-def test_memory_goes_round_when_nothing_refers_to_it() -> None:
-    pool = MemoryPool()
-    first = pool.tensor(LARGE, np.dtype(np.float32))
-    place = first.data_ptr()
-    row, array = first[5], first[7:9].numpy()
-    row.fill_(1.5)
-    array.fill(2.5)
-    del first
-    gc.collect()
-    for kept in (row, array):
-        other = pool.tensor(LARGE, np.dtype(np.float32))
-        assert other.data_ptr() != place
-        other.fill_(0)
-        assert (kept != 0).all()
-    del row
-    assert pool.tensor(LARGE, np.dtype(np.float32)).data_ptr() != place
-    del array, kept
-    gc.collect()
-    places = [pool.tensor(LARGE, np.dtype(np.float32)) for _ in range(3)]
-    assert place in [tensor.data_ptr() for tensor in places]
-    assert len({tensor.data_ptr() for tensor in places}) == 3
-
-
 def test_kept_memory_is_limited_for_all_sizes() -> None:
     pool = MemoryPool()
     for more in range(30):
@@ -155,9 +126,8 @@ def test_kept_memory_is_limited_for_all_sizes() -> None:
 @pytest.mark.parametrize(
     "array",
     [
-        np.arange(24, dtype=np.float32).reshape(2, 3, 4), np.arange(24, dtype=np.float16).reshape(4, 6)[:, ::2],
-        np.array([True, False, True]), np.array([[7]], dtype=np.int64), np.zeros((3, 0, 4), dtype=np.float32),
-        np.zeros((0, 4), dtype=np.float32),
+        np.arange(24, dtype=np.float16).reshape(4, 6)[:, ::2], np.array([True, False, True]),
+        np.zeros((3, 0, 4), dtype=np.float32),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("without", ["", "torch", "system", "refused", "changed"])

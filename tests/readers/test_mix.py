@@ -26,6 +26,7 @@ from dancedata.torch import (
 )
 from tests.groups_store import HEADER, stored
 from tests.messages import raises_message
+from tests.readers.batches import bits
 
 
 @pytest.fixture(scope="module")
@@ -81,15 +82,6 @@ def test_shares_are_exact_for_all_ranks_and_samples_take_turns(stores: dict[str,
             assert max(counts) - min(counts) <= 1
 
 
-def equal(a: dict[str, Any], b: dict[str, Any]) -> None:
-    assert a.keys() == b.keys()
-    for name, value in a.items():
-        if isinstance(value, torch.Tensor):
-            torch.testing.assert_close(value, b[name], rtol=0, atol=0, equal_nan=True)
-        else:
-            assert value == b[name], name
-
-
 @pytest.mark.parametrize("workers", [0, 2])
 def test_all_loaders_give_the_same_bits_and_resume_anywhere(stores: dict[str, Store], workers: int) -> None:
     def made() -> Mix:
@@ -99,10 +91,10 @@ def test_all_loaders_give_the_same_bits_and_resume_anywhere(stores: dict[str, St
     whole = [*BatchLoader(mix, 5, sampler=EpochSampler(mix, seed=3))]
     loader = DataLoader(mix, 5, sampler=EpochSampler(mix, seed=3), num_workers=workers)
     for a, b in zip(whole, loader, strict=True):
-        equal(a, b)
+        assert bits(a) == bits(b)
     stream = BatchStream(made(), 5, seed=3, steps=12)
     for step, a in enumerate(whole):
-        equal(a, stream.batch(step))
+        assert bits(a) == bits(stream.batch(step))
     for consumed in (0, 7, 46):
         resumed = made()
         sampler = EpochSampler(resumed, seed=3)
@@ -203,6 +195,11 @@ def test_datasets_that_do_not_agree(tmp_path: Path, stores: dict[str, Store]) ->
         Mix({"large": large, "other": WindowDataset(tmp_path / "x")})
     with raises_message(UsageError, "agree"):
         Mix({"large": large, "clips": ClipDataset(stores["large"])})
+    for readers in ({}, [large]):
+        with raises_message(UsageError, "made of readers"):
+            Mix(readers)  # type: ignore[arg-type]
+    with raises_message(UsageError, "names"):
+        Mix({3: large})  # type: ignore[dict-item]
 
 
 @pytest.mark.parametrize(
@@ -229,13 +226,6 @@ def test_an_id_is_read_from_its_source_alone(stores: dict[str, Store]) -> None:
     for other in (parts["large"], mix.datasets[1]):
         with raises_message(UsageError, "another source", where=sample["id"]):
             other[sample["id"]]
-
-
-def test_datasets_of_one_name_and_none(stores: dict[str, Store]) -> None:
-    with raises_message(UsageError, "made of readers"):
-        Mix({})
-    with raises_message(UsageError, "names"):
-        Mix({3: WindowDataset(stores["large"])})  # type: ignore[dict-item]
 
 
 def test_a_mix_as_scaler_and_as_what_columns_are_like(stores: dict[str, Store]) -> None:

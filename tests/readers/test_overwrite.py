@@ -89,17 +89,6 @@ def of_store(out: Path) -> Callable[[], Rows]:
     return lambda: {(w.clip, w.start): np.hstack([ds.read(w, f) for f in FIELDS]) for w in windows}
 
 
-def of_clips(out: Path) -> Callable[[], Rows]:
-    ds = open_store(out)
-    windows = ds.windows("train")
-
-    def read() -> Rows:
-        clips = {w.clip: [ds[w.clip].read(f) for f in FIELDS] for w in windows}
-        return {(w.clip, w.start): np.hstack([r[w.start : w.start + 30] for r in clips[w.clip]]) for w in windows}
-
-    return read
-
-
 def of_dataset(out: Path, **options: Any) -> Callable[[], Rows]:
     dataset = WindowDataset(open_store(out, **options), fields=FIELDS, scale=None)
     return lambda: of_batches([{k: [v] for k, v in dataset[i].items()} for i in range(len(dataset))])
@@ -133,7 +122,6 @@ def of_workers(out: Path, method: str, persistent: bool, **options: Any) -> Call
 #: Way of reading, and whether a reader that has read before continues with its open files.
 KINDS: list[Any] = [
     pytest.param(of_store, {}, True, id="store"),
-    pytest.param(of_clips, {}, True, id="clips"),
     pytest.param(of_dataset, {}, True, id="dataset, mapped"),
     pytest.param(of_dataset, {"mapped": False}, True, id="dataset, by position"),
     pytest.param(of_batch_loader, {}, True, id="batch loader, mapped"),

@@ -285,17 +285,6 @@ def store(built: Path) -> Store:
     return dancedata.open(built)
 
 
-def test_a_store_is_a_collection_of_clips(store: Store) -> None:
-    ids = [clip.id for clip in store]
-    assert len(store) == len(ids) == len(store.clips())
-    assert ids == store.clips().ids
-    assert ids[0] in store
-    assert "nobody" not in store
-    np.testing.assert_array_equal(store[ids[0]]["edge151"], store[ids[0]].read("edge151"))
-    with pytest.raises(UsageError, match="no clip named"):
-        store["nobody"]
-
-
 def test_clips_of_a_split_and_of_values(store: Store) -> None:
     train = store.clips("train")
     assert train.ids == [clip.id for clip in store if clip.split == "train"]

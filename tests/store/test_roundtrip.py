@@ -80,6 +80,8 @@ def test_one_kind_of_clip(make_store: Any) -> None:
         np.testing.assert_array_equal(again.read("pose"), clip.read("pose"))
     assert [clip.id for clip in store.clips()[1:3]] == [clip.id for clip in store][1:3]
     assert store.clips()[3] in store.clips()
+    assert store.clips()[3].id in store
+    assert "nobody" not in store
     with pytest.raises(IndexError):
         store.clips()[5]
 
