@@ -90,24 +90,15 @@ def distribution(tmp_path: Path) -> Callable[[dict[str, tuple[str, str]]], dict[
     return install
 
 
-def _dancedata(environment: dict[str, str], folder: Path, *arguments: str, cold: bool = False) -> str:
-    if cold:
-        command = [sys.executable, "-W", "error", "-m", "dancedata", *arguments]
-        done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, check=False)
-    else:
-        with contextlib.chdir(folder):
-            done = warm.run([sys.executable, "-m", "dancedata", *arguments], environment)
+def _dancedata(environment: dict[str, str], folder: Path, *arguments: str) -> str:
+    with contextlib.chdir(folder):
+        done = warm.run([sys.executable, "-m", "dancedata", *arguments], environment)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def _template(kind: str, name: str, folder: Path) -> str:
-    """Write a plug-in as `dancedata init` does, and return its code."""
-    return write_plugin(kind, name, folder).module.read_text(encoding="utf-8")
-
-
-#: A recipe with a plug-in of every kind that `_plugins` writes.
-_RECIPE = """
+#: A recipe with a plug-in of every kind that it names in addition to its dataset.
+RECIPE = """
 recipe: 1
 name: plug-ins
 dataset: {synthetic: {songs: 2, clips_per_song: 2, clip_s: 6}}
@@ -118,44 +109,36 @@ audio: {librosa35: {}, peaks: {scale: 0.5}}
 keymotion: {speeds: {}}
 augment: {mirror: true, aside: {step_m: 0.25}}
 """
+#: Their kinds and groups of entry points.
+KINDS = {
+    "small": ("filter", "filters"), "low": ("contact-rule", "contacts"), "speeds": ("key-motion", "keymotion"),
+    "peaks": ("feature", "audio"), "aside": ("augmentation", "augment"),
+    "pelvis": ("representation", "representations"),
+}  # fmt: skip
 
 
-def _plugins(folder: Path) -> dict[str, tuple[str, str]]:
-    """Group and code of the templates of all kinds that a recipe names in addition to its dataset, by module."""
-    kinds = {
-        "small": ("filter", "filters"),
-        "low": ("contact-rule", "contacts"),
-        "pelvis": ("representation", "representations"),
-        "peaks": ("feature", "audio"),
-        "speeds": ("key-motion", "keymotion"),
-        "aside": ("augmentation", "augment"),
-    }
-    return {name: (group, _template(kind, name, folder)) for name, (kind, group) in kinds.items()}
-
-
-def _build_and_check(environment: dict[str, str], folder: Path) -> None:
-    """Build `_RECIPE` and look at what each plug-in made."""
-    (folder / "recipe.yaml").write_text(_RECIPE, encoding="utf-8")
-    planned = json.loads(
-        _dancedata(environment, folder, "build", "recipe.yaml", "--dry-run", "--out", "out", "--json")
-    )["result"]
-    _dancedata(environment, folder, "build", "recipe.yaml", "--out", "out", "--jobs", "2", cold=True)
-    assert [problem for problem in verify_store(folder / "out") if problem.severity == "error"] == []
-    with open_store(folder / "out") as store:
+def test_plug_ins_of_another_distribution_build(distribution, tmp_path: Path) -> None:
+    environment = distribution({
+        name: (group, write_plugin(kind, name, tmp_path / "new").module.read_text(encoding="utf-8"))
+        for name, (kind, group) in KINDS.items()
+    })  # fmt: skip
+    (tmp_path / "recipe.yaml").write_text(RECIPE, encoding="utf-8")
+    build = ("build", "recipe.yaml", "--out", "out")
+    planned = json.loads(_dancedata(environment, tmp_path, *build, "--dry-run", "--json"))["result"]
+    command = [sys.executable, "-W", "error", "-m", "dancedata", *build, "--jobs", "2"]
+    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert [problem for problem in verify_store(tmp_path / "out") if problem.severity == "error"] == []
+    with open_store(tmp_path / "out") as store:
         widths = {name: store.field(name).columns.width for name in ("pelvis", "peaks", "speeds")}
         assert widths == {"pelvis": 3, "peaks": 1, "speeds": 1}
         assert sum(c.split == "train" for c in store) == planned["splits"]["train"]["clips"]
         clip = next(c for c in store if c.split == "train" and not c.source)
         copy = store[f"{clip.id}__aside"]
         assert copy.source == store[f"{clip.id}__mirror"].source == clip.id
-        np.testing.assert_allclose(
-            copy.read("pelvis") - clip.read("pelvis"), [[0.25, 0, 0]] * clip.n_frames, atol=1e-6
-        )
+        shift = copy.read("pelvis") - clip.read("pelvis")
+        np.testing.assert_allclose(shift, [[0.25, 0, 0]] * clip.n_frames, atol=1e-6)
         assert 0 < clip.read("peaks").max() <= 0.5
-
-
-def test_plug_ins_of_another_distribution_build(distribution, tmp_path: Path) -> None:
-    _build_and_check(distribution(_plugins(tmp_path / "new")), tmp_path)
 
 
 def test_the_page_of_exports_names_every_target_and_option() -> None:

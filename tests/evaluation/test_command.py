@@ -93,12 +93,6 @@ def test_json_and_tables(walk: Path, store: Store, tmp_path: Path) -> None:
     assert "edge-aistpp, version 1" in latex
 
 
-def test_a_store_against_itself(store: Store) -> None:
-    text = run(store.path, "--split", "test", "--jobs", 1, "--quiet")
-    assert f"{store.path}, split test as truth" in text
-    assert f"pool: {store.path}, split train, 4 clips" in text
-
-
 def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
     stored = scores_of(store.path, "--jobs", 1)
     wavs = folder / "small-source" / "wavs"

@@ -237,15 +237,6 @@ def test_one_motion_to_other_music_is_another_sample(evaluator: Evaluator, batch
     assert len(evaluator) == 2
 
 
-def test_a_pool_of_another_rate_is_refused_before_the_epoch(store: Store, tmp_path: Any) -> None:
-    rng = np.random.default_rng(0)
-    dances = {f"d{k}": rng.normal(0, 0.01, (300, 24, 3)).cumsum(axis=0) for k in range(3)}
-    path = tmp_path / "pool.npz"
-    dancedata.evaluate(dances, fps=60, pool=dances, save_pool=path, intervals=False)
-    with raises_message(UsageError, "generate", where="pool.npz"):
-        Evaluator(store, "edge151", pool=path, normalized=True)
-
-
 def test_the_pool_is_of_the_field_that_is_generated(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str | None] = []
     monkeypatch.setattr("dancedata.evaluation.evaluator.pool_for", lambda ask, *_, **__: asked.append(ask.field))

@@ -140,12 +140,6 @@ def test_a_second_run_computes_nothing(store: Store, reference: Report, monkeypa
     assert dancedata.evaluate(store, split="all", pool_split="all", intervals=False).to_json() == reference.to_json()
 
 
-def test_yaw_and_a_shift_change_nothing(store: Store, motions: Mapping[str, Motion], reference: Report) -> None:
-    turn = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
-    moved = {name: motion.joints() @ turn.T + (3.0, 0.7, -2.0) for name, motion in motions.items()}
-    assert_same(reference, evaluated(moved, store, like=store, body="smpl24"), 1e-6, 1e-8)
-
-
 _OF_GROUPS = {name for name in PROTOCOLS.names() if PROTOCOLS.get(name)().of_groups}
 
 

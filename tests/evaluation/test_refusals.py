@@ -66,11 +66,6 @@ def test_metrics_have_the_names_of_the_table(store: Store) -> None:
         dancedata.evaluate(store, split="all", metrics=["skatin"])
 
 
-def test_a_score_without_a_value_has_a_direction(store: Store) -> None:
-    scores = dancedata.evaluate(dances(n_frames=30), like=store, intervals=False).scores
-    assert {s.name: s.better for s in scores if s.value is None}["fid_k"] == "lower"
-
-
 @pytest.mark.parametrize(
     ("joints", "options"),
     [

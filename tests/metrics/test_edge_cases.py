@@ -26,7 +26,7 @@ from dancedata.metrics import (
     physics,
     skating,
 )
-from dancedata.metrics.beats import BeatAlignment, cut_beats
+from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.key_motion import local_minima
 from dancedata.metrics.kinetic_features import KINETIC_VARIANTS, Kinetic
 from dancedata.metrics.set_statistics import STATISTICS, SetScores
@@ -294,14 +294,6 @@ def test_bad_features(bad: np.ndarray) -> None:
     for call in (lambda: diversity(bad), lambda: frechet(bad, bad), lambda: STATISTICS["numpy"](bad, bad)):
         with raises_message(DataError, "features"):
             call()
-
-
-def test_music_beats_are_cut() -> None:
-    music = MusicBeats.of([9, 0, 118, 119, 120, 500], FrameGrid.of(60))
-    assert music.frames.tolist() == [0, 9, 118, 119, 120, 500]
-    assert cut_beats(music, 60, THIRTY, "none").tolist() == music.frames.tolist()
-    assert cut_beats(music, 60, THIRTY, "frames").tolist() == [0, 9, 118, 119]
-    assert cut_beats(music, 60, THIRTY, "steps").tolist() == [0, 9]  # before frame 59, at 118
 
 
 def test_chance_level_is_that_of_random_shifts() -> None:

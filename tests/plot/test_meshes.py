@@ -14,11 +14,9 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24
 from dancedata.formats.body_mesh import BodyMesh
 from dancedata.plot.bodies import Camera, body
-from dancedata.plot.frames import Frames
 from dancedata.scene.figure import Figure
 from dancedata.scene.motion_page import motion_scenes_of
 from dancedata.scene.poses import Pose
-from dancedata.scene.scenes import Scenes
 from dancedata.scene.selection import ViewRequest
 from dancedata.scene.wall import Wall
 from dancedata.testing.examples import random_motion
@@ -99,22 +97,6 @@ def test_a_taller_model_has_its_own_bones_and_feet(figure: Figure, mesh: BodyMes
     for whole in (replace(figure, rotations=None), turned):
         with raises_message(UsageError, "smpl24"):
             whole.with_mesh(mesh)
-
-
-def test_a_body_model_is_drawn_with_its_sides(demo: Path, mesh: BodyMesh) -> None:
-    scenes = Scenes(dancedata.open(demo))
-    scene = scenes.scene(scenes.items[0]).with_mesh(mesh)
-    assert scene.figure is not None
-    times = np.arange(scene.figure.n_frames) / 30
-    counts = []
-    for shown in (scene, scene.mirrored()):
-        first, second = (picture[:390, :, :3].astype(int) for picture in Frames(shown, (640, 480), times[[20, 60]]))
-        blue = (first[..., 2] - first[..., 0] > 60).sum()
-        orange = (first[..., 0] - first[..., 2] > 60).sum()
-        assert min(blue, orange) > 150
-        assert len(np.unique(first[first[..., 2] - first[..., 0] > 60] // 16, axis=0)) > 20
-        counts.append((first != second).sum())
-    assert min(counts) > 1000
 
 
 def test_videos_show_the_model(demo: Path, model: Path, tmp_path: Path) -> None:

@@ -18,8 +18,8 @@ from dancedata.pages.bin_counts import ClipHistogram
 from dancedata.pages.document import ColumnRange, Document, LeftOut
 from dancedata.pages.figures import FigureSpec, contents_figures, movement_figures
 from dancedata.pages.findings import findings
-from dancedata.pages.heat import Timeline, heat_map, joint_map
-from dancedata.pages.markup import name_text, rounded, table
+from dancedata.pages.heat import Timeline, joint_map
+from dancedata.pages.markup import name_text, rounded
 from dancedata.pages.scaling import scaled_groups
 from dancedata.pages.svg import bars, by_joint, histogram, strips
 from dancedata.scene.pieces import ClipReader
@@ -139,18 +139,6 @@ def test_a_partial_download_is_a_note(numbers: Document) -> None:
     assert [f.kind for f in found] == ["look", "note"]
     assert found[0].text == "left out: broken_file 2"
     assert found[1].text.startswith("left out: missing_motion 988, ignored 1; files that were not downloaded")
-
-
-def test_rows_of_lists_are_cards_on_small_screens() -> None:
-    html = table(("clip", "split <b>"), [("a", "train")], "list")
-    assert '<td data-label="split &lt;b&gt;">train</td>' in html
-    assert "data-label" not in table(("", "train"), [("train", 1)], "matrix")
-
-
-def test_the_outline_does_not_cross_a_number() -> None:
-    svg = bars({"a": {"": 70}, "b": {"": 100}}, "x", other={"a": 75, "b": 100})
-    (own, *_), (end, *_) = texts(svg, "value"), ends(svg, "other")
-    assert own[0] > end
 
 
 # Values over time
@@ -286,21 +274,6 @@ def test_a_panel_names_columns_and_units() -> None:
     assert re.findall(r'text-anchor="start">(.*?)</text>', drawn) == [
         "contact: 4 columns", "beat, 0/1: 1 column", "layer7, m: 450 columns, one of 3 is drawn",
     ]  # fmt: skip
-
-
-def test_numbers_of_a_panel_lie_within_the_picture() -> None:
-    """A text of 15 units in the wide picture has digits of up to 9 units."""
-    drawn = strips(Columns((Group("beat", 1, "0/1"),)), rows(1))
-    for x, number in re.findall(r'<text x="([\d.]+)" y="[\d.]+" text-anchor="end">(.*?)</text>', drawn):
-        assert float(x) - 8 * len(number) > 0
-
-
-def test_names_next_to_a_heat_map_have_room() -> None:
-    columns = Columns((Group("onset_envelope", 1, "dB"), Group("mfcc", 32, "dB"), Group("beat", 2, "0/1")))
-    (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 35)), columns, "x"))
-    assert int(height) / 35 >= 12
-    (height,) = re.findall(r"height:(\d+)px", heat_map(np.zeros((9, 32)), Columns((Group("layer7", 32, "1"),)), "x"))
-    assert int(height) == 7 * 32
 
 
 def test_licences_of_weights_are_on_the_page_and_in_info(relabelled: Any, tmp_path: Path) -> None:

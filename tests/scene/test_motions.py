@@ -4,7 +4,6 @@ import base64
 import gzip
 import json
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -236,38 +235,6 @@ def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_pat
     assert page["head"]["takes"] == ["mine.npz"]
     assert page["clips"]["0"]["with"]["mine.npz"]["mean"] == pytest.approx(10, abs=0.1)
     assert page["at"] == "#clip=wav&t=0.500&loop=15-75&with=mine.npz&mirror=1&over=1"
-
-
-def test_a_mirrored_figure_is_its_reflection() -> None:
-    figure = Figure.of_joints(dance().joints(), SMPL24, FrameGrid.of(60))
-    mirrored = figure.mirrored()
-    left, right = SMPL24.index("left_wrist"), SMPL24.index("right_wrist")
-    np.testing.assert_array_equal(mirrored.joints[:, left], figure.joints[:, right] * (-1, 1, 1))
-    np.testing.assert_array_equal(mirrored.mirrored().joints, figure.joints)
-    again = Figure.of_joints(mirrored.joints, SMPL24, FrameGrid.of(60))
-    np.testing.assert_array_equal(mirrored.contacts, again.contacts)
-    half = figure.resampled(FrameGrid.of(30), 10.0)
-    assert half.n_frames == 300
-    np.testing.assert_array_equal(half.joints[:180], figure.joints[::2][:180])
-    np.testing.assert_array_equal(half.joints[180:], np.repeat(figure.joints[-1:], 120, axis=0))
-    assert Fraction(half.n_frames, 30) == 10
-
-
-def test_a_wall_lasts_as_long_as_its_longest_dancer() -> None:
-    motions = {"short": dance(0, 60), "long": dance(1, 150), "still": dance(2, 1)}
-    scenes = motion_scenes_of(motions)
-    wall = Wall(scenes)
-    scene = wall.scene(wall.items[0])
-    assert scene.seconds == 2.5
-    assert {member.figure.n_frames for member in scene.members} == {150}
-    long = scene.members[1].figure.joints
-    np.testing.assert_allclose(np.diff(long, axis=0), np.diff(motions["long"].joints(), axis=0), rtol=0, atol=1e-9)
-    assert [note for note in scene.notes if "ends" in note] == ["short ends at 1.00 s", "still ends at 0.02 s"]
-    page = document(view_motions(motions, wall=True).page)["clips"]["0"]
-    assert page["seconds"] == 2.5
-    numbers = [dict(member.numbers) for member in scene.members]
-    assert "sliding" in numbers[0]
-    assert "sliding" not in numbers[2]  # of one frame there is no speed
 
 
 def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_is_one(odd, tmp_path):

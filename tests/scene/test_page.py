@@ -5,20 +5,32 @@ import json
 import re
 import shutil
 import subprocess
+import sys
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+import dancedata
+from dancedata.core.grid import FrameGrid
+from dancedata.core.skeleton import SMPL24
+from dancedata.scene.figure import Figure
 from dancedata.scene.page import clip_page, page_parts, source_hash
 from dancedata.scene.payload import page_json
-from dancedata.viewer.notebook import html_of
+from dancedata.scene.stills import middle_still
+from dancedata.synthetic import synthesise_motion
+from dancedata.viewer.notebook import MOST_CLIPS, html_of
 from tests.report.test_colours import contrast
 from tests.report.test_page import Page
+from tests.scene.helpers import HOSTILE
 
-HOSTILE = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
+MARKUP = '</script><img src=x onerror="window.PWN=1">\u2028\u202e&amp;'
 
 
 @pytest.fixture(scope="module")
@@ -52,15 +64,15 @@ def test_equal_pages_have_equal_bytes(scenes, page: str) -> None:
 def test_names_are_data(scenes) -> None:
     dataset = scenes("thirty")
     item = dataset.items[0]
-    clip = replace(item.clip, genre=HOSTILE, music=HOSTILE, dancer=HOSTILE)
+    clip = replace(item.clip, genre=MARKUP, music=MARKUP, dancer=MARKUP)
     page = clip_page(dataset, [replace(item, clip=clip)])
     read = Page(page)
     assert len(read.scripts) == 2
     assert "img" not in [tag for tag, _ in read.elements]
     data = json.loads(read.scripts[0][1])
-    assert data["clips"]["0"]["genre"] == HOSTILE
-    assert page_json({"a": HOSTILE}).isascii()
-    assert "<" not in page_json({"a": HOSTILE})
+    assert data["clips"]["0"]["genre"] == MARKUP
+    assert page_json({"a": MARKUP}).isascii()
+    assert "<" not in page_json({"a": MARKUP})
 
 
 def test_a_clip_shows_itself(scenes) -> None:
@@ -140,3 +152,69 @@ def test_modules_share_no_name() -> None:
         names += re.findall(r"^(?:export )?(?:async )?(?:const|let|function|class) (\w+)", text, flags=re.MULTILINE)
     assert len(names) > 300
     assert [name for name, count in Counter(names).items() if count > 1] == []
+
+
+# Tables of a notebook: datasets and lists of clips, names as text, a still of each clip.
+
+
+def test_a_dataset_shows_its_numbers_and_first_clips(odd: Path) -> None:
+    ds = dancedata.open(odd)
+    page = html_of(ds)
+    assert "edge151" in page
+    assert "groups" not in page  # there is none
+    assert "librosa35" in page
+    assert page.count("<svg") == min(MOST_CLIPS, len(ds)) == 7
+    counts = ds.info["splits"]["train"]
+    assert f"<td>train</td><td>{counts['clips']}</td>" in page
+    for name in HOSTILE:
+        assert name not in page
+    assert not re.search(r"<(script|img)", page)
+
+
+def test_a_part_of_the_clips(odd: Path) -> None:
+    clips = dancedata.open(odd).clips()
+    assert html_of(clips[:2]).count("<tr>") == 3
+    assert html_of(clips[:0]) == "<p>no clips</p>"
+    assert "more clip" not in html_of(clips)
+
+
+def test_a_still_is_the_body_from_the_front() -> None:
+    motion = synthesise_motion("gBR_sBM_cAll_d04_mBR0_ch01", n_frames=60)[0]
+    turned = motion.joints() @ np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
+    svg = [
+        middle_still(Figure.of_joints(joints, SMPL24, FrameGrid.of(60)), "<a>")
+        for joints in (motion.joints(), turned)
+    ]
+    assert svg[0].replace("-0.0", "0.0") == svg[1].replace("-0.0", "0.0")
+    assert 'aria-label="&lt;a&gt;"' in svg[0]
+    parts = re.findall(r'fill="(#\w+)" d="M([\d.]+) ([\d.]+)A', svg[0])
+    places: dict[str, list[tuple[float, float]]] = {}
+    for colour, x, y in parts:
+        places.setdefault(colour, []).append((float(x), float(y)))
+    assert len(places) == 8  # trunk, left, right and face: the edge and the lit part
+    means = {colour: np.mean(of, axis=0) for colour, of in places.items()}
+    left, right = max(means, key=lambda colour: means[colour][0]), min(means, key=lambda colour: means[colour][0])
+    assert int(left[5:], 16) > int(left[1:3], 16)  # blue: the dancer faces the reader, whose right is his left
+    assert int(right[5:], 16) < int(right[1:3], 16)
+    points = np.array([place for of in places.values() for place in of])
+    assert (points >= 0).all()
+    assert (points <= [90, 120]).all()
+    assert np.ptp(points, axis=0).max() > 80
+
+
+def test_importing_dancedata_in_ipython_registers_what_it_shows(odd: Path) -> None:
+    shown: dict[tuple[str, str], Callable[[Any], str]] = {}
+    html = SimpleNamespace(for_type_by_name=lambda module, name, draw: shown.update({(module, name): draw}))
+    shell = SimpleNamespace(display_formatter=SimpleNamespace(formatters={"text/html": html}))
+    dancedata.load_ipython_extension(shell)
+    ds = dancedata.open(odd)
+    for value in (ds, ds.clips(), ds.clips()[0], ds["wav"].motion()):
+        assert shown[type(value).__module__, type(value).__name__](value).startswith(("<div>", "<table>", "<iframe "))
+    code = (
+        "import sys, types; s = types.SimpleNamespace; html = s(for_type_by_name=lambda *_: print('registered'))\n"
+        "shell = s(display_formatter=s(formatters={'text/html': html}))\n"
+        "sys.modules['IPython'] = s(get_ipython=lambda: shell)\n"
+        "import dancedata; assert 'dancedata.viewer' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["registered"] * len(shown)

@@ -78,13 +78,6 @@ def test_stored_contacts_are_drawn_and_missing_ones_computed(scenes) -> None:
     assert names == ["left_ankle", "right_ankle", "left_foot", "right_foot"]
 
 
-def test_sliding_of_a_list_is_that_of_its_figures(scenes) -> None:
-    listed = scenes("thirty")
-    figures = [listed.scene(item).figure for item in listed.items]
-    assert [listed.sliding(item) for item in listed.items] == [figure.sliding for figure in figures]
-    assert max(figure.sliding for figure in figures) > 0
-
-
 def test_columns_of_contacts_go_by_their_names(scenes) -> None:
     figure = scenes("twenty").scene(scenes("twenty").items[0]).figure
     names = [figure.skeleton.joints[j] for j in figure.contact_joints]

@@ -19,8 +19,7 @@ from dancedata.scene.payload import scene_payload, turns_payload
 from dancedata.scene.scenes import Scenes
 from dancedata.synthetic import synthesise_motion
 from tests.browser import Browser
-from tests.viewer.test_body_browser import DRAWN, stage
-from tests.viewer.test_browser import V
+from tests.viewer.test_browser import DRAWN, V, stage
 
 
 def dance(n_frames: int = 240) -> Figure:

@@ -1,6 +1,5 @@
 """The body in a real browser: cones as in Python, two tones of grey, a face, and shadows by height."""
 
-import base64
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,23 +18,7 @@ from tests.body_models import body_model
 from tests.browser import Browser
 from tests.report.test_colours import luminance
 from tests.scene.helpers import serving
-from tests.viewer.test_browser import V, at
-
-#: Width and pixels of the stage: red, green, blue and opacity, in base64.
-PIXELS = (
-    "const c = document.querySelector('[data-dd=figure]');"
-    "const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let text = '';"
-    "for (let i = 0; i < d.length; i += 32768) text += String.fromCharCode.apply(null, d.subarray(i, i + 32768));"
-    "return [c.width, btoa(text)]"
-)
-DRAWN = "await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)))"
-
-
-def stage(browser: Browser) -> np.ndarray:
-    """The stage, (H, W, 3)."""
-    browser.later(f"{V}.state.dirty = true; {DRAWN}")
-    width, values = browser.js(PIXELS)
-    return np.frombuffer(base64.b64decode(values), np.uint8).reshape(-1, width, 4)[..., :3].astype(int)
+from tests.viewer.test_browser import DRAWN, V, at, stage
 
 
 def sides(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,21 +98,6 @@ def test_a_shadow_is_darker_the_lower_the_body(browser: Browser, served: str) ->
         dark.append(int((stage(browser).sum(axis=-1) < 60).sum()))
     assert dark[0] > 20
     assert dark[1] < 0.3 * dark[0]
-
-
-def test_copies_and_comparisons_have_bodies(browser: Browser, odd: Path, source: Path) -> None:
-    with serving(ViewRequest(odd, "wav", music=source)) as address:
-        browser.open(f"{address}&t=1")
-        alone = len(sides(stage(browser))[0])
-        browser.open(f"{address}&t=1&mirror=1&with=original")
-        browser.wait(f"return {V}.state.other")
-        three = stage(browser)
-        browser.open(f"{address}&t=1&mirror=1&with=original&body=0")
-        browser.wait(f"return {V}.state.other")
-        sticks = stage(browser)
-    assert len(sides(three)[0]) > 1.3 * len(sides(sticks)[0])
-    assert len(sides(three)[0]) > 0.4 * alone  # the camera is farther away
-    assert browser.log() == []
 
 
 # A body model on the page in a real browser: sent once, and where plain numpy puts it.

@@ -8,8 +8,8 @@ import pytest
 
 from tests.browser import Browser
 from tests.scene.helpers import HOSTILE
-from tests.viewer.test_body_browser import sides, stage
-from tests.viewer.test_browser import V, at
+from tests.viewer.test_body_browser import sides
+from tests.viewer.test_browser import V, at, stage
 from tests.viewer.test_layout_browser import box, pointer
 
 CAMERA = f"return {V}.camera"

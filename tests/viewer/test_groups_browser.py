@@ -3,28 +3,24 @@
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import pytest
 
 import dancedata
+from dancedata.scene.palette import DANCERS
 from dancedata.scene.scenes import Scenes
-from dancedata.viewer.view import ViewRequest, export_page
+from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.scene.helpers import serving
 from tests.scene.test_groups import SEVEN, TWO
+from tests.viewer.test_browser import V, count_of, stage
 
-V = "dancedataViewer"
-#: How many dancers are drawn in colours of their own: their middle tones on the stage.
-TONES = """
-const canvas = document.querySelector('[data-dd=figure]'), data = canvas.getContext('2d').getImageData(
-  0, 0, canvas.width, canvas.height).data, seen = new Set();
-for (let i = 0; i < data.length; i += 4)
-  seen.add('#' + [0, 1, 2].map(k => data[i + k].toString(16).padStart(2, '0')).join(''));
-const page = JSON.parse(document.getElementById('dd-data').textContent);
-return page.list.palette[document.documentElement.dataset.theme].filter(tones => seen.has(tones[0])).length;
-"""
+
+def tones(browser: Browser) -> int:
+    """How many dancers are drawn in colours of their own: their middle tones on the stage."""
+    picture, palette = stage(browser), DANCERS[browser.js("return document.documentElement.dataset.theme")]
+    return sum(count_of(picture, middle) > 0 for middle, _, _ in palette)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +52,7 @@ def test_a_group_plays_whole_and_a_dancer_alone(browser: Browser, served: str) -
     assert now["chips"] == [["all", "true"], *([str(k), "false"] for k in range(7))]
     assert "m apart" in now["clock"]
     assert now["mirror"]
-    browser.wait(TONES.replace("return page", "return 7 === page"))
+    assert tones(browser) == 7
     browser.key("m")
     assert "choose a dancer" in browser.text("toast")
     browser.key("d")
@@ -66,7 +62,7 @@ def test_a_group_plays_whole_and_a_dancer_alone(browser: Browser, served: str) -
     assert (alone["t"], alone["loop"]) == (now["t"], [30, 120])
     browser.wait(f"return location.hash.startsWith('#clip={SEVEN}_p1&')")
     written = browser.js("return location.hash")
-    assert browser.js(TONES) < 7
+    assert tones(browser) < 7
     browser.key("g")
     assert shown(browser)["dancer"] is None
     browser.wait(f"return location.hash.startsWith('#group={SEVEN}&')")
@@ -88,16 +84,11 @@ def test_a_click_on_a_dancer_or_his_lane_shows_him_alone(browser: Browser, serve
     target.dispatchEvent(new PointerEvent('pointerdown', about));
     target.dispatchEvent(new PointerEvent('pointerup', about));
     """
-    place = """
-    const canvas = document.querySelector('[data-dd=figure]'), data = canvas.getContext('2d').getImageData(
-      0, 0, canvas.width, canvas.height).data, page = JSON.parse(document.getElementById('dd-data').textContent);
-    const tone = page.list.palette[document.documentElement.dataset.theme][1][1], found = [];
-    for (let i = 0; i < data.length; i += 4)
-      if ('#' + [0, 1, 2].map(k => data[i + k].toString(16).padStart(2, '0')).join('') === tone) found.push(i / 4);
-    const middle = found[found.length >> 1], scale = canvas.width / canvas.getBoundingClientRect().width;
-    return [(middle % canvas.width) / scale, Math.floor(middle / canvas.width) / scale];
-    """
-    x, y = browser.js(place)
+    picture = stage(browser)
+    tone = DANCERS[browser.js("return document.documentElement.dataset.theme")][1][1]
+    found = np.argwhere((picture == [int(tone[k : k + 2], 16) for k in (1, 3, 5)]).all(axis=-1))
+    wide = browser.js("return document.querySelector('[data-dd=figure]').getBoundingClientRect().width")
+    y, x = (found[len(found) // 2] * wide / picture.shape[1]).tolist()
     browser.js(click, "figure", x, y)
     assert shown(browser)["dancer"] == 1
     browser.js(f"{V}.chooseDancer(null)")
@@ -126,15 +117,6 @@ def test_a_group_that_is_not_there_and_a_dancer_in_the_list(browser: Browser, se
         "q.value = ''; q.dispatchEvent(new Event('input')); return n"
     )
     assert found == [SEVEN, f"{SEVEN}__mirror"]
-
-
-def test_an_exported_group_plays(browser: Browser, crowd: Path, tmp_path: Path) -> None:
-    page = export_page(ViewRequest(crowd, TWO), tmp_path / "group.html")
-    browser.open(f"{page.as_uri()}#clip={quote(f'{TWO}_p1', safe='')}&t=1")
-    assert (shown(browser)["dancer"], shown(browser)["t"]) == (1, 1)
-    browser.open(page.as_uri())
-    assert shown(browser)["dancer"] is None
-    assert browser.log() == []
 
 
 def test_collisions_are_said(browser: Browser, duets: Path) -> None:

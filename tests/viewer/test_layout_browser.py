@@ -15,7 +15,7 @@ from dancedata.viewer.server import Site
 from dancedata.viewer.view import ViewRequest
 from tests.browser import Browser
 from tests.scene.helpers import FPS, HOSTILE, SECONDS, serving
-from tests.viewer.test_browser import V, at
+from tests.viewer.test_browser import DRAWN, V, at
 
 BOX = "const b = document.querySelector(`[data-dd=${arguments[0]}]`).getBoundingClientRect(); return b.toJSON()"
 #: Keeps the texts that pictures have from now on.
@@ -23,7 +23,6 @@ TEXTS = (
     "window.texts = []; const p = CanvasRenderingContext2D.prototype, text = p.fillText;"
     "p.fillText = function (t, ...r) { texts.push(t); return text.call(this, t, ...r) };"
 )
-DRAWN = "await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)));"
 
 
 @pytest.fixture(autouse=True)

@@ -11,18 +11,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 
 import dancedata
-from dancedata.building.source_music import SourceMusic
 from dancedata.core.errors import DanceDataError, DataError, UsageError
-from dancedata.scene.source import ClipSource
 from dancedata.viewer.server import Site, ViewServer
 from dancedata.viewer.view import ViewRequest, export_page
 from tests.messages import raises_message
@@ -126,32 +122,6 @@ def test_clips_and_music(client: Client, odd: Path) -> None:
     assert status == 200
     assert headers["content-type"] == "audio/flac"
     assert body[:4] == b"fLaC"
-
-
-def test_songs_are_decoded_one_after_the_other_and_the_last_is_kept(odd, source, monkeypatch):
-    # The page requests the first clip's music while the server prepares it: two decoded songs at once, for nothing.
-    running, most, decoded = 0, 0, []
-    load = SourceMusic.load
-
-    def slowly(self: SourceMusic, clip: Any) -> Any:
-        nonlocal running, most
-        running, most = running + 1, max(most, running + 1)
-        decoded.append(clip.id)
-        time.sleep(0.05)
-        running -= 1
-        return load(self, clip)
-
-    monkeypatch.setattr(SourceMusic, "load", slowly)
-    scenes = ViewRequest(odd).scenes()
-    site = Site(scenes, ClipSource(scenes.store, source))
-    with ThreadPoolExecutor(4) as pool:
-        answers = list(pool.map(lambda k: site.answer(f"/clip/{k}/music", None), [0, 0, 0, 0]))
-        assert len({answer.body for answer in answers}) == 1
-        assert decoded == [scenes.items[0].clip.id]
-        others = list(pool.map(lambda k: site.answer(f"/clip/{k}/music", None), [1, 2, 3, 0]))
-    assert most == 1
-    assert [answer.status for answer in others] == [200] * 4
-    assert others[3].body == answers[0].body
 
 
 def test_sliding_is_measured_on_request(client: Client, odd: Path) -> None:
