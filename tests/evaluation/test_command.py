@@ -1,35 +1,31 @@
 """dancedata evaluate: one command gives the whole table."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import dancedata
-from dancedata.cli.app import app
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.self_test import self_test
 from dancedata.store import Store
+from tests import commands
 from tests.commands import as_json
 from tests.messages import raises_message
 
 
-def run(*arguments: str | Path, code: int = 0) -> str:
-    found = CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=False)
-    assert found.exit_code == code, found.output
-    return found.output
+def run(*arguments: object, code: int = 0) -> str:
+    return commands.run("evaluate", *arguments, code=code).output
 
 
 def scores_of(*arguments: object) -> Any:
     """Return the only report of the command's document."""
-    (report,) = json.loads(run(*arguments, "--json"))["result"]["reports"]
+    (report,) = as_json("evaluate", *arguments)["reports"]
     return report
 
 

@@ -157,17 +157,6 @@ def test_a_dataset_of_duets(duets: Store) -> None:
         assert again[score.name].value == pytest.approx(score.value, rel=1e-5, abs=1e-5), score.name
 
 
-def test_members_order_and_the_place_of_the_group_do_not_matter(motions: Mapping[str, list[Motion]]) -> None:
-    joints = joints_of({"trio": motions["trio"]})
-    turn = np.array([[0.6, 0, 0.8], [0, 1, 0], [-0.8, 0, 0.6]])
-    moved = {"trio": joints["trio"][[2, 0, 1]] @ turn.T + (3.0, 0, -2.0)}
-    one, other = (
-        dancedata.evaluate(g, protocol="groups", fps=FPS, body="smpl24", intervals=False) for g in (joints, moved)
-    )
-    for name in ("root_distance", "nearest_roots", "tif", "touching"):
-        assert other[name].value == pytest.approx(one[name].value, rel=1e-9), name
-
-
 def test_refusals(store: Store, tmp_path: Path, motions: Mapping[str, list[Motion]]) -> None:
     with pytest.raises(UsageError, match="the dataset has none"):
         dancedata.evaluate(store, split="all", protocol="groups")

@@ -9,14 +9,7 @@ from scipy import stats
 from dancedata.core.dance import Dance, MusicBeats
 from dancedata.core.grid import FrameGrid
 from dancedata.core.plugins import Metric
-from dancedata.metrics import (
-    frechet,
-    jackknife,
-    kinetic,
-    motion_beats,
-    pfc,
-    physics,
-)
+from dancedata.metrics import frechet, jackknife, kinetic, motion_beats, pfc, physics
 from dancedata.metrics.beats import BeatAlignment
 from dancedata.metrics.foot_skating import SKATING_RULES, FootSkating
 from dancedata.metrics.geometric_features import Geometric

@@ -1,3 +1,3 @@
 """The datasets of the reports' tests."""
 
-from tests.report.conftest import demo, relabelled, slices  # noqa: F401 (fixtures)
+from tests.report.conftest import demo, relabelled  # noqa: F401 (fixtures)

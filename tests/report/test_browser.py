@@ -44,15 +44,6 @@ def test_names_lead_to_their_clips_and_back(browser: Browser, hostile: Path, tmp
     assert browser.log() == []
 
 
-def test_a_link_opens_its_clip_at_once(browser: Browser, demo: Path, tmp_path: Path) -> None:
-    report = write_report(demo, tmp_path / "demo.html", clips=3)
-    page = (tmp_path / "demo.html").read_text()
-    clip = [row["clip"] for row in report.document["clips"] if f"#clip={row['clip']}" in page][-1]
-    browser.get(f"{(tmp_path / 'demo.html').as_uri()}#clip={clip}&t=2.5")
-    browser.wait(SHOWN, clip)
-    assert abs(browser.driver.execute_script("return window.dancedataViewer.state.t") - 2.5) < 0.01
-
-
 def test_a_bar_leads_to_the_list_of_its_clips(browser: Browser, demo: Path, tmp_path: Path) -> None:
     write_report(demo, tmp_path / "demo.html", clips=8)
     browser.get((tmp_path / "demo.html").as_uri())

@@ -17,6 +17,7 @@ from dancedata.store import StoredClip, open_store
 from dancedata.store.schema import StoreHeader
 from dancedata.store.writer import write_store
 from tests.scene.conftest import crowd, crowd_source, duets, lacking  # noqa: F401 (the groups of the viewer's tests)
+from tests.scene.helpers import page_data
 
 DUET, SEVEN = "Waltz_5_0", "plainid0123_04_829_1009"
 
@@ -129,7 +130,7 @@ def test_the_page_plays_groups_and_lists_them_whole(crowd: Path, tmp_path: Path)
     assert page.count(f'href="#group={SEVEN}"') == 1
     for k in range(7):
         assert f'href="#clip={SEVEN}_p{k}">{k}</a>' in page
-    data = json.loads(page.partition('id="dd-data">')[2].partition("</script>")[0])
+    data = page_data(page)
     assert len(data["list"]["items"]) == len(data["clips"]) == 4
     assert len({row[0] for row in data["list"]["clips"]}) == 4
     assert sorted(len(clip["members"]) for clip in data["clips"].values())[-1] == 7

@@ -51,12 +51,6 @@ def test_a_body_that_turns_to_its_left_faces_plus_x() -> None:
     assert int(np.argwhere(stage.facing)[0, 1]) * 15 - 180 == 90
 
 
-def test_long_clips_have_wider_columns() -> None:
-    stage = added(np.zeros((200, 3)), np.zeros(200), np.arange(200) * 1.0).numbers()
-    assert stage.every_s == 10
-    assert [sum(row) for row in stage.facing] == [10] * 20
-
-
 def test_squares_of_the_floor_hold_the_frames() -> None:
     places = np.array([[0.05, 0.95, 0.05], [0.05, 0.95, 0.05], [-0.35, 1, 1.25], [30, 1, 0]])
     stage = added(places, np.zeros(4), np.zeros(4)).numbers()

@@ -1,9 +1,11 @@
 """Shared by the tests of the viewer: odd names, music of clicks, and a server."""
 
+import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import soundfile
@@ -38,6 +40,12 @@ def jumping(name: str) -> tuple[np.ndarray, np.ndarray]:
     place = np.repeat(motion.translation, len(frames), axis=0)
     place[:, 0] += np.searchsorted(CLICKS, frames / FPS + 1e-9, side="right") % 2 * 0.3
     return poses, place
+
+
+def page_data(page: Path | str) -> Any:
+    """Return the data that a page of the viewer, a report or a study holds."""
+    text = page if isinstance(page, str) else page.read_text(encoding="utf-8")
+    return json.loads(text.partition('id="dd-data">')[2].partition("</script>")[0])
 
 
 @contextmanager

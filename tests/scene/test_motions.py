@@ -28,16 +28,11 @@ from dancedata.viewer.notebook import html_of
 from dancedata.viewer.server import Site
 from dancedata.viewer.view import export_page
 from tests.messages import raises_message
-from tests.scene.helpers import CLICKS, FPS, SECONDS, clicks
+from tests.scene.helpers import CLICKS, FPS, SECONDS, clicks, page_data
 
 
 def dance(number: int = 0, n_frames: int = SECONDS * 60) -> Motion:
     return synthesise_motion(f"gBR_sBM_cAll_d04_mBR{number}_ch01", n_frames=n_frames)[0]
-
-
-def document(page: Path | str) -> Any:
-    text = page if isinstance(page, str) else page.read_text()
-    return json.loads(text.partition('id="dd-data">')[2].partition("</script>")[0])
 
 
 @pytest.fixture(scope="module")
@@ -166,12 +161,12 @@ def test_motions_of_python_are_shown(tmp_path: Path) -> None:
     motion = dance()
     html = html_of(motion)
     assert 'sandbox="allow-scripts"' in html
-    page = document(plot.write_page({"one": motion, "two": dance(1)}, tmp_path / "page.html"))
+    page = page_data(plot.write_page({"one": motion, "two": dance(1)}, tmp_path / "page.html"))
     assert [clip[0] for clip in page["list"]["clips"]] == ["one", "two"]
     song = tmp_path / "song.wav"
     clicks("wav", song)
-    assert set(document(view_motions(motion, music=song).page)["audio"]) == {"0"}
-    assert document(view_motions([motion, dance(1)], wall=True).page)["head"]["groups"] == 1
+    assert set(page_data(view_motions(motion, music=song).page)["audio"]) == {"0"}
+    assert page_data(view_motions([motion, dance(1)], wall=True).page)["head"]["groups"] == 1
     with raises_message(UsageError, "motion_1"):
         view_motions([motion, motion.joints()])  # type: ignore[list-item]
     with raises_message(UsageError, "already", where="page.html"):
@@ -221,7 +216,7 @@ def test_a_wall_of_a_clip_and_what_it_is_compared_with(odd: Path, source: Path, 
     assert numbers[2]["sliding"] == f"{100 * as_read.sliding:.1f} cm/s"  # not of the pose that stays
     sound = opened.sounds.sound(opened.item)
     assert len(sound.signal.samples) == SECONDS * sound.signal.sample_rate
-    page = document(export_page(replace(request, wall=True), tmp_path / "wall.html"))
+    page = page_data(export_page(replace(request, wall=True), tmp_path / "wall.html"))
     members = page["clips"]["0"]["members"]
     assert [m["part"] for m in members] == ["odd", "mine", "short"]
     assert dict(members[1]["numbers"])["distance"] == "1 mm"
@@ -231,7 +226,7 @@ def test_the_comparison_and_the_loop_are_in_the_exported_page(odd: Path, tmp_pat
     joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=FPS).joints()
     np.savez(tmp_path / "mine.npz", joints=np.add(joints, (0.0, 0.0, 0.01)), fps=FPS)
     request = ViewRequest(odd, "wav@15+60~mirror", compare=(tmp_path / "mine.npz",), overlay=True, up="y")
-    page = document(export_page(request, tmp_path / "page.html"))
+    page = page_data(export_page(request, tmp_path / "page.html"))
     assert page["head"]["takes"] == ["mine.npz"]
     assert page["clips"]["0"]["with"]["mine.npz"]["mean"] == pytest.approx(10, abs=0.1)
     assert page["at"] == "#clip=wav&t=0.500&loop=15-75&with=mine.npz&mirror=1&over=1"
@@ -244,7 +239,7 @@ def test_the_distance_ends_with_the_comparison_and_the_page_begins_where_there_i
     np.savez(tmp_path / "mine" / "wav.npz", joints=np.add(joints[:60], (0.0, 0.0, 0.01)), fps=FPS)
     said: list[str] = []
     request = ViewRequest(odd, compare=(tmp_path / "mine",))
-    page = document(export_page(request, tmp_path / "page.html", say=said.append))
+    page = page_data(export_page(request, tmp_path / "page.html", say=said.append))
     assert page["list"]["clips"][0][0] == "wav"  # the only clip that is in both
     compared = page["clips"]["0"]["with"]["mine"]
     assert compared["mean"] == pytest.approx(10, abs=0.1)
@@ -270,7 +265,7 @@ def test_nothing_that_is_named_as_a_clip_is_an_error(odd: Path, tmp_path: Path, 
 
 def test_clips_of_a_dataset_are_played_beside_motions(odd: Path) -> None:
     clip = dancedata.open(odd)["wav"]
-    page = document(view_motions({"truth": clip, "mine": dance()}, wall=True).page)
+    page = page_data(view_motions({"truth": clip, "mine": dance()}, wall=True).page)
     assert [member["part"] for member in page["clips"]["0"]["members"]] == ["truth", "mine"]
     figure = motion_scenes_of(clip).scene(motion_scenes_of(clip).items[0]).figure
     np.testing.assert_allclose(figure.joints, clip.motion().joints(), rtol=0, atol=1e-9)

@@ -22,6 +22,7 @@ from dancedata.study.trials import STILL, Trial, make_trials
 from dancedata.torch import WindowDataset
 from tests.commands import as_json, run
 from tests.messages import raises_message
+from tests.scene.helpers import page_data
 from tests.scene.test_scenes import unpacked
 
 CLIPS = {f"clip{k}": f"song{k % 4}" for k in range(10)}
@@ -78,7 +79,7 @@ def test_impossible_studies(options: dict[str, Any]) -> None:
 def test_the_page_is_blind(demo: Path, systems: tuple[Path, Path], tmp_path: Path) -> None:
     trials = write_study(request(demo, systems), tmp_path / "study.html")
     text = (tmp_path / "study.html").read_text()
-    data = json.loads(text.partition('id="dd-data">')[2].partition("</script>")[0])
+    data = page_data(text)
     assert len(data["clips"]) == len(trials) == 8
     blind = json.dumps({**data, "audio": {}})
     for word in ("truth", "calm", "wild", *(trial.clip for trial in trials), *(trial.song for trial in trials)):
@@ -119,7 +120,7 @@ def test_saved_samples_are_shown_and_not_their_truth(demo: Path, tmp_path: Path)
     trials = write_study(StudyRequest(views, songs=6, checks=0), tmp_path / "study.html", say=lines.append)
     assert lines == ["truth: 6 of 6 clips matched", "gen: 6 of 6 clips matched"]
     assert {trial.clip for trial in trials} == {path.stem for path in (tmp_path / "gen").glob("*.npz")}
-    data = json.loads((tmp_path / "study.html").read_text().partition('id="dd-data">')[2].partition("</script>")[0])
+    data = page_data(tmp_path / "study.html")
     ds = dancedata.open(demo)
     for trial in trials:
         for member in data["clips"][str(trial.number)]["members"]:
@@ -248,27 +249,21 @@ def test_results_saved_by_a_spreadsheet(tmp_path: Path, between: str) -> None:
         (lambda text: text.replace("study,", "studie,", 1), "no column study"),
         (lambda text: re.sub(r",(left|right),[ab],", ",middle,a,", text, count=1), "not an answer"),
         (lambda text: text + text.splitlines()[1] + "\n", "answers a trial twice"),
-        (
-            lambda text: text + text.splitlines()[1].replace("abc", "abd").replace("me", "you") + "\n",
-            "different studies",
-        ),
+        (lambda text: text + text.splitlines()[1].replace("abc", "abd").replace("me", "you") + "\n",
+         "different studies"),
         (lambda text: text + "abc,me\n", "another number of columns"),
         *(
             (partial(changed, column=column, value=value), f"not an answer; found {column}")
-            for column, value in {
-                "chosen": "nobody",
-                "right": "",
-                "expected": "left",
-                "participant": "",
-                "trial": "00",
-                "song": "",
-            }.items()
+            for column, value in (
+                ("chosen", "nobody"), ("right", ""), ("expected", "left"), ("participant", ""), ("trial", "00"),
+                ("song", ""),
+            )
         ),
         (lambda text: text + changed(text.replace(",me,", ",you,"), "song", "z").splitlines()[1], "earlier row"),
         (lambda text: text.splitlines()[0] + "\n", "no answers"),
         (lambda text: "\udcff", "cannot be read"),
     ],
-)
+)  # fmt: skip
 def test_broken_results(tmp_path: Path, change: Any, problem: str) -> None:
     trials = make_trials(CLIPS, ("a", "b"), songs=2, checks=0, seed=0)
     path = tmp_path / "r.csv"

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from dancedata.store import Store, open_store
 from dancedata.torch import ClipDataset, Scale, WindowDataset, pad_clips
 from dancedata.training import SampleLog
 from tests.messages import raises_message
+from tests.scene.helpers import page_data
 from tests.scene.test_scenes import unpacked
 
 FIELDS = ("edge151", "librosa35")
@@ -49,15 +49,6 @@ def evaluator(path: Path) -> Evaluator:
 
 def windows(path: Path, split: str = "val") -> WindowDataset:
     return WindowDataset(path, split, fields=FIELDS, scale=Scale(fields=("edge151",)))
-
-
-def page_of(path: Path) -> dict[str, Any]:
-    """Return the data that a page holds."""
-    text = path.read_text(encoding="utf-8")
-    (data,) = re.findall(r'<script type="application/json" id="dd-data">(.*?)</script>', text, flags=re.DOTALL)
-    found = json.loads(data)
-    assert isinstance(found, dict)
-    return found
 
 
 def test_the_truth_as_samples_has_the_numbers_of_evaluate(path: Path, tmp_path: Path) -> None:
@@ -89,7 +80,7 @@ def test_a_page_shows_each_sample_beside_its_window(path: Path, store: Store, tm
     log = SampleLog(evaluator(path), tmp_path, wall=2)
     batch = next(iter(DataLoader(windows(path), batch_size=4)))
     log.update(batch["edge151"].flip(1), batch)  # danced backwards
-    page = page_of(log.finish(3).page or tmp_path)
+    page = page_data(log.finish(3).page or tmp_path)
     assert page["head"]["name"] == "2 samples at step 3"
     assert (page["head"]["clips"], len(page["clips"])) == (2, 2)
     for number, (clip, start) in enumerate(zip(batch["clip"][:2], batch["start"][:2].tolist(), strict=True)):

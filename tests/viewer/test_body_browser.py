@@ -87,19 +87,6 @@ def test_a_face_is_seen_from_the_front_only(browser: Browser, served: str) -> No
     assert changed[1] < 0.1 * changed[0]
 
 
-def test_a_shadow_is_darker_the_lower_the_body(browser: Browser, served: str) -> None:
-    dark = []
-    for lift in (0.0, 0.5):
-        browser.open(at(served, "wav", "&t=1&theme=dark"))
-        browser.js(
-            f"const f = {V}.state.clip.figure;"
-            "for (let i = 1; i < f.places.length; i += 3) f.places[i] += arguments[0]", lift
-        )  # fmt: skip
-        dark.append(int((stage(browser).sum(axis=-1) < 60).sum()))
-    assert dark[0] > 20
-    assert dark[1] < 0.3 * dark[0]
-
-
 # A body model on the page in a real browser: sent once, and where plain numpy puts it.
 
 

@@ -238,17 +238,6 @@ def test_every_control_has_a_name_and_can_be_reached(browser: Browser, served: s
     assert slider.startswith("0.00 seconds, frame 0")
 
 
-def test_the_camera_comes_nearer_to_dancers_on_the_floor(browser: Browser, odd: Path, tmp_path: Path) -> None:
-    joints = dancedata.decode(dancedata.open(odd)["wav"].read("edge151"), "edge151", fps=30).joints()
-    np.save(tmp_path / "lying.npy", joints[..., [0, 2, 1]])
-    with serving(ViewRequest(odd, "wav", compare=(tmp_path / "lying.npy",))) as address:
-        browser.open(f"{address}&with=lying.npy")
-        browser.wait(f"return {V}.state.other")
-        shares = browser.js(f"const s = {V}.state; return [s.clip.figure, s.other.figure].map(f => f.room / f.tall)")
-    assert 0.9 < shares[0] <= 1
-    assert shares[1] == pytest.approx(0.7)
-
-
 def test_contacts_are_rings_on_the_stage(browser: Browser, served: str) -> None:
     browser.open(at(served, "wav", "&t=1"))
     assert browser.js(f"return {V}.state.clip.figure.contacts[30]") == 15  # it stands still

@@ -202,13 +202,3 @@ def test_volume_and_mute(browser: Browser, served: str) -> None:
     browser.js(slide, "0.6")  # unmutes
     assert browser.js(gain) == pytest.approx(0.6)
     browser.later(f"await {V}.play(false)")
-
-
-def test_the_stage_fills_the_screen(browser: Browser, served: str) -> None:
-    browser.open(at(served, "wav"))
-    browser.js(
-        "const s = document.querySelector('[data-dd=stage]');"
-        "s.requestFullscreen = () => { window.asked = true; return Promise.resolve() }"
-    )
-    browser.key("z")
-    assert browser.js("return window.asked")

@@ -326,22 +326,4 @@ def test_left_and_right_are_told_apart_without_colours(browser: Browser, served:
     browser.js("texts.length = 0")
     browser.later(DRAWN)
     assert not {"L", "R"} & {text for text, *_ in browser.js("return texts")}
-    # Lanes of the left are full, those of the right striped.
-    browser.js(f"{V}.state.clip.figure.contacts.fill(15); dispatchEvent(new Event('resize'))")
-    browser.js("document.querySelector('[data-dd=zoomin]').click()")
-    browser.later(DRAWN)
-    row, feet = browser.js(f"return {V}.rows.contact"), browser.js(f"return {V}.state.clip.figure.feet")
-    share = []
-    for k in range(len(feet)):
-        pixels = np.array(
-            browser.js(
-                "const c = document.querySelector('[data-dd=lanes]');"
-                "return Array.from(c.getContext('2d').getImageData(300, arguments[0], 300, arguments[1]).data)",
-                row["y"] + k * row["h"] + 1, row["h"] - 5,
-            )
-        ).reshape(-1, 4)[:, :3]  # fmt: skip
-        panel = (0x1B, 0x1E, 0x24)
-        share.append(float((np.abs(pixels - panel).sum(axis=1) < 90).mean()))
-    assert share[:2] == [0, 0]
-    assert all(0.15 < part < 0.6 for part in share[2:])
     browser.driver.refresh()
