@@ -71,10 +71,9 @@ def _read_aist(path: Path) -> None:
 
 
 def _read_finedance(path: Path) -> None:
-    from dancedata.core.bodies import SMPLX55
     from dancedata.datasets.finedance import load_motion
 
-    _both(lambda: load_motion(path, SMPLX55), lambda: _read_folder(path))
+    _both(lambda: load_motion(path), lambda: _read_folder(path))
 
 
 def _both(first: Callable[[], Any], second: Callable[[], Any]) -> None:

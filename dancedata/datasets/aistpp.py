@@ -207,17 +207,12 @@ class AistPP(PairedDataset):
 
     @override
     def notes(self, listing: Listing, clips: Sequence[ClipRef]) -> Iterable[str]:
-        n, (copies, sequences) = (
-            len(listing.motions.files),
-            (manifest("aistpp")[key] for key in ("copies", "sequences")),
-        )
+        n, data = len(listing.motions.files), manifest("aistpp")
         if (listing.folders.root / "synthetic.json").is_file():
             yield f"Motion: {n:,} files of a synthetic corpus."
-        elif n in copies:
-            yield f"Motion: AIST++ has {sequences:,} sequences. A copy with {n:,} files is known: {copies[n]}."
         else:
-            others = ", ".join(f"{count:,}" for count in copies if count != sequences)
-            yield f"Motion: AIST++ has {sequences:,} sequences, and copies with {others} files are in circulation."
+            copies = listed(f"{count:,} ({about})" for count, about in data["copies"].items())
+            yield f"Motion: {n:,} files; AIST++ has {data['sequences']:,} sequences, copies of it have {copies}."
         unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
         if unknown:
             yield f"Tempo: no rule for {listed(unknown)}; it must be estimated from the audio."

@@ -123,9 +123,6 @@ class FineDance(PublishedDataset):
     labels
         ``required`` leaves out sequences whose label is missing or not one of the 16 genres; ``optional`` keeps
         them, without a genre.
-    body_model
-        SMPL-X model file (.npz) with the bones to use; default: those published by Lodge and FineDance.
-        FineDance has no betas: all motion is on the neutral body.
     music_dir
         Folder of the music, where it is not in the source: files by the same names, which come before the source's.
     """
@@ -133,9 +130,10 @@ class FineDance(PublishedDataset):
     split: Literal["cross_genre", "cross_dancer"] = field(default="cross_genre", metadata={"scan": True})
     keep: Literal["all"] | tuple[str, ...] = field(default=(), metadata={"scan": True})
     labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
-    body_model: Path | None = field(default=None, metadata={"path": True, "content": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
 
+    #: Bones that Lodge and FineDance published: there are no betas, all motion is on the neutral body.
+    body: ClassVar[Skeleton] = SMPLX55
     licence: ClassVar[str] = (
         "Non-commercial scientific research, education and art only (Tsinghua University's licence for the FineDance "
         "data); no redistribution, in whole or in part."
@@ -170,10 +168,6 @@ class FineDance(PublishedDataset):
         return {genre: entry["id"] for genre, entry in manifest("finedance")["genres"].items()}
 
     @override
-    def body_of(self, ref: ClipRef) -> Skeleton | None:
-        return SMPLX55 if self.body_model is None else None
-
-    @override
     def find(self, source: Path) -> Listing:
         listing = super().find(source)
         labels = files_by_stem(listing.folders.root / LABELS, source, ".json", _id_problem)
@@ -192,7 +186,7 @@ class FineDance(PublishedDataset):
             ignored[clip] = f"on the list {' and '.join(names)}{both}; keep: ['{clip}'] keeps it"
         of = {clip: listed_in(self.split, clip) or "train" for clip in IDS}
         without = f"FineDance has {IDS[0]} to {IDS[-1]}; use the dataset `folder` for your own data"
-        notes = tuple(_list_notes(self.split, listing.motions.files, kept))
+        notes = tuple(_list_notes(self.split, listing.motions.files))
         return Splits(of, notes, expected=frozenset(IDS), without=without, ignored=ignored)
 
     @override
@@ -218,13 +212,11 @@ class FineDance(PublishedDataset):
             why = " Music features are computed from the audio." if "music_npy" in beside else ""
             yield f"Not read: {listed(f'{name}/' for name in beside)}.{why}"
         yield from _clip_notes(clips)
-        if self.body_model is not None:  # an unusable one raises here, before any clip is loaded
-            yield f"Bones: of the body model {self.body_model.name} ({self._skeleton().name})."
 
     @override
     def load(self, ref: ClipRef) -> Motion:
         """Read one clip: 30 FPS, metres, radians, +Y up, SMPL-X's 55 joints; it begins where Lodge trims it."""
-        return load_motion(ref.motion_path, self._skeleton(), trims().get(ref.id, 0))
+        return load_motion(ref.motion_path, trims().get(ref.id, 0))
 
     @override
     def make_example(self, folder: Path) -> None:
@@ -248,18 +240,11 @@ class FineDance(PublishedDataset):
             label = {"name": f"synthetic {clip}", "style1": coarse, "style2": fine}
             write_json(folder / LABELS / f"{clip}.json", label)
 
-    def _skeleton(self) -> Skeleton:
-        if self.body_model is None:
-            return SMPLX55
-        from dancedata.formats.body_model import body_model_skeleton
-
-        return body_model_skeleton(self.body_model)
-
 
 WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --set dataset.finedance.labels=optional"
 
 
-def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) -> Iterable[str]:
+def _list_notes(protocol: str, present: Collection[str]) -> Iterable[str]:
     lists, ignored = manifest("finedance")["splits"][protocol], ignored_by(protocol)
     n_val, n_test = (len(lists[split]) for split in ("val", "test"))
     yield f"Splits: {protocol}: {n_val} in val, {n_test} in test, all others in train, except ignored ids."
@@ -276,8 +261,6 @@ def _list_notes(protocol: str, present: Collection[str], kept: Collection[str]) 
     if both:
         yield (f"In two lists: {', '.join(both)} and ignored; the ignore list takes precedence, as in Lodge and "
                "FineDance, unless `keep` has the id.")  # fmt: skip
-    if kept:
-        yield f"Ignore list: {listed(sorted(kept), 12)} kept, as requested."
 
 
 def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
@@ -297,7 +280,7 @@ def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
         yield f"Music: {n_clips} without a file in {MUSIC}/ ({listed(silent)}), for recipes without audio features."
 
 
-def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
+def load_motion(path: Path, trim_start: int = 0) -> Motion:
     """Read translation and 52 x 6D of a (T, 315) array: 30 FPS, metres, +Y up; axis-angle (T, 55, 3)."""
     with open_arrays(path) as arrays:
         _check_shape(arrays)
@@ -309,7 +292,7 @@ def load_motion(path: Path, skeleton: Skeleton, trim_start: int = 0) -> Motion:
         raise DataError("no frame of the motion is left after the trim", reason="too_short", where=str(path),
                         found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
                         fix="check that this is the file of that id")  # fmt: skip
-    return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(RATE), skeleton, trim_start)
+    return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(RATE), SMPLX55, trim_start)
 
 
 def _check_shape(arrays: ArrayFile) -> None:

@@ -57,12 +57,9 @@ class PhantomDance(PairedDataset):
     split
         ``by-song``: a tenth of the dances is val, another is test, by a hash of their names; no split was published.
         ``all``: no split.
-    motions
-        Folder of the JSON files, below the source, if several folders have some.
     """
 
     split: Literal["by-song", "all"] = field(default="by-song", metadata={"scan": True})
-    motions: str | None = field(default=None, metadata={"scan": True})
 
     body: ClassVar[Skeleton] = SMPL24_EDGE
     licence: ClassVar[str] = (
@@ -120,16 +117,15 @@ class PhantomDance(PairedDataset):
     def _folder(self, source: Path) -> Path:
         require_folder(self.name, source, _LOOKED_FOR)
         below = [source, *(entry for entry in list_folder(source) if entry.is_dir())]
-        candidates = below if self.motions is None else [source / self.motions]
-        folders = [folder for folder in candidates if folder.is_dir() and _has_motions(folder)]
+        folders = [folder for folder in below if _has_motions(folder)]
         if len(folders) == 1:
             return folders[0]
         if folders:
             raise SourceError("phantomdance: several folders have JSON files", where=str(source),
                               found=listed(relative(folder, source) for folder in folders),
-                              fix="set dataset.phantomdance.motions to the folder of the motions")  # fmt: skip
-        raise SourceError("phantomdance: no motion found", where=str(source / (self.motions or "")),
-                          found=describe(source), allowed=_LOOKED_FOR,
+                              fix="set SOURCE to the folder of motions, and music_dir to that of music")  # fmt: skip
+        raise SourceError("phantomdance: no motion found", where=str(source), found=describe(source),
+                          allowed=_LOOKED_FOR,
                           fix="set SOURCE to the folder of the unpacked archive")  # fmt: skip
 
 

@@ -1,10 +1,8 @@
 """The dataset reader finedance: layout, lists, genres, what is left out and why, motion files."""
 
-import sys
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -112,7 +110,6 @@ def test_keep_by_name(finedance: Any, keep: Any, there: dict[str, str]) -> None:
     scan = FineDance(keep=keep).scan(finedance.root)
     assert {clip: split for clip, split in splits(scan).items() if clip in ("116", "120")} == there
     assert rejects(scan, "ignored") == sorted({"116", "120"} - set(there))
-    assert "kept, as requested" in notes(scan)
     lists = {clip.id: clip.lists for clip in scan.clips}
     assert lists["120"] == ("cross_genre.test", "ignored"), "a reader can still leave it out"
 
@@ -212,24 +209,6 @@ def test_slightly_off_is_still_a_rotation(fine: Any) -> None:
     raw[:, 3:] *= 1.0005
     motion = load(fine.motion("001", raw))
     assert np.abs(columns_of(motion)[:, 3:] * 1.0005 - raw[:, 3:]).max() < 1e-6
-
-
-def test_bones_of_a_body_model(fine: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def body_model_skeleton(path: Path) -> Any:
-        asked.append(path)
-        return SMPLX55.with_root_offset("smplx55:12345678", (0.0, 1.0, 0.0))
-
-    name = "dancedata.formats.body_model"
-    monkeypatch.setitem(sys.modules, name, SimpleNamespace(body_model_skeleton=body_model_skeleton))  # type: ignore[arg-type]
-    model = fine.root / "models" / "SMPLX_NEUTRAL.npz"
-    path = fine.motion("150")
-    assert load(path, body_model=model).skeleton.name == "smplx55:12345678"
-    assert np.array_equal(load(path, body_model=model).rotations, load(path).rotations)
-    scan = FineDance(labels="optional", body_model=model).scan(fine.root)
-    assert scan.notes[-2] == "Bones: of the body model SMPLX_NEUTRAL.npz (smplx55:12345678)."
-    assert set(asked) == {model}
 
 
 @pytest.mark.parametrize(

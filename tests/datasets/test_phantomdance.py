@@ -53,9 +53,7 @@ def test_several_folders(source: Path) -> None:
     write(source / "old" / "a.json", {})
     with raises_message(SourceError, "folders", where="мой dänce"):
         PhantomDance().scan(source)
-    assert len(PhantomDance(motions="motion").scan(source).clips) == 3
-    with raises_message(SourceError, "unpacked", where="мой dänce/music"):
-        PhantomDance(motions="music").scan(source)
+    assert len(PhantomDance(music_dir=source / "music").scan(source / "motion").clips) == 3
 
 
 def test_axes_and_rotations(tmp_path: Path) -> None:

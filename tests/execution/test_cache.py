@@ -120,7 +120,7 @@ def test_settings_of_motion_are_in_its_key(corpus: Path, own: Cache, tmp_path: P
 
 def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
     model = tmp_path / "model.npz"
-    recipe = load_recipe("finedance", [f"dataset.finedance.body_model={model}", "audio={}"])
+    recipe = load_recipe("finedance", [f"dataset={{folder: {{body_model: '{model}'}}}}", "audio={}"])
     ref = ClipRef("001", tmp_path / "001.npy", None, music="001", split="train")
     model.write_bytes(b"one")
     one = motion_keys(own, recipe, ref, "m")

@@ -1,19 +1,6 @@
 """Array layouts of AMASS, SMPL, SMPL-X and FineDance: recognises them and reads the motion.
 
-::
-
-    amass      poses (T, 156 | 165) trans (T, 3) mocap_framerate [betas gender]     +Z up, metres
-               or root_orient pose_body pose_hand pose_jaw pose_eye in place of poses (SMPL-X "stageii" files)
-    smpl       smpl_poses (T, 72 | 24, 3) smpl_trans (T, 3) [smpl_scaling]          with smpl_scaling: AIST++, +Y up
-               or poses (T, 72) trans (T, 3), or global_orient body_pose (T, 69) transl
-    smplh      poses (T, 156) trans (T, 3), or global_orient body_pose (T, 63) transl [hands]
-    smplx      poses (T, 165) trans (T, 3), or global_orient body_pose (T, 63) transl [hands jaw eyes]
-    finedance  one array (T, 315): translation 3, then 52 joints x 6D, two rows of each matrix    +Y up, metres
-    motionx    one array (T, 322): SMPL-X's root 3, body 63, hands 90, jaw 3, face 150, translation 3, betas 10;
-               +Y up, metres, 30 FPS
-    humanml3d  one array (T, 263), see `representations.humanml263`; mdm: results.npy, {motion (N, 22, 3, T), lengths
-               (N,)}; +Y up, metres, 20 FPS
-    positions  one array (T, J, 3), see `positions`
+docs/reference/recipes.md, Files, has the arrays of each layout, with their shapes, axes and units.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,7 +15,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import shown
 from dancedata.datasets.checks import check_rows, lengths_differ, require_rotations, rotations_of
-from dancedata.datasets.folder.facts import Fact, bad_declaration, bad_shape, finite, from_matrices, scales, scaling
+from dancedata.datasets.folder.facts import Fact, bad_declaration, bad_shape, finite, from_matrices, scales
 from dancedata.datasets.folder.positions import positions_in
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.stated import RATE_KEYS
@@ -68,7 +55,7 @@ class Layout:
 
     `body`: "smpl", "smplh", "smplx", "finedance" or "positions": how the columns are read.
     `poses`, `translation`, `scaling`: Names of arrays; "" for an unnamed one, None where there is none of its own.
-    `matrices`: Whether the rotations are matrices, row by row. `keyed`: Whether the recipe names the arrays.
+    `matrices`: Whether the rotations are matrices, row by row.
     `joints`: Set of joints of positions, as `positions.JOINT_SETS` has them; "" where names decide.
     """
 
@@ -80,7 +67,6 @@ class Layout:
     unit: Fact[str] | None = None
     scaling: str | None = None
     matrices: bool = False
-    keyed: bool = False
     rate: Fact[Fraction] | None = None
     joints: str = ""
 
@@ -94,7 +80,7 @@ def recognise(arrays: ArrayFile, declared: str, keys: Mapping[str, str] | None =
     """Return the layout by names and shapes; DataError for an unknown one, or another than the declared one."""
     names = arrays.names
     if keys is not None and "positions" in keys and keys["positions"] in names:
-        layout = Layout("positions", "positions", keys["positions"], None, keyed=True)
+        layout = Layout("positions", "positions", keys["positions"], None)
     elif keys is not None and keys.get("rotation") in names:
         layout = _keyed(arrays, keys)
     elif isinstance(arrays, PersonArrays) and arrays.tool:
@@ -139,7 +125,7 @@ def _keyed(arrays: ArrayFile, keys: Mapping[str, str]) -> Layout:
         allowed = "(T, 72) SMPL, (T, 156) SMPL-H or (T, 165) SMPL-X, axis-angle; or 216, 468, 495 for matrices"
         raise bad_shape(arrays, rotation, allowed)
     matrices = width in _BY_MATRICES
-    return Layout(body, body, rotation, keys["translation"], scaling=keys.get("scale"), matrices=matrices, keyed=True)
+    return Layout(body, body, rotation, keys["translation"], scaling=keys.get("scale"), matrices=matrices)
 
 
 def _of_tool(arrays: PersonArrays) -> Layout:
@@ -255,10 +241,8 @@ def read_motion(arrays: ArrayFile, layout: Layout) -> tuple[Floats, Floats]:
     if not layout.matrices:  # matrices were checked as rotations
         what = _rotation_name(arrays, layout)
         require_rotations(arrays.path, what, rotations, translation, layout.skeleton.parents)
-    if layout.scaling and layout.keyed:
+    if layout.scaling:
         translation = translation / scales(arrays, layout.scaling, len(translation))
-    elif layout.scaling:
-        translation = translation / scaling(arrays, layout.scaling)
     return translation, rotations
 
 

@@ -117,17 +117,6 @@ def finite(arrays: ArrayFile, name: str) -> Floats:
     return array
 
 
-def scaling(arrays: ArrayFile, name: str) -> float:
-    """Return AIST++'s number that turns the translation into metres; DataError (``bad_scaling``)."""
-    value = arrays.read(name).reshape(-1)
-    if len(value) != 1 or not 1e-3 <= value[0] <= 1e6:
-        raise DataError(f"{name} cannot turn the translation into metres", reason="bad_scaling",
-                        where=str(arrays.path), found=f"{value[:3].tolist()}",
-                        allowed="one number above 0 (about 89 to 99 in AIST++; 1 for data in metres)",
-                        fix="save the file again")  # fmt: skip
-    return float(value[0])
-
-
 def bad_shape(arrays: ArrayFile, name: str, allowed: str, fix: str | None = None) -> DataError:
     """Return the DataError for an array of another shape."""
     fix = fix or "save the motion in one of these layouts"
@@ -150,7 +139,7 @@ def scales(arrays: ArrayFile, name: str, n_frames: int) -> Floats:
                         found=f"shape {values.shape}, from {columns.min(initial=np.inf):.3g} to "
                         f"{columns.max(initial=-np.inf):.3g}",
                         allowed=f"one number, ({n_frames},), or ({n_frames}, 3) with the scale first; above 0",
-                        fix="correct the key scale of dataset.folder.keys, or remove it")  # fmt: skip
+                        fix="correct it, or name another key scale in dataset.folder.keys")  # fmt: skip
     return columns
 
 

@@ -5,7 +5,6 @@ import io
 import json
 import math
 import os
-import re
 import sys
 import unicodedata
 from collections import Counter
@@ -18,7 +17,7 @@ from typing import Any
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.clip import FOUND, SPLIT_ORDER, ClipRef, ColumnValue, check_name
-from dancedata.core.errors import DataError, SourceError, StoreError, closest, did_you_mean
+from dancedata.core.errors import DataError, SourceError, StoreError, did_you_mean
 from dancedata.core.motion import Motion
 from dancedata.core.tables import csv_text
 from dancedata.core.text import counted, quoted, shown
@@ -49,7 +48,7 @@ _MAX_LINE = 1 << 16
 MAX_ID = 200
 MAX_TEMPO = 1000.0
 ID_ALLOWED = f"at most {MAX_ID} printable characters without slashes, not starting with a dot"
-_DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tabulator"}
+_DELIMITERS = ",;\t"
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ def _csv(path: Path, text: str) -> Iterator[tuple[int, dict[str, Any]]]:
                 continue
             if not columns:
                 columns = cells
-                _check_columns(path, reader.line_num, columns, delimiter)
+                _check_columns(path, reader.line_num, columns)
                 continue
             if len(cells) != len(columns):
                 problem = "the line has the wrong number of cells"
@@ -187,11 +186,11 @@ def _text(path: Path, line: int, key: str, value: object) -> str:
     raise _bad(path, line, f"{key} is neither text nor a number", f"{type(value).__name__}", "text or a number")
 
 
-def _check_columns(path: Path, line: int, columns: list[str], delimiter: str = ",") -> None:
+def _check_columns(path: Path, line: int, columns: list[str]) -> None:
     bad = partial(_bad, path, line)
     if path.suffix == ".csv" and not set(columns) & set(COLUMNS):
         problem, found = "the first line contains no known column", shown(", ".join(columns), 100)
-        raise bad(problem, found, ", ".join(COLUMNS), _header_fix(columns, delimiter))
+        raise bad(problem, found, ", ".join(COLUMNS), "start with a line such as motion,audio,split")
     for column in columns:
         if column not in COLUMNS and not column.startswith(FREE):
             problem = f"unknown column {quoted(column, 60)}; {did_you_mean(column[:60], COLUMNS)}"
@@ -202,18 +201,6 @@ def _check_columns(path: Path, line: int, columns: list[str], delimiter: str = "
     if "motion" not in columns:
         found = shown(", ".join(columns)) or "nothing"
         raise bad("the column motion is missing", found, "motion, and any of the other columns")
-
-
-def _header_fix(columns: list[str], delimiter: str) -> str:
-    """Return the first line that was meant, by the nearest columns; cells may have another separator."""
-    cells = re.split(rf"[|:,;\s{delimiter}]+", delimiter.join(columns))
-    names = [closest(cell, COLUMNS) or cell for cell in cells]
-    if not set(names) & set(COLUMNS):
-        return "start with a line such as motion,audio,split"
-    line = delimiter.join(names)
-    if len(cells) > len(columns):
-        return f"separate the cells of all lines by {_DELIMITERS[delimiter]}s, and write the first line as {line}"
-    return f"write the first line as {line}"
 
 
 def _row(path: Path, line: int, values: dict[str, str], columns: Mapping[str, ColumnValue]) -> Row:
@@ -339,20 +326,7 @@ def on_frames(ref: ClipRef, rate: Fraction) -> ClipRef:
     return replace(ref, source_start=first or None, source_end=stop, audio_start=ref.audio_start + (first or 0))
 
 
-def part_notes(clips: Sequence[ClipRef]) -> list[str]:
-    """Return notes on the parts and offsets that a manifest states."""
-    parts = [clip for clip in clips if clip.source_start is not None or clip.source_end is not None]
-    late = sum(bool(clip.audio_start) for clip in clips)
+def offset_notes(clips: Sequence[ClipRef]) -> list[str]:
+    """Return the note on offsets of music that a manifest does not state."""
     left = sum(clip.audio_start_by == FOUND for clip in clips)
-    notes = []
-    if parts:
-        files = len({clip.motion_path for clip in parts})
-        notes.append(
-            f"Parts: {counted(len(parts), 'clip')} of {counted(files, 'motion file')} by start_s and end_s, from and "
-            "to the nearest frame."
-        )
-    if late:
-        notes.append(f"Music: audio_start_s states the offset of {counted(late, 'clip')}.")
-    if left:
-        notes.append(f"Music: audio_start_s leaves the offset of {counted(left, 'clip')} to the build (auto).")
-    return notes
+    return [f"Music: audio_start_s leaves the offset of {counted(left, 'clip')} to the build (auto)."] if left else []

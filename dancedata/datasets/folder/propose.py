@@ -6,7 +6,6 @@ has checked a row empties its ``guessed``; until then readers of the manifest na
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 import unicodedata
@@ -35,8 +34,6 @@ from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import MOTION_SUFFIXES
 
-#: Least similarity of the letters of two names with equal numbers: mBR0 and mBR5 are different songs.
-_ALIKE = 0.8
 #: A shorter name within another one is not evidence.
 _MIN_PART = 3
 _PARTS = re.compile(r"[^\W\d_]+|[0-9]+")
@@ -54,13 +51,10 @@ _ASKED = re.compile(r"[Dd]eclare (fps|up|unit):(?: (\S+))?")
 
 @dataclass(frozen=True)
 class Name:
-    """A file name, split into letters and numbers; "001" is "1"."""
+    """A file name, split into letters and numbers; "001" is "1". `row`: All in a row, to search one in another."""
 
     text: str
     parts: tuple[str, ...]
-    numbers: tuple[str, ...]
-    letters: str
-    #: All parts in a row, to search one name in another.
     row: str
 
     @classmethod
@@ -68,27 +62,17 @@ class Name:
         """Split a name."""
         words = _PARTS.findall(text.lower())
         parts = tuple(part.lstrip("0") or "0" if part.isdigit() else part for part in words)
-        numbers = tuple(part for part in parts if part.isdigit())
-        letters = "".join(part for part in parts if not part.isdigit())
-        return cls(text, parts, numbers, letters, f" {' '.join(parts)} ")
+        return cls(text, parts, f" {' '.join(parts)} ")
 
     def near(self, other: Name) -> bool:
-        """Return whether the other name may be this one, written differently or misspelt."""
+        """Return whether the other name may be this one, written differently."""
         if self.parts == other.parts:
             return bool(self.parts)
-        if self._has(other) or other._has(self):
-            return True
-        return self.numbers == other.numbers and self.likeness(other) >= _ALIKE
+        return self._has(other) or other._has(self)
 
     def _has(self, part: Name) -> bool:
         # "mBR0 (1)" and "mBR0_48k" contain "mBR0".
         return len(part.text) >= _MIN_PART and part.row in self.row
-
-    def likeness(self, other: Name) -> float:
-        """Return the similarity of the letters, 0 to 1."""
-        if not self.letters or not other.letters:
-            return 0.0
-        return difflib.SequenceMatcher(None, self.letters, other.letters, autojunk=False).ratio()
 
 
 @dataclass(frozen=True)

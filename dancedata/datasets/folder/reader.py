@@ -32,8 +32,8 @@ from dancedata.datasets.folder.manifest import (
     guess_notes,
     id_problem,
     inside,
+    offset_notes,
     on_frames,
-    part_notes,
     part_of,
     read_manifest,
 )
@@ -242,7 +242,8 @@ class Folder(Dataset):
         read = [self._clip(source, manifest, row, stems) for row in rows]
         clips = [clip for clip in read if isinstance(clip, ClipRef)]
         rejects = [clip for clip in read if isinstance(clip, Reject)]
-        notes = [f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}.", *guess_notes(rows), *part_notes(clips)]
+        size = f"Manifest: {manifest.name}, {counted(len(rows), 'clip')}."
+        notes = [size, *guess_notes(rows), *offset_notes(clips)]
         return clips, rejects, notes, f"manifest ({manifest.suffix.removeprefix('.')})"
 
     def _clip(self, source: Path, manifest: Path, row: Row, stems: Counter[str]) -> ClipRef | Reject:
