@@ -32,8 +32,8 @@ from dancedata.kernel import load_audio
 #: The attributes that can define groups, and their nouns in messages.
 _NOUNS = {"music": "song", "dancer": "dancer", "genre": "genre", "clip": "clip"}
 _TRAIN, _VAL, _TEST = "train", "val", "test"
-_KEYS = (_VAL, _TEST, _TRAIN, "by", "seed", "balance")
-_FIX = "write it as {val: 0.1, test: 0.1, by: music}"
+_KEYS = (_VAL, _TEST, "by", "seed", "balance")
+_FIX = "write it as {val: 0.1, test: 0.1, by: music}; the rest is train"
 #: Samples at the beginning of songs that are compared before whole songs are.
 _BEGINNING = 1 << 15
 
@@ -68,13 +68,6 @@ class SplitRule:
         rest = 1 - sum(parts.values())
         if not problems and not (0 < rest < 1):
             problems.append(f"the sum of val and test is {float(1 - rest):g}; allowed: above 0 and below 1")
-        if (
-            _TRAIN in document
-            and not problems
-            and _fraction(_TRAIN, document[_TRAIN], problems) != rest
-            and not problems
-        ):
-            problems.append(f"train must be the remainder, {float(rest):g}; remove it")
         if problems:
             raise UsageError("folder: invalid rule for splits", found="; ".join(problems), fix=_FIX)
         return cls(parts[_VAL], parts[_TEST], str(by), seed, balance)

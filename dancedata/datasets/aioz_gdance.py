@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dancedata.core.clip import ClipRef, Reject, member_id
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.registry import DATASETS
@@ -126,15 +126,9 @@ class AiozGdance(PairedDataset):
     split
         ``official``: the three lists, which share videos. ``by-video``: a tenth of the videos each is val and test,
         by a hash of their ids; sequences on no list are included.
-    genre_column
-        Title of the label files' column with the genre of the music; default: the only one with "genre".
-    style_column
-        Title of their column with the style of the dance; default: the only one with "style".
     """
 
     split: Literal["official", "by-video"] = field(default="official", metadata={"scan": True})
-    genre_column: str = field(default="", metadata={"scan": True})
-    style_column: str = field(default="", metadata={"scan": True})
 
     body: ClassVar[Skeleton] = SMPL24
     licence: ClassVar[str] = (
@@ -147,9 +141,6 @@ class AiozGdance(PairedDataset):
         name_problem=lambda stem: "" if _NAME.fullmatch(stem) else "not named VIDEO_SEGMENT_START_END",
         folder_names=("gdance",),
         published="1,624 were published",
-        mistakes={
-            "motions_sliced": "slices that TCDiff's script made cannot be a source: use motions_smpl/ as published"
-        },
     )  # fmt: skip
     music_folders: ClassVar[tuple[str, ...]] = ("musics", "music", "musics438")
     official: ClassVar[Mapping[str, str]] = {split: f"{split}_split_sequence_names.txt" for split in SPLITS}
@@ -224,8 +215,7 @@ class AiozGdance(PairedDataset):
         files = [place / f"{split}_labels.csv" for place in folders.places for split in SPLITS]
         for path in dict.fromkeys(file for file in files if file.is_file()):
             header, *rows = _table(path)
-            genre = _column(path, header, "genre_column", self.genre_column, "genre")
-            style = _column(path, header, "style_column", self.style_column, "style")
+            genre, style = (_column(path, header, part) for part in ("genre", "style"))
             for row in rows:
                 values = [row[k].strip() if k is not None and k < len(row) else "" for k in (genre, style)]
                 columns = (("style", values[1]),) if values[1] else ()
@@ -248,15 +238,13 @@ def _table(path: Path) -> list[list[str]]:
                       fix="download the file again, or remove it")  # fmt: skip
 
 
-def _column(path: Path, header: Sequence[str], key: str, title: str, part: str) -> int | None:
-    """Return the column with a title, or the only one whose title contains a word; None if no title does."""
-    titles = [name.strip() for name in header]
-    columns = [k for k, name in enumerate(titles) if k and (name == title if title else part in name.lower())]
-    if len(columns) == 1 or not (columns or title):
-        return columns[0] if columns else None
-    raise UsageError(f"aioz-gdance: {'no column' if title else 'several columns'} of the labels may be the {part}",
-                     where=str(path), found=listed(titles, 20, quoted),
-                     fix=f"set dataset.aioz-gdance.{key} to one of the titles")  # fmt: skip
+def _column(path: Path, header: Sequence[str], part: str) -> int | None:
+    """Return the only column whose title contains a word, None if no title does; SourceError for several."""
+    columns = [k for k, title in enumerate(header) if k and part in title.lower()]
+    if len(columns) > 1:
+        raise SourceError(f"aioz-gdance: several columns of the labels may be the {part}", where=str(path),
+                          found=listed(header, 20, quoted), fix="rename or remove all but one")  # fmt: skip
+    return columns[0] if columns else None
 
 
 #: Of the example: sequence, dancers, official list, the synthetic clip with the steps and the song.

@@ -89,10 +89,6 @@ class AistPP(PairedDataset):
     layout: ClassVar[Layout] = Layout(
         "aist++", "AIST++", "motions", ".pkl", "gBR_sBM_cAll_d04_mBR2_ch08.pkl", _sequence_problem,
         folder_names=("edge_aistpp", "aist_plusplus_final"),  # the copies of EDGE and of the project page
-        mistakes={
-            "motion": "motion/ (without s) is the layout of FineDance: build that dataset, or set SOURCE to "
-            "another folder"
-        },
     )  # fmt: skip
     music_folders: ClassVar[tuple[str, ...]] = ("wavs", "music", "audio", "musics")
 
@@ -224,8 +220,7 @@ class AistPP(PairedDataset):
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 60 FPS, +Y up, SMPL24, in metres: ``smpl_trans / smpl_scaling`` in float64.
 
-        Returns: Rotations (T, 24, 3) axis-angle in radians as in the file; translation (T, 3).
-        Raises DataError: ``broken_file``, ``unsafe_pickle``, ``not_rotations``, ``bad_scaling``, or as `read_frames`.
+        DataError: ``broken_file``, ``unsafe_pickle``, ``not_rotations``, ``bad_scaling``, or as `read_frames`.
         """
         from dancedata.datasets.checks import bad_shape, read_frames, require_keys, require_rotations
         from dancedata.formats.safe_pickle import load_pickle

@@ -66,7 +66,6 @@ class DCM(PairedDataset):
         name_problem=lambda name: "" if name.replace("_", "").isascii() and name.replace("_", "").isdigit()
         else "not named m<sequence>_<piece>_gt",
         folder_names=("aligned_data_split",), published="108 sequences were published",
-        mistakes={"amc_raw_data": "run sh/data_preprocess.sh of DanceCamera3D first, which writes what is read"},
     )  # fmt: skip
     music_folders: ClassVar[tuple[str, ...]] = ("Audio",)
     unit: ClassVar[str] = "sequence"
@@ -92,10 +91,9 @@ class DCM(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read the places of the joints, and fit rotations to them: 30 FPS, metres, +Y up, on the bones of the file.
+        """Fit rotations of SMPLX22 to the places of the joints: 30 FPS, metres, +Y up, on the bones of the file.
 
-        Returns: SMPL-X's 22 body joints.
-        Raises DataError: ``broken_file``, ``bad_shape``, ``empty``, ``nan``, ``bad_axes`` (not upright).
+        DataError: ``broken_file``, ``bad_shape``, ``empty``, ``nan``, ``bad_axes`` (not upright).
         """
         path = ref.motion_path
         try:

@@ -151,12 +151,10 @@ class DD100(PairedDataset):
 
     @override
     def load(self, ref: ClipRef) -> Motion:
-        """Read one dancer: 30 FPS, metres, SMPLX55; betas are not used.
+        """Read one dancer: 30 FPS, metres, SMPLX55, turned to +Y up about the origin of the partners' world.
 
-        Returns: Rotations (T, 55, 3) axis-angle in radians; turned to +Y up about the world's origin, so partners
-            stay in one world.
-        Raises DataError: Those of `load_object` and `read_frames`, ``not_rotations``, ``contradiction`` (the root's
-            two rotations), or ``bad_axes`` if heads are not above pelvises.
+        DataError: as `load_object` and `read_frames`, ``not_rotations``, ``bad_axes``; ``contradiction`` of root
+        rotations.
         """
         path = ref.motion_path
         poses, root, places = read_frames(ValueArrays(path, load_object(path)), _SHAPES)

@@ -22,7 +22,7 @@ from dancedata.core.rotations import rotation_6d
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import DOWNLOAD_AGAIN, check_rows, no_frames, require_finite, rotations_of
+from dancedata.datasets.checks import check_rows, no_frames, require_finite, rotations_of
 from dancedata.datasets.files import ALL, extra_file, files_by_stem
 from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder
@@ -104,9 +104,6 @@ def _id_problem(stem: str) -> str:
     return "" if re.fullmatch(r"[0-9]{3}", stem) else "not named by an id of three digits, 001"
 
 
-_FEATURES = "features computed from FineDance cannot be a source: use motion/ as published"
-
-
 @DATASETS.register("finedance")
 @dataclass(frozen=True)
 class FineDance(PublishedDataset):
@@ -143,13 +140,8 @@ class FineDance(PublishedDataset):
     )
 
     layout: ClassVar[Layout] = Layout(
-        "finedance", "FineDance", "motion", ".npy", "001.npy", _id_problem, folder_names=("finedance",),
-        mistakes={
-            "mofea319": _FEATURES, "motion_fea319": _FEATURES,
-            "motions": "motions/ (with s) is the layout of AIST++: build that dataset, or set SOURCE to another "
-            "folder",
-        },
-    )  # fmt: skip
+        "finedance", "FineDance", "motion", ".npy", "001.npy", _id_problem, folder_names=("finedance",)
+    )
     music_folders: ClassVar[tuple[str, ...]] = (MUSIC,)
 
     def __post_init__(self) -> None:
@@ -245,7 +237,7 @@ WITHOUT_LABELS = "add labels to label_json/, or keep clips without a genre: --se
 
 
 def _list_notes(protocol: str, present: Collection[str]) -> Iterable[str]:
-    lists, ignored = manifest("finedance")["splits"][protocol], ignored_by(protocol)
+    lists = manifest("finedance")["splits"][protocol]
     n_val, n_test = (len(lists[split]) for split in ("val", "test"))
     yield f"Splits: {protocol}: {n_val} in val, {n_test} in test, all others in train, except ignored ids."
     if not n_val:
@@ -257,10 +249,6 @@ def _list_notes(protocol: str, present: Collection[str]) -> Iterable[str]:
             yield f"Ignore list: {name} ({entry['source']}): {len(there)} of {len(entry['ids'])} ids are here."
         elif there:
             yield f"Ignore list: {where} not ignored here; {entry['source']} leaves them out (list {name})."
-    both = [f"{clip} ({listed_in(protocol, clip)})" for clip in sorted(ignored) if listed_in(protocol, clip)]
-    if both:
-        yield (f"In two lists: {', '.join(both)} and ignored; the ignore list takes precedence, as in Lodge and "
-               "FineDance, unless `keep` has the id.")  # fmt: skip
 
 
 def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
@@ -302,20 +290,9 @@ def _check_shape(arrays: ArrayFile) -> None:
         raise DataError("the motion file has the wrong shape", reason="bad_shape", where=str(arrays.path),
                         found=str(shape),
                         allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
-                        fix=_shape_advice(shape))  # fmt: skip
+                        fix="use the files of motion/ as published")  # fmt: skip
     if shape[0] == 0:
         raise no_frames(arrays.path)
-
-
-def _shape_advice(shape: tuple[int, ...]) -> str:
-    if len(shape) == 2 and shape[1] == COLUMNS + 4:
-        return (
-            "319 columns are features made by the scripts of FineDance or Lodge (contacts first; Lodge's are also "
-            "trimmed and grounded): use the motion/ folder as published"
-        )
-    if len(shape) == 2 and shape[0] == COLUMNS:
-        return "rows and columns are swapped: transpose the array"
-    return DOWNLOAD_AGAIN
 
 
 def _with_hands(steps: str, n_frames: int) -> Motion:

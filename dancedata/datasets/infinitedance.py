@@ -36,7 +36,6 @@ _SHAPES: dict[str, list[tuple[int, ...]]] = {
     "body_pose": [(63,), (21, 3), (69,), (23, 3)], "global_orient": _VECTORS, "transl": _VECTORS,
 }  # fmt: skip
 AXES = ("y", "z", "-y")
-_OTHER_COLUMNS = {263: "; 263 are HumanML3D's", 266: "; 266 have the root's x and z as well"}
 #: Lists of train and test of each split.
 LISTS = {"official": ("All_cleandata_train", "test_eval861"), "full": ("All_train", "All_eval")}
 FITS_FOLDER = "dance/infinitedance_smplx_smooth"
@@ -103,19 +102,18 @@ def _style_map(path: Path) -> dict[str, str]:
     return {name: style for name, style in document.items() if style}
 
 
-def _layout(motions: str, suffix: str, published: str, other: str) -> Layout:
+def _layout(motions: str, suffix: str, published: str) -> Layout:
     return Layout(
         "infinitedance", "InfiniteDance", motions, suffix, f"NAME{suffix}",
         # InfiniteDance's retrieval names pieces NAME@START_END.
         lambda stem: "a name with @, which separates names from frames" if "@" in stem else "",
         folder_names=("infinitedance",), published=f"{published} were published",
-        mistakes={"dance": f"extract the archives into dance/, or set dataset.infinitedance.motion: {other}"},
     )  # fmt: skip
 
 
 LAYOUTS = {
-    "fits": _layout(FITS_FOLDER, ".pkl", "9,748 fits", "columns"),
-    "columns": _layout(COLUMNS_FOLDER, ".npy", "10,870 files of columns", "fits"),
+    "fits": _layout(FITS_FOLDER, ".pkl", "9,748 fits"),
+    "columns": _layout(COLUMNS_FOLDER, ".npy", "10,870 files of columns"),
 }
 
 
@@ -319,8 +317,7 @@ def load_columns(path: Path) -> Motion:
         shape = arrays.shape("") if arrays.names == ("",) else ()
         columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None
     if columns is None:
-        hint = _OTHER_COLUMNS.get(shape[1], "") if len(shape) == 2 else ""
-        raise checks.bad_shape(path, "the array", shape, f"(T, {COLUMNS}){hint}")
+        raise checks.bad_shape(path, "the array", shape, f"(T, {COLUMNS})")
     if not len(columns):
         raise checks.no_frames(path)
     checks.require_finite(path, "the array", columns, columns=True)

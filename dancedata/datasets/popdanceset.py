@@ -66,7 +66,6 @@ class PopDanceSet(PairedDataset):
         name_problem=lambda stem: "" if _NAME.fullmatch(stem) else "not named as a clip, BVxxxxxxxxxx_Clip_1",
         folder_names=("popdanceset",),
         published="1,036 were published",
-        mistakes={"motions_sliced": "slices that POPDG's script made cannot be a source: use motions/ as published"},
     )  # fmt: skip
     music_folders: ClassVar[tuple[str, ...]] = ("wavs",)
     unit: ClassVar[str] = "video"
@@ -93,8 +92,8 @@ class PopDanceSet(PairedDataset):
     def load(self, ref: ClipRef) -> Motion:
         """Read the motion of one clip: 30 FPS, +Y up; the pelvis is at the translation (SMPL24_EDGE).
 
-        Returns: Rotations (T, 24, 3) axis-angle, from 72 numbers a frame, or 216 (matrices, as HybrIK writes them).
-        Raises DataError: Those of `open_arrays` and `read_frames`, ``not_rotations`` or ``bad_rotation``.
+        Files have 72 numbers a frame, or 216 (matrices, as HybrIK writes them). DataError: as `open_arrays` and
+        `read_frames`; ``not_rotations`` or ``bad_rotation``.
         """
         path, scaled = ref.motion_path, self.scale == "multiply"
         with open_arrays(path) as arrays:

@@ -62,7 +62,6 @@ class Layout:
     `name_problem`: Returns why a stem is not a valid name, "" for a valid one.
     `folder_names`: Parts of the names under which the dataset is published, in lower case: of several folders with
         motion the one that has one is read.
-    `mistakes`: Entry of the source -> fix, for folders of other datasets and of features.
     `stem`, `music`: Names of motion and music files without suffix; {} is the name of the sequence: "{}_smpl".
     `published`: How many were published, for the note: "1,624 were published".
     """
@@ -74,7 +73,6 @@ class Layout:
     named: str
     name_problem: Callable[[str], str] = lambda stem: ""
     folder_names: tuple[str, ...] = ()
-    mistakes: Mapping[str, str] = field(default_factory=dict)
     stem: str = "{}"
     music: str = "{}"
     published: str = ""
@@ -119,10 +117,6 @@ class Layout:
     def _advice(self, entries: list[Path]) -> str:
         if any(entry.suffix.lower() == self.suffix for entry in entries):
             return f"this looks like the {self.motions} folder itself: set SOURCE to its parent folder"
-        names = {entry.name for entry in entries}
-        for name, fix in self.mistakes.items():
-            if name in names:
-                return fix
         if any(entry.suffix.lower() in _ARCHIVES for entry in entries):
             return "unpack the archive first"
         return f"set SOURCE to the folder that contains {self.motions}/"
@@ -314,9 +308,8 @@ class PublishedDataset(Dataset):
     def scan(self, source: Path) -> Scan:
         """List the clips; reads lists of names and sizes, but neither motion nor music.
 
-        Returns: Clips by id. Rejects, each by the motion's name: ``unassigned``, ``missing_music``,
-            ``missing_motion`` (listed, but no file), the reasons of a file that cannot be used, ``unused_music``,
-            ``extra_file``. Notes state the layout, the lists and what they share.
+        Rejects are ``unassigned``, ``missing_music``, ``missing_motion`` (listed, but no file), the reasons of a file
+        that cannot be used, ``unused_music``, ``extra_file``.
         """
         listing = self.find(Path(source))
         splits = self.splits(listing)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dancedata.contacts.velocity import Velocity
-from dancedata.core.errors import DataError, SourceError, UsageError
+from dancedata.core.errors import DataError, SourceError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.aioz_gdance import AiozGdance, frames_of, load_dancers, read_sizes
 from dancedata.representations.gcd151 import Gcd151
@@ -89,11 +89,12 @@ def test_other_names_of_the_music_folder(source: Path, folder: str) -> None:
 def test_labels_by_their_titles(source: Path) -> None:
     table = source / "train_labels.csv"
     table.write_text(f"name,Genre A,genre B\n{DASH},Pop,Rock\n")
-    with raises_message(UsageError, "titles", where="мой dänce/train_labels.csv"):
+    with raises_message(SourceError, "columns", where="мой dänce/train_labels.csv"):
         AiozGdance().scan(source)
     for other in ("val", "test"):
         (source / f"{other}_labels.csv").unlink()
-    first = AiozGdance(genre_column="genre B").scan(source).clips[0]
+    table.write_text(f"name,level,genre B\n{DASH},Pop,Rock\n")
+    first = AiozGdance().scan(source).clips[0]
     assert (first.genre, first.columns) == ("Rock", ())
     table.write_bytes(b"\xff\xfe")
     with raises_message(SourceError, "labels", where="мой dänce/train_labels.csv"):

@@ -143,13 +143,8 @@ class Motorica(PairedDataset):
     )
 
     layout: ClassVar[Layout] = Layout(
-        "motorica", "Motorica Dance", "bvh", ".bvh", "NAME.bvh", folder_names=("motorica",),
-        mistakes={
-            "motorica": "this looks like the features of LDA or STREAM: the motion is the folder bvh/ of Motorica "
-            "Dance",
-            "motorica_dance": "features of LDA cannot be a source: use the folder bvh/ of Motorica Dance",
-        },
-    )  # fmt: skip
+        "motorica", "Motorica Dance", "bvh", ".bvh", "NAME.bvh", folder_names=("motorica",)
+    )
     unit: ClassVar[str] = "song"
 
     def __post_init__(self) -> None:
