@@ -59,6 +59,11 @@ def view(
     at
         Seconds to begin at.
 
+    Returns
+    -------
+    Page
+        Its `page` is the HTML; complete in itself.
+
     Raises
     ------
     UsageError
@@ -114,8 +119,15 @@ def report(
         Of a dataset: why you may pass the music on against its terms; it is published.
     clips
         Number of clips that the page plays; of a dataset also "all" or "none".
+    overwrite, progress
+        Replace the file; show progress.
     as_evaluate
         Of samples: further arguments of `dancedata.evaluate`.
+
+    Returns
+    -------
+    Report, or SamplesReport
+        With ``to_json()``.
 
     Raises
     ------

@@ -48,6 +48,10 @@ def open_store(path: str | Path, *, segments: str | Path | Sequence[str | Path] 
     mapped
         False: readers read by position, for files that may be overwritten in place, or file systems that map poorly.
 
+    Returns
+    -------
+    Store
+
     Raises
     ------
     StoreError
@@ -94,14 +98,10 @@ class Store(RowQueries):
         Names of the splits that have clips: train, val, test, then others.
     fields
         Columns of every field, by name.
-    fps
-        Frames per second of window starts and lengths: int if whole, else Fraction.
-    grid
-        The same rate as a `FrameGrid`.
-    skeleton
-        The motion's skeleton.
-    info
-        dataset.json.
+    fps, grid
+        Frames per second of window starts and lengths: int if whole, else Fraction; and as a `FrameGrid`.
+    skeleton, info
+        The motion's skeleton, and dataset.json.
     overlay
         Segments of files that were named when the dataset was opened, and notes on them; None without.
     """
