@@ -17,40 +17,21 @@ from dancedata.datasets.folder import Folder
 from dancedata.formats.body_model import body_model_skeleton, find_model, gender_of
 from dancedata.recipes.parse import parse_recipe
 from dancedata.store import open_store
+from tests.body_models import body_model, body_model_arrays
 from tests.messages import raises_message
 from tests.video_files import smpl_pickle
 
 N = 20
 
 
-def rest(skeleton: Skeleton) -> Any:
-    """Rest positions (J, 3)."""
-    places = np.array(skeleton.offsets)
-    for j in range(1, skeleton.n_joints):
-        places[j] += places[skeleton.parents[j]]
-    return places
-
-
-def model(path: Path, skeleton: Skeleton, *, shapes: int = 20, taller: float = 0.0, **changes: Any) -> Path:
-    """Write a tiny model in the published layout, a few vertices a joint; its mean body has the skeleton's joints."""
-    joints, n = rest(skeleton) * (1 + taller), skeleton.n_joints
-    vertices = np.repeat(joints, 2, axis=0) + np.tile([[0.01, 0, 0], [-0.01, 0, 0]], (n, 1))
-    directions = np.zeros((2 * n, 3, shapes))
-    directions[:, 1, 0] = 0.1 * vertices[:, 1]  # the first beta is height
+def model(path: Path, skeleton: Skeleton, *, taller: float = 0.0, **changes: Any) -> Path:
+    """Write a small model in the published layout, whose first two betas are height and width."""
+    vertices = body_model_arrays(skeleton)["v_template"] * (1 + taller)
+    directions = np.zeros((*vertices.shape, 20))
+    directions[:, 1, 0] = 0.1 * vertices[:, 1]
     directions[:, 0, 1] = 0.1 * vertices[:, 0]
     directions[..., 10:] = 7.0  # the face's: of no effect on the body
-    tree = np.zeros((2, n), dtype=np.int64)
-    tree[0], tree[1] = skeleton.parents, np.arange(n)
-    content = {
-        "v_template": vertices,
-        "shapedirs": directions,
-        "J_regressor": np.repeat(np.eye(n), 2, axis=1) / 2,
-        "kintree_table": tree.astype(np.uint32),
-        **changes,
-    }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(path, **{key: value for key, value in content.items() if value is not None})
-    return path
+    return body_model(path, skeleton, **{"v_template": vertices, "shapedirs": directions, **changes})
 
 
 def test_neutral_is_the_same_through_both_doors(tmp_path: Path) -> None:
@@ -130,14 +111,14 @@ def test_a_model_of_another_body(tmp_path: Path) -> None:
     with raises_message(UsageError, "smpl24", where="SMPLX_NEUTRAL.npz"):
         body_model_skeleton(path, joints=SMPL24)
     with raises_message(UsageError, "body_model", where="b.npz"):
-        body_model_skeleton(model(tmp_path / "b.npz", SMPLX55, J_regressor=np.zeros((22, 110))))
+        body_model_skeleton(model(tmp_path / "b.npz", SMPLX55, J_regressor=np.zeros((22, 648))))
 
 
 @pytest.mark.parametrize(
     "changes",
     [
-        {"J_regressor": None}, {"v_template": np.zeros((7, 3))}, {"shapedirs": np.zeros((110, 3))},
-        {"v_template": np.full((110, 3), np.nan)}, {"kintree_table": np.zeros((2, 55))},
+        {"J_regressor": None}, {"v_template": np.zeros((7, 3))}, {"shapedirs": np.zeros((648, 3))},
+        {"v_template": np.full((648, 3), np.nan)}, {"kintree_table": np.zeros((2, 55))},
         {"J_regressor": np.array({"sparse": 1}, dtype=object)},
     ],
 )  # fmt: skip
@@ -194,8 +175,8 @@ def test_planted_code_in_a_model_does_not_run(tmp_path: Path, monkeypatch: pytes
 @pytest.mark.parametrize(
     "change",
     [
-        {"_shape": (24, 2**29)}, {"_shape": (3, 4)}, {"_shape": (24.0, 48)}, {"indices": np.arange(48) + 1000},
-        {"indices": np.zeros(48)}, {"indptr": np.arange(49)[::-1].astype(np.int32)}, {"data": "text"},
+        {"_shape": (24, 2**29)}, {"_shape": (3, 4)}, {"_shape": (24.0, 276)}, {"indices": np.arange(192) + 1000},
+        {"indices": np.zeros(192)}, {"indptr": np.arange(277)[::-1].astype(np.int32)}, {"data": "text"},
     ],
     ids=lambda change: next(iter(change)),
 )  # fmt: skip

@@ -20,8 +20,13 @@ from dancedata.audio.hf.model_folder import ENVIRONMENT, open_model
 from dancedata.audio.hf.settings import Settings, settings_of
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.files.regular_file import sha256_file
-from dancedata.testing.encoders import write_random_model
+from dancedata.testing.encoders import KINDS, write_random_model
 from tests.conftest import Once
+
+#: Kinds of models without those that cut and frame a signal as wav2vec2 does.
+ONE_OF_EACH = sorted(
+    {*KINDS} - {"wav2vec2-large", "wav2vec2-conformer", "hubert", "hubert-large", "wavlm", "data2vec-audio"}
+)
 
 
 @pytest.fixture(autouse=True)

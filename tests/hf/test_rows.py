@@ -15,9 +15,8 @@ from dancedata.audio.hf.families.base import Timing, chunks_of
 from dancedata.audio.hf.rows import RowSum, frames_of, method_of, row_map
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
-from dancedata.testing.encoders import KINDS
 
-from .conftest import noise
+from .conftest import ONE_OF_EACH, noise
 
 MERT = Timing(24_000, Fraction(320), Fraction(399, 2))
 CODEC = Timing(44_100, Fraction(512), Fraction(256))
@@ -110,7 +109,7 @@ def test_resample_is_area_down_and_linear_up() -> None:
     assert method_of("linear", MERT, FrameGrid.of(30), codes=False) == "linear"
 
 
-@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("hubert", "hubert-large", "wav2vec2-conformer")])
+@pytest.mark.parametrize("kind", ONE_OF_EACH)
 def test_as_many_frames_as_the_network_gives(kind, encoder, feature):
     own = encoder(kind)
     family = own.settings.family
@@ -155,13 +154,10 @@ def _response(own: HuggingFaceEncoder, at: int, n: int) -> tuple[np.ndarray, np.
     return np.abs(two[1] - two[0]).max(axis=1), stamps
 
 
-SEE_BOTH_SIDES = (
-    "wav2vec2", "wav2vec2-large", "wavlm", "data2vec-audio", "mert", "w2v-bert", "whisper", "ast", "clap", "muq",
-    "encodec32", "encodec48", "dac", "pe-audio",
-)  # fmt: skip
+CAUSAL = ("encodec24", "mimi")
 
 
-@pytest.mark.parametrize("kind", SEE_BOTH_SIDES)
+@pytest.mark.parametrize("kind", [kind for kind in ONE_OF_EACH if kind not in CAUSAL])
 def test_a_click_is_in_the_middle_of_the_frames_that_see_it(kind, encoder):
     """Within half a hop: as many frames respond before a click as after it."""
     own = encoder(kind, normalize="none", **({} if kind in ("clap", "dac") or "encodec" in kind else {"layers": 0}))
@@ -186,7 +182,7 @@ def _centre(kind: str, strength: np.ndarray, stamps: np.ndarray) -> float:
     return float(stamps[seen[0]] + stamps[seen[-1]]) / 2
 
 
-@pytest.mark.parametrize("kind", ["encodec24", "mimi"])
+@pytest.mark.parametrize("kind", CAUSAL)
 def test_a_causal_codec_answers_first_in_the_frame_of_the_click(kind, encoder):
     own = encoder(kind)
     hop = int(own.settings.family.timing.hop)
