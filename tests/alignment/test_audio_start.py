@@ -1,10 +1,9 @@
 """Music that does not begin with its clip: rows lie on the clip's frames, to the nearest sample."""
 
 import shutil
-from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +15,9 @@ from dancedata.building.leaks import alike_songs
 from dancedata.building.left_out import reasons
 from dancedata.building.plan import make_plan
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.clip import ClipRef, Scan
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.grid import FrameGrid
-from dancedata.core.motion import Motion
-from dancedata.core.plugins import Dataset
-from dancedata.core.registry import DATASETS, FEATURES
-from dancedata.core.skeleton import SMPL24
+from dancedata.core.registry import FEATURES
 from dancedata.evaluation.clips import ClipSet, store_clips
 from dancedata.evaluation.music import Resources, music_plan, read_beats
 from dancedata.evaluation.protocol import PROTOCOLS
@@ -41,50 +36,32 @@ from tests.messages import raises_message
 RATE, SECONDS = 24_000, 8
 
 
-@dataclass(frozen=True)
-class Late(Dataset):
-    """One clip of 8 s, whose frame 0 is some second of its song."""
-
-    name: ClassVar[str] = "late"
-    version: ClassVar[int] = 1
-    licence: ClassVar[str] = "none"
-    citation: ClassVar[str] = "none"
-
-    start: str = "0"
-
-    def scan(self, source: Path) -> Scan:
-        return Scan(
-            "late",
-            (ClipRef("a", source / "a.npz", source / "a.wav", "train", music="m", audio_start=Fraction(self.start)),),
-        )
-
-    def load(self, ref: ClipRef) -> Motion:
-        rng = np.random.default_rng(0)
-        n = SECONDS * 30
-        poses = np.cumsum(rng.normal(scale=0.01, size=(n, 24, 3)), axis=0)
-        return Motion(np.tile([0.0, 0.9, 0.0], (n, 1)), poses, FrameGrid.of(30), SMPL24)
-
-    def make_example(self, folder: Path) -> None:
-        folder.mkdir()
+def write_clip(folder: Path, name: str, music: str) -> None:
+    rng, n = np.random.default_rng(0), SECONDS * 30
+    poses = np.cumsum(rng.normal(scale=0.01, size=(n, 72)), axis=0)
+    np.savez(folder / f"{name}.npz", poses=poses, trans=np.tile([0.0, 0.9, 0.0], (n, 1)))
+    pcm = synthesise_song(music, length_s=SECONDS, sample_rate=RATE, n_channels=1).pcm
+    soundfile.write(folder / f"{name}.wav", pcm, RATE, subtype="PCM_16")
 
 
 @pytest.fixture
 def song(tmp_path: Path) -> np.ndarray:
-    pcm = synthesise_song("mBR0", length_s=SECONDS, sample_rate=RATE, n_channels=1).pcm
     (tmp_path / "source").mkdir()
-    (tmp_path / "source" / "a.npz").write_bytes(b"x")
-    soundfile.write(tmp_path / "source" / "a.wav", pcm, RATE, subtype="PCM_16")
+    write_clip(tmp_path / "source", "a", "mBR0")
     return np.asarray(soundfile.read(tmp_path / "source" / "a.wav", dtype="float32")[0])
 
 
 @pytest.fixture
-def build(tmp_path: Path, cache: Path, monkeypatch: Any, song: np.ndarray) -> Any:
-    DATASETS.names()
-    monkeypatch.setitem(DATASETS._classes, "late", Late)
+def build(tmp_path: Path, cache: Path, song: np.ndarray) -> Any:
+    """Return a function that builds clips whose frame 0 is some second of their songs."""
 
     def run(start: str, folder: Path = tmp_path, **keys: Any) -> Store:
+        rows = [f"{name}.npz,{name}.wav,{split},{start},30,y,m" for name, split in (("a", "train"), ("b", "test"))]
+        rows = [row for row in rows if (folder / "source" / row.partition(",")[0]).exists()]
+        text = "\n".join(["motion,audio,split,audio_start_s,fps,up,unit", *rows])
+        (folder / "source" / "manifest.csv").write_text(text)
         document = {
-            "recipe": 1, "name": "late", "dataset": {"late": {"start": start}}, "fps": 30,
+            "recipe": 1, "name": "late", "dataset": {"folder": {}}, "fps": 30,
             "windows": {"length_s": 2, "stride_s": "1/2"}, "motion": {"joints": {}}, "audio": {"librosa35": {}},
         } | keys  # fmt: skip
         places = (folder / "source", folder / "out")
@@ -169,19 +146,9 @@ def test_windows_by_themselves_are_refused(build: Any) -> None:
 
 
 @pytest.fixture
-def two_splits(tmp_path: Path, song: np.ndarray, monkeypatch: Any) -> Path:
+def two_splits(tmp_path: Path, song: np.ndarray) -> Path:
     """Clips of train and test with songs of their own."""
-    pcm = synthesise_song("mHO3", length_s=SECONDS, sample_rate=RATE, n_channels=1).pcm
-    soundfile.write(tmp_path / "source" / "b.wav", pcm, RATE, subtype="PCM_16")
-    (tmp_path / "source" / "b.npz").write_bytes(b"y")
-    plain = Late.scan
-
-    def scan(self: Late, source: Path) -> Scan:
-        [a] = plain(self, source).clips
-        b = replace(a, id="b", motion_path=source / "b.npz", audio_path=source / "b.wav", split="test", music="n")
-        return Scan("late", (a, b))
-
-    monkeypatch.setattr(Late, "scan", scan)
+    write_clip(tmp_path / "source", "b", "mHO3")
     return tmp_path / "source"
 
 
@@ -205,7 +172,7 @@ def test_beats_of_music_files_are_counted_from_frame_0(tmp_path, cache, build, s
     resources = Resources(Cache(cache), 1, Progress(quiet=True))
     protocol = PROTOCOLS.get("dancedata")()
     clips, _ = store_clips(store, protocol)
-    for name, files in (("store", {}), ("files", {"m": tmp_path / "source" / "a.wav"})):
+    for name, files in (("store", {}), ("files", {"a": tmp_path / "source" / "a.wav"})):
         plan = music_plan(protocol, ClipSet(clips, "out", "truth", store), MusicSources(files=files))
         music, _ = read_beats(resources, plan)
         found[name] = music["a"].beats.seconds

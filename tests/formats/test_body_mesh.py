@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from dancedata.core.bodies import MOTORICA21, SMPLH52, SMPLX22, SMPLX52, SMPLX55
 from dancedata.core.errors import UsageError
@@ -170,12 +171,7 @@ class Read:
             if path == "translation":
                 local[node][:3, 3] = values[frame]
             else:
-                x, y, z, w = values[frame].astype(float)
-                local[node][:3, :3] = [
-                    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-                ]
+                local[node][:3, :3] = Rotation.from_quat(values[frame]).as_matrix()
         parents = {child: n for n, node in enumerate(self.nodes) for child in node.get("children", ())}
         for joint in self.document["skins"][0]["joints"]:
             matrix, node = local[joint], joint
