@@ -36,6 +36,16 @@ def moved(path: Floats) -> Motion:
     return replace(dance(), translation=dance().translation + path)
 
 
+def held_pose(n: int) -> tuple[int, Motion]:
+    """Return the first of n frames within a movement that repeat the frame before them, and the dance with them."""
+    speed = np.linalg.norm(np.diff(dance().joints(), axis=0), axis=2).max(axis=1) * 60
+    start = int(np.flatnonzero(speed[:400] > 1.5)[0]) + 1
+    held = {name: np.array(getattr(dance(), name)) for name in ("translation", "rotations")}
+    for array in held.values():
+        array[start : start + n] = array[start - 1]
+    return start, replace(dance(), **held)
+
+
 def bent(joint: str, by: tuple[float, float, float], frames: slice) -> Motion:
     rotations = np.array(dance().rotations)
     rotations[frames, SMPL24.index(joint)] = np.radians(by)
@@ -116,12 +126,8 @@ def test_a_pivot_on_the_toe_is_no_slide() -> None:
 
 
 def test_a_held_pose_is_frozen_and_a_resting_dancer_is_not() -> None:
-    speed = np.linalg.norm(np.diff(dance().joints(), axis=0), axis=2).max(axis=1) * 60
-    start = int(np.flatnonzero(speed[:400] > 1.5)[0]) + 1
-    held = [np.array(a) for a in (dance().translation, dance().rotations)]
-    for array in held:
-        array[start : start + 18] = array[start - 1]
-    found = score("frozen", Motion(*held, FrameGrid.of(60), SMPL24))
+    start, held = held_pose(18)
+    found = score("frozen", held)
     assert [span[:3] for span in found.spans] == [(start, start + 18, pytest.approx(0.3))]
     same = np.repeat(dance().translation[:1], 480, axis=0), np.repeat(dance().rotations[:1], 480, axis=0)
     assert score("frozen", Motion(*same, FrameGrid.of(60), SMPL24)).spans == ()
@@ -309,10 +315,6 @@ def error(one: Motion, other: Motion, where: list[int]) -> float:
     return float(np.linalg.norm(one.joints()[where] - other.joints()[where], axis=2).max())
 
 
-def with_root(offset: np.ndarray) -> Motion:
-    return replace(dance(), translation=dance().translation + offset)
-
-
 def test_a_clean_motion_is_returned_itself() -> None:
     repaired = repair.repaired(dance(), LIMITS)
     assert repaired.motion is dance()
@@ -329,7 +331,7 @@ def test_short_motions_are_returned_themselves(n: int) -> None:
 def test_a_spike_of_the_root_goes(n: int) -> None:
     offset = np.zeros((480, 3))
     offset[200 : 200 + n, 0] = 0.1
-    spoilt = with_root(offset)
+    spoilt = moved(offset)
     repaired = repair.repaired(spoilt, LIMITS)
     assert changed(spoilt, repaired.motion) == frames(repaired.flags, 480) == list(range(200, 200 + n))
     assert {(f.kind, f.joint) for f in repaired.flags} == {("repaired_spike", "pelvis")}
@@ -350,12 +352,7 @@ def test_a_spike_of_a_wrist_changes_the_joint_above_it_alone() -> None:
 
 
 def test_a_gap_is_filled() -> None:
-    speed = np.linalg.norm(np.diff(dance().joints(), axis=0), axis=2).max(axis=1) * 60
-    start = int(np.flatnonzero(speed[:400] > 1.5)[0]) + 1
-    held = {name: np.array(getattr(dance(), name)) for name in ("translation", "rotations")}
-    for array in held.values():
-        array[start : start + 12] = array[start - 1]
-    spoilt = replace(dance(), **held)
+    start, spoilt = held_pose(12)
     repaired = repair.repaired(spoilt, {"gaps": 0.5})
     where = list(range(start, start + 12))
     assert changed(spoilt, repaired.motion) == frames(repaired.flags, 480) == where
@@ -367,7 +364,7 @@ def test_a_gap_is_filled() -> None:
 def test_a_floor_that_sinks_is_levelled() -> None:
     ramp = np.zeros((480, 3))
     ramp[:, 1] = np.linspace(0, -0.15, 480)
-    spoilt = with_root(ramp)
+    spoilt = moved(ramp)
     repaired = repair.repaired(spoilt, LIMITS)
     assert [(f.kind, f.frame) for f in repaired.flags] == [("repaired_floor", None)]
     assert repaired.flags[0].value == pytest.approx(-0.15, abs=0.01)
@@ -378,7 +375,7 @@ def test_a_floor_that_sinks_is_levelled() -> None:
 
 def test_jitter_is_smoothed() -> None:
     noise = np.random.default_rng(0).normal(0, 0.01, (480, 3))
-    spoilt = with_root(noise)
+    spoilt = moved(noise)
     repaired = repair.repaired(spoilt, {"smoothing": 0.006})
     assert [(f.kind, f.frame) for f in repaired.flags] == [("repaired_jitter", None)]
     off = [np.sqrt(np.mean((m.joints()[:, 0] - dance().joints()[:, 0]) ** 2)) for m in (spoilt, repaired.motion)]

@@ -148,7 +148,7 @@ def test_small_files_that_want_much(hunt: ModuleType, tmp_path: Path, target: st
     for path, make in zip(files, BOMBS[target], strict=True):
         path.write_bytes(make())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
-    assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
+    assert findings([report]) == []
     # An invalid label is not an error, but reported.
     assert target == "label" or "valid" not in report["outcomes"], report["outcomes"]
 
@@ -180,7 +180,7 @@ def test_tables_that_want_much_or_look_elsewhere(hunt: ModuleType, tmp_path: Pat
     for path, change in zip(files, changes, strict=True):
         path.write_bytes(change(whole))
     report = hunt.run_batch("hdf5", seed=0, first=0, count=0, files=files)
-    assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
+    assert findings([report]) == []
     assert report["outcomes"] == {"StoreError": len(changes)}
 
 
@@ -221,7 +221,7 @@ def test_each_is_refused_by_name(hunt, hostile, tmp_path, target, kind):
     for path, make in zip(files, made.values(), strict=True):
         path.write_bytes(make())
     report = hunt.run_batch(target, seed=0, first=0, count=0, files=files)
-    assert [f"{f['what']} {f['where']} {f['error']}" for f in report["findings"]] == []
+    assert findings([report]) == []
     assert report["cases"] == len(files)
     assert "valid" not in report["outcomes"], report["outcomes"]
 
