@@ -43,24 +43,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BuildResult:
-    """The result of a build, as dataset.json has it.
-
-    `built`: False if the dataset existed already and nothing had to be done.
-    `counts`: Per split the numbers of clips, windows and songs, and the hours of motion.
-    `left_out`: Numbers of files, clips and windows that were left out, by reason; rejects.jsonl lists each.
-    `strict`: Whether songs that splits share count for a dataset that existed already, too.
-    `rebuilt`: Of a build from a publication: whether every shard, table and list has the same bytes; else None.
-    `compared`: A line on that.
-    """
+    """The result of a build, as dataset.json has it."""
 
     path: Path
-    built: bool
-    counts: Mapping[str, Mapping[str, Any]]
-    left_out: Mapping[str, int]
+    built: bool  # False if the dataset existed already
+    counts: Mapping[str, Mapping[str, Any]]  # per split: clips, windows, songs, hours of motion
+    left_out: Mapping[str, int]  # files, clips and windows, by reason
     notes: tuple[str, ...]
-    strict: bool = False
-    rebuilt: bool | None = None
-    compared: str = ""
+    strict: bool = False  # whether shared songs count for a dataset that existed, too
+    rebuilt: bool | None = None  # whether the bytes are those of a publication
+    compared: str = ""  # a line on that
 
     @classmethod
     def of(cls, path: Path, built: bool, strict: bool) -> BuildResult:

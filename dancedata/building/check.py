@@ -136,12 +136,8 @@ def _nothing_usable(path: Path, usable: Collection[str], rejects: Sequence[Rejec
 def _lengths_note(path: Path, lengths: Sequence[_Length]) -> list[Problem]:
     """Return the note with the lengths of motion and music side by side, the largest differences first."""
     ordered = sorted(lengths, key=lambda length: (-abs(length[1] - length[2]), length[0]))
-    sides = [f"{clip} {motion:.2f} and {music:.2f}" for clip, motion, music in ordered[:_LENGTHS]]
-    if len(ordered) > _LENGTHS:
-        _, motion, music = ordered[_LENGTHS]
-        n = counted(len(ordered) - _LENGTHS, "clip")
-        sides.append(f"{n} that differ by at most {abs(motion - music):.2f}")
-    text = f"Seconds of motion and music, the largest differences first: {'; '.join(sides)}."
+    sides = [f"{clip} {motion:.2f} and {music:.2f}" for clip, motion, music in ordered]
+    text = f"Seconds of motion and music, the largest differences first: {listed(sides, _LENGTHS)}."
     return [Problem("note", str(path), text)] if sides else []
 
 

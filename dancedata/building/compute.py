@@ -26,12 +26,11 @@ _PARTS = 128
 
 
 class Unit(NamedTuple):
-    """A unit of work: a source, the `number`-th share of what is made of it, and the next file, to load ahead."""
+    """A unit of work: a source, and the `number`-th share of what is made of it."""
 
     source: Loadable
     wanted: Sequence[tuple[Maker, Sequence[Ask]]]
     number: int = 0
-    following: Path | None = None
 
     @property
     def path(self) -> Path:
@@ -65,8 +64,6 @@ def make(cache: Cache, unit: Unit) -> dict[str, Any]:
         except DataError as error:
             reject = reject_of(error, file=source.path)
             return {key: reject if cached is None else cached for key, cached in by_key.items()}
-        if unit.following is not None and (load_ahead := wanted[0][0].load_ahead) is not None:
-            load_ahead(unit.following)
         for within in dict.fromkeys(ask.within for _, asks in missing for ask in asks):
             for maker, asks in missing:
                 of_scene = [ask for ask in asks if ask.within == within]
@@ -95,13 +92,8 @@ def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, pro
     if not units:
         return {}
     cached, maker = [in_cache(cache, unit) for unit in units], units[0].wanted[0][0]
-    missing = [unit.path for unit, of_cached in zip(units, cached, strict=True) if of_cached is None]
-    following = iter([*missing[1:], None])
-    calls = [
-        (cache, unit._replace(following=next(following)) if of_cached is None else unit)
-        for unit, of_cached in zip(units, cached, strict=True)
-    ]
-    if missing:  # devices are looked up only if there is something to compute
+    calls = [(cache, unit) for unit in units]
+    if None in cached:  # devices are looked up only if there is something to compute
         jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
     of_units = run_units(make, calls, cached=cached, jobs=jobs, label=label, progress=progress, exact=not maker.lane)
     return {key: result for of_unit in of_units for key, result in of_unit.items()}

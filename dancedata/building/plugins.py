@@ -93,11 +93,6 @@ class Maker(ABC):
         return ""
 
     @property
-    def load_ahead(self) -> Callable[[Path], None] | None:
-        """What begins to load the next source's file while one is computed; None for what takes no time."""
-        return None
-
-    @property
     @abstractmethod
     def id(self) -> str:
         """What tells it from all other makers of a recipe."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -24,34 +23,6 @@ from dancedata.music.silence import Level, levels, without_sound
 
 #: Raised by hand when the stage gives other numbers for the same input.
 _SIGNAL_STAGE = 5
-#: The thread that decodes ahead, once there is one, and the file that it decodes.
-_threads: list[ThreadPoolExecutor] = []
-_ahead: dict[Path, Future[AudioSignal]] = {}
-
-
-def decode_ahead(path: Path) -> None:
-    """Begin to decode a file in another thread; drop a file that was begun and not used."""
-    if not _threads:
-        _threads.append(ThreadPoolExecutor(max_workers=1, thread_name_prefix="decode-ahead"))
-    if path not in _ahead:
-        _ahead.clear()
-        from dancedata.music.signal import load_audio
-
-        _ahead[path] = _threads[0].submit(load_audio, path)
-
-
-def decoded(path: Path) -> AudioSignal:
-    """Return a file's signal, decoded now or ahead; raises as `load_audio`."""
-    from dancedata.music.signal import load_audio
-
-    begun = _ahead.pop(path, None)
-    if begun is None:
-        return load_audio(path)
-    try:
-        return begun.result()
-    except (DataError, OSError):
-        # The unit that needs the file reports the error.
-        return load_audio(path)
 
 
 class SignalInfo(NamedTuple):
@@ -141,7 +112,9 @@ class SignalId:
 
     def load(self) -> AudioSignal:
         """Decode the signal again; DataError "changed" if the file has changed, whose key would be the old one's."""
-        signal_of_file = decoded(self.path)
+        from dancedata.music.signal import load_audio
+
+        signal_of_file = load_audio(self.path)
         file = None
         with suppress(OSError):
             file = Cache.stat_key("signal", self.path)

@@ -99,12 +99,11 @@ class FrameGrid:
         """Return how many frames `seconds` are, exactly; UsageError for a part of a frame."""
         exact = as_fraction(seconds, what) * self.rate
         if exact.denominator != 1:
-            raise UsageError(
-                f"{what} is not a whole number of frames",
-                found=f"{seconds} s = {float(exact):.6g} frames at {self.rate} per second",
-                allowed=f"multiples of {float(1 / self.rate):.6g} s",
-                fix=f"give it in frames, or choose {float(max(1, round(exact)) / self.rate):.6g} s",
-            )
+            nearest = float(max(1, round(exact)) / self.rate)
+            raise UsageError(f"{what} is not a whole number of frames",
+                             found=f"{seconds} s = {float(exact):.6g} frames at {self.rate} per second",
+                             allowed=f"multiples of {float(1 / self.rate):.6g} s",
+                             fix=f"give it in frames, or choose {nearest:.6g} s")  # fmt: skip
         return int(exact)
 
     def frames_up(self, seconds: Fraction) -> int:

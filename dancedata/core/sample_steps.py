@@ -57,10 +57,9 @@ class Step:
 
 
 def steps_of(augment: Augment | None) -> Iterator[Step]:
-    """Yield the steps that plug-ins, names and mappings of names to parameters stand for.
+    """Yield the steps that plug-ins, names and mappings of names to parameters, or to a probability, stand for.
 
-    ``"p"`` among the parameters is the probability that a sample is changed, as is a number instead of them; True:
-    always, False: never.
+    ``"p"`` among the parameters is the probability that a sample is changed; True: always, False: never.
     """
     if isinstance(augment, str | Augmentation | RandomAugmentation) or not isinstance(augment, Iterable | None):
         raise UsageError("augment is not a list", found=augment, allowed='such as ["yaw"] or {"mirror": 0.5}')

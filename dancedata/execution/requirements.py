@@ -72,13 +72,10 @@ def check_worker(required: Requirements) -> None:
     if differences := [
         f"{name} {found[name]}, not {version}" for name, version in needed.items() if found[name] != version
     ]:
-        raise DanceDataError(
-            "package versions differ on a worker, so results would differ",
-            where=where,
-            found="; ".join(differences),
-            fix="use on all workers the environment of the machine that builds; workers of Dask need a nanny, as by "
-            "default, for the same arithmetic",
-        )
+        raise DanceDataError("package versions differ on a worker, so results would differ", where=where,
+                             found="; ".join(differences),
+                             fix="use on all workers the environment of the machine that builds; Dask needs "
+                             "nannies, as by default, for the same arithmetic")  # fmt: skip
 
 
 def versions_of(packages: set[str], arithmetic: str) -> tuple[tuple[str, str], ...]:

@@ -57,13 +57,10 @@ class PageFiles:
 
     def _require_size(self, n_bytes: int) -> None:
         if n_bytes > self.max_mb * _MB:
-            raise UsageError(
-                "the page is too large",
-                where=self.path,
-                found=f"{n_bytes / _MB:.1f} MB",
-                allowed=f"{self.max_mb:g} MB",
-                fix="show fewer clips (--clips 4, or none), or omit the music, which takes most of the space",
-            )
+            raise UsageError("the page is too large", where=self.path, found=f"{n_bytes / _MB:.1f} MB",
+                             allowed=f"{self.max_mb:g} MB",
+                             fix="show fewer clips (--clips 4, or none), or omit the music, which takes most of the "
+                             "space")  # fmt: skip
 
     def _listing(self) -> dict[str, Any] | None:
         """Return the files of the folder as a report of this name lists them; None if none wrote it."""

@@ -100,14 +100,11 @@ def _require_mix(path: Path, samples: NDArray[np.float32], mono: NDArray[np.floa
     kept = n_channels**2 * float(np.vdot(mono, mono)) / total if total > 0 else 1.0
     if n_channels > 1 and kept < _LEAST_MIX:
         level = f"{10 * math.log10(kept):.0f} dB" if kept > 0 else "silent"
-        raise DataError(
-            "the channels are in antiphase: their mean, from which features are computed, has lost the music",
-            reason="antiphase",
-            where=str(path),
-            found=f"a mix of {n_channels} channels, {level} relative to that of unrelated channels",
-            allowed=f"{10 * math.log10(_LEAST_MIX):.0f} dB or more",
-            fix="export the file again as mono, or with the polarity of one channel inverted",
-        )
+        raise DataError("the channels are in antiphase: their mean, from which features are computed, has lost the "
+                        "music", reason="antiphase", where=str(path),
+                        found=f"a mix of {n_channels} channels, {level} relative to that of unrelated channels",
+                        allowed=f"{10 * math.log10(_LEAST_MIX):.0f} dB or more",
+                        fix="export the file again as mono, or with one channel inverted")  # fmt: skip
 
 
 def audio_length(path: Path | str) -> tuple[int, int]:

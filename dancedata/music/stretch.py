@@ -28,10 +28,7 @@ def stretched_length(n_samples: int, speed: Fraction) -> int:
 def stretched(signal: AudioSignal, speed: Fraction) -> AudioSignal:
     """Return a signal `speed` times as fast, with the same pitch (a phase vocoder: librosa.effects.time_stretch).
 
-    What is heard at t seconds of the signal is heard at t / speed seconds of the result; the frames of the vocoder
-    are centred, so that nothing is delayed.
-
-    Raises DataError: "short_audio" if no sample would be left.
+    What is heard at t seconds is heard at t / speed seconds. DataError "short_audio" if nothing is left.
     """
     if not stretched_length(signal.n_samples, speed):
         raise DataError("the signal is too short to be stretched", reason="short_audio",

@@ -40,9 +40,8 @@ def recipe_names() -> tuple[str, ...]:
 def load_recipe(recipe: str | Path | Mapping[str, Any] | Recipe, overrides: Overrides = ()) -> Recipe:
     """Read a recipe, by its name or file or as a document, and change some of its keys; a checked one stays as it is.
 
-    `overrides`: Keys to change: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
-    Raises RecipeError: Listing every problem at once.
-    Raises UsageError: If the recipe, or a file of its `plugins`, does not exist or cannot be loaded.
+    `overrides`: ``"windows.stride_s=1"`` as on the command line, or ``{"windows.stride_s": 1}``.
+    Raises RecipeError, which lists every problem; UsageError for a file that does not exist or cannot be loaded.
     """
     if isinstance(recipe, Recipe):
         if overrides:

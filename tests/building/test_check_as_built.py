@@ -98,7 +98,7 @@ def test_lengths_of_motion_and_music_stand_side_by_side(mixed, tmp_path, recipe)
     problems = dancedata.check(tmp_path, dataset=dataset, recipe=recipe, progress=False)
     notes = [p.message for p in problems if p.message.startswith("Seconds of motion and music")]
     # A build leaves b out, which has a reject with its lengths.
-    of_b = "" if recipe else "b 4.00 and 1.00; "
+    of_b = "" if recipe else "b 4.00 and 1.00, "
     assert notes == [f"Seconds of motion and music, the largest differences first: {of_b}a 4.00 and 4.00."]
 
 

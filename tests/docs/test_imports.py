@@ -19,7 +19,7 @@ RINGS = load(ROOT / "benchmarks" / "rings.py")
 #: Pairs of files that break the rings, by rooms; the numbers only shrink, and the table ends empty.
 BREAKS: dict[str, int] = {}
 #: Most lines that a build of aist++ and a batch of it load.
-ROAD = 19_612
+ROAD = 19_543
 
 
 def circle(root: Path) -> list[str]:

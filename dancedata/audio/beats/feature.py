@@ -61,7 +61,6 @@ class Beats(NetworkFeature):
     #: Not torch: another version of it moves logits by about 1e-6, and beats are whole frames of 20 ms.
     packages: ClassVar[tuple[str, ...]] = ("librosa", "numpy", "scipy", "soxr")
     uses_tempo: ClassVar[bool] = True
-    prefetch: ClassVar[bool] = False
 
     source: Source = "librosa"
     weights: Path | None = field(default=None, metadata={"path": True})

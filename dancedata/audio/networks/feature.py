@@ -39,7 +39,6 @@ class NetworkFeature(AudioFeature):
 
     exact: ClassVar[bool] = False
     uses_tempo: ClassVar[bool] = False
-    prefetch: ClassVar[bool] = True
     weights_key: ClassVar[str] = "weights"
 
     device: str

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from dancedata.building.inputs import Music, Song
 from dancedata.building.plugins import Ask, Field, Reach
 from dancedata.building.result import Rows
-from dancedata.building.signals import SignalId, decode_ahead
+from dancedata.building.signals import SignalId
 from dancedata.building.take import Take
 from dancedata.core.clip import Reject
 from dancedata.core.errors import StoreError, UsageError
@@ -97,11 +97,6 @@ class MusicField(FeatureField):
     @override
     def batch(self) -> int:
         return self.feature.windows_per_call or super().batch
-
-    @property
-    @override
-    def load_ahead(self) -> Callable[[Path], None] | None:
-        return decode_ahead if self.feature.prefetch else None
 
     @override
     def workers(self, jobs: int) -> int:

@@ -35,8 +35,6 @@ class AudioFeature(Plugin):
         Delay of the group "beat", rows: subtract it to get the instant of a beat.
     from_files
         Whether rows come from files: it is a `FileFeature`.
-    prefetch
-        Whether it computes on a device, so that the next song may be decoded at the same time.
     """
 
     packages: ClassVar[tuple[str, ...]]
@@ -44,7 +42,6 @@ class AudioFeature(Plugin):
     uses_tempo: ClassVar[bool] = True
     beat_rows_late: ClassVar[int] = 0
     from_files: ClassVar[bool] = False
-    prefetch: ClassVar[bool] = False
 
     @property
     def of_motion(self) -> bool:
