@@ -84,27 +84,19 @@ def _sizes(arrays: ArrayFile) -> Sizes:
     shape, has_orients = arrays.shape(POSES), ORIENTS in arrays.names
     width = shape[-1] if len(shape) == 3 else 0
     if has_orients and width == _ALL:
-        raise DataError(
-            f"the root's rotation is in the file twice: {POSES} has all {JOINTS} joints, and there is {ORIENTS}",
-            reason="contradiction",
-            where=str(path),
-            found=f"{POSES} {shape}, {ORIENTS} {arrays.shape(ORIENTS)}",
-            allowed=f"{POSES} (P, T, {_ALL}) alone, or (P, T, 63) with {ORIENTS} (P, T, 3)",
-            fix="remove the one that is wrong",
-        )
+        raise DataError("the root's rotation is in the file twice", reason="contradiction", where=str(path),
+                        found=f"{POSES} {shape}, of all {JOINTS} joints, and {ORIENTS} {arrays.shape(ORIENTS)}",
+                        allowed=f"{POSES} (P, T, {_ALL}) alone, or (P, T, 63) with {ORIENTS} (P, T, 3)",
+                        fix="remove the one that is wrong")  # fmt: skip
     valid = width % 3 == 0 and 0 < width <= _BODY if has_orients else width == _ALL
     if not valid:
-        hint = " (the 63 columns are the body without its root)" if width == 63 else ""
-        allowed = f"(P, T, n) with n at most {_BODY} and a multiple of 3" if has_orients else f"(P, T, {_ALL})"
-        raise DataError(f"{POSES} has the wrong shape{' for a file without ' + ORIENTS if hint else ''}",
-                        reason="bad_shape", where=str(path), found=f"{shape}{hint}", allowed=allowed,
-                        fix=checks.DOWNLOAD_AGAIN)  # fmt: skip
+        allowed = f"n at most {_BODY} and a multiple of 3" if has_orients else f"n {_ALL}, as {ORIENTS} is not there"
+        raise checks.bad_shape(path, POSES, shape, f"(P, T, n), {allowed}")
     for key in (TRANS, *([ORIENTS] if has_orients else [])):
         if arrays.shape(key) != (*shape[:2], 3):
             raise DataError(f"{key} and {POSES} do not agree", reason="length_mismatch", where=str(path),
                             found=f"{key} {arrays.shape(key)}, {POSES} {shape}",
-                            allowed=f"{key} {(*shape[:2], 3)}: dancers, frames, 3",
-                            fix=checks.DOWNLOAD_AGAIN)  # fmt: skip
+                            allowed=f"{key} {(*shape[:2], 3)}", fix=checks.DOWNLOAD_AGAIN)  # fmt: skip
     if not (shape[0] and shape[1]):
         raise checks.no_frames(path)
     return Sizes(shape[0], shape[1], width, has_orients)

@@ -154,7 +154,8 @@ class AistPP(PairedDataset):
             listed_names, notes = _mapping(listing.folders)
             text = "Splits: none requested; every clip is in the split 'all'."
             return Splits(dict.fromkeys(names, ALL), (text, *notes, last), {}, listed_names, ignored=ignored)
-        places, without = _split_places(listing.folders), f"in no {self.split} split"
+        places = [folder for place in listing.folders.places if (folder := place / "splits").is_dir()]
+        without = f"in no {self.split} split"
         for place in places:
             paths = {split: place / f"{self.split}_{split}.txt" for split in SPLITS}
             existing = {split: path for split, path in paths.items() if path.is_file()}
@@ -185,9 +186,7 @@ class AistPP(PairedDataset):
         n_songs = len(self._songs(listing))
         files = counted(len(listing.motions.files.keys() & listing.music.files.keys()), "file")
         songs, one = counted(n_songs, "song"), "one audio file per"
-        yield first.replace(
-            "Layout: AIST++", "Layout: EDGE's" if listing.layout == "edge" else "Layout: official AIST++"
-        )
+        yield first.replace("AIST++", "EDGE's" if listing.layout == "edge" else "official AIST++", 1)
         if listing.layout == "mixed":
             yield f"Music: of sequences and of songs in {where}: {files} of a sequence, which is preferred; {songs}."
         elif n_songs or listing.layout == "edge":
@@ -284,10 +283,6 @@ class AistPP(PairedDataset):
         n = f"{counted(len(names[0]), 'name')}, {len(names[0] & listing.motions.files.keys()):,} of them"
         note = f"Ignore list: {where}{unused}; {n} among the motion files found."
         return dict.fromkeys(names[0], f"on {where}"), note
-
-
-def _split_places(folders: Folders) -> list[Path]:
-    return [place / "splits" for place in folders.places if (place / "splits").is_dir()]
 
 
 def _from_files(folders: Folders, name: str, paths: Mapping[str, Path]) -> tuple[dict[str, str], list[str]]:

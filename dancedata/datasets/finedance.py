@@ -22,12 +22,11 @@ from dancedata.core.rotations import rotation_6d
 from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
-from dancedata.datasets.checks import check_rows, no_frames, require_finite, rotations_of
+from dancedata.datasets.checks import bad_shape, check_rows, no_frames, require_finite, rotations_of
 from dancedata.datasets.files import ALL, extra_file, files_by_stem
 from dancedata.datasets.published import Layout, LeftOut, Listing, PublishedDataset, Splits
 from dancedata.files.listing import list_folder
 from dancedata.files.strict_json import read_json
-from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.values import open_arrays
 
 RATE, JOINTS = 30, SMPLX52.n_joints
@@ -37,8 +36,6 @@ IDS = tuple(f"{n:03d}" for n in range(1, 212))
 KEY, MUSIC, LABELS = "style2", "music_wav", "label_json"
 #: Labels have about a hundred bytes; larger files are not read.
 MAX_BYTES = 1 << 20
-#: Characters of a genre in messages.
-SHOWN = 40
 
 
 def read_genre(path: Path | None, clip: str) -> str:
@@ -58,7 +55,7 @@ def read_genre(path: Path | None, clip: str) -> str:
         raise LeftOut("missing_label", f"{name} has no {KEY}; keys found: {keys}", fix=WITHOUT_LABELS)
     genre = genre_of(style) if isinstance(style, str) else ""
     if not genre:
-        problem = f"{name}: {KEY} is {quoted(style, SHOWN)}, not one of {', '.join(manifest('finedance')['genres'])}"
+        problem = f"{name}: {KEY} is {quoted(style, 40)}, not one of {', '.join(manifest('finedance')['genres'])}"
         raise LeftOut("unknown_genre", problem, fix=WITHOUT_LABELS)
     return genre
 
@@ -271,7 +268,12 @@ def _clip_notes(clips: Sequence[ClipRef]) -> Iterable[str]:
 def load_motion(path: Path, trim_start: int = 0) -> Motion:
     """Read translation and 52 x 6D of a (T, 315) array: 30 FPS, metres, +Y up; axis-angle (T, 55, 3)."""
     with open_arrays(path) as arrays:
-        _check_shape(arrays)
+        shape = arrays.shape("")
+        if len(shape) != 2 or shape[1] != COLUMNS:
+            allowed = f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D"
+            raise bad_shape(path, "the motion", shape, allowed, "use the files of motion/ as published")
+        if shape[0] == 0:
+            raise no_frames(path)
         array = arrays.read("")
     require_finite(path, "the motion", array, columns=True)
     rows = array[:, 3:].reshape(len(array), JOINTS, 6)
@@ -281,18 +283,6 @@ def load_motion(path: Path, trim_start: int = 0) -> Motion:
                         found=f"{len(array)} frames, the first {trim_start} of them to be trimmed",
                         fix="check that this is the file of that id")  # fmt: skip
     return Motion(array[:, :3], rotations_of(rows), FrameGrid.of(RATE), SMPLX55, trim_start)
-
-
-def _check_shape(arrays: ArrayFile) -> None:
-    """Check the shape in the header, (T, 315)."""
-    shape = arrays.shape("")
-    if len(shape) != 2 or shape[1] != COLUMNS:
-        raise DataError("the motion file has the wrong shape", reason="bad_shape", where=str(arrays.path),
-                        found=str(shape),
-                        allowed=f"(T, {COLUMNS}) of floats: translation 3, then {JOINTS} joints x 6D",
-                        fix="use the files of motion/ as published")  # fmt: skip
-    if shape[0] == 0:
-        raise no_frames(arrays.path)
 
 
 def _with_hands(steps: str, n_frames: int) -> Motion:

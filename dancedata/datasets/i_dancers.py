@@ -71,14 +71,9 @@ class IDancers(PairedDataset):
             as_rate(self.fps)
 
     layout: ClassVar[Layout] = Layout(
-        "i-dancers",
-        "I-Dancers",
-        "motion",
-        ".pkl",
-        f"NAME{SUFFIX}.pkl",
-        folder_names=("dancers",),
-        stem=f"{{}}{SUFFIX}",
-    )
+        "i-dancers", "I-Dancers", "motion", ".pkl", f"NAME{SUFFIX}.pkl",
+        folder_names=("dancers",), stem=f"{{}}{SUFFIX}",
+    )  # fmt: skip
     music_folders: ClassVar[tuple[str, ...]] = ("music",)
     official: ClassVar[Mapping[str, str]] = {"train": "train.txt", "test": "test.txt"}
 

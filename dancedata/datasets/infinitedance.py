@@ -315,9 +315,9 @@ def load_columns(path: Path) -> Motion:
     """Read a file of 264 columns as the joints that humanml264 decodes, 30 FPS; rotations are fitted to them."""
     with open_arrays(path) as arrays:
         shape = arrays.shape("") if arrays.names == ("",) else ()
-        columns = arrays.read("") if len(shape) == 2 and shape[1] == COLUMNS else None
-    if columns is None:
-        raise checks.bad_shape(path, "the array", shape, f"(T, {COLUMNS})")
+        if len(shape) != 2 or shape[1] != COLUMNS:
+            raise checks.bad_shape(path, "the array", shape, f"(T, {COLUMNS})")
+        columns = arrays.read("")
     if not len(columns):
         raise checks.no_frames(path)
     checks.require_finite(path, "the array", columns, columns=True)

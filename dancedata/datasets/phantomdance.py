@@ -125,8 +125,7 @@ class PhantomDance(PairedDataset):
                               found=listed(relative(folder, source) for folder in folders),
                               fix="set SOURCE to the folder of motions, and music_dir to that of music")  # fmt: skip
         raise SourceError("phantomdance: no motion found", where=str(source), found=describe(source),
-                          allowed=_LOOKED_FOR,
-                          fix="set SOURCE to the folder of the unpacked archive")  # fmt: skip
+                          allowed=_LOOKED_FOR, fix="set SOURCE to the folder of the unpacked archive")  # fmt: skip
 
 
 def _has_motions(folder: Path) -> bool:

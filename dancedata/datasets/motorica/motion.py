@@ -80,15 +80,11 @@ def _joints(bvh: Bvh, fingers: bool) -> list[int]:
     root = bvh.joints[kept[0]]
     still = [bvh.joints[k].name for k in kept if len(bvh.joints[k].order) != 3]
     if len(root.position_columns) != 3 or still:
-        raise DataError(
-            "channels of the hierarchy are missing",
-            reason="missing_channels",
-            where=str(bvh.path),
-            found=f"{root.name}: {' '.join(root.channels)}"
-            + (f"; three rotations lack {listed(still)}" * bool(still)),
-            allowed="three positions for Hips, three rotations for each joint",
-            fix=_PUBLISHED,
-        )
+        lacks = f"; three rotations lack {listed(still)}" if still else ""
+        raise DataError("channels of the hierarchy are missing", reason="missing_channels", where=str(bvh.path),
+                        found=f"{root.name}: {' '.join(root.channels)}{lacks}",
+                        allowed="three positions for Hips, three rotations for each joint",
+                        fix=_PUBLISHED)  # fmt: skip
     return kept
 
 
