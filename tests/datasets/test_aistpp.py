@@ -23,15 +23,9 @@ def test_official_layout(official: Any) -> None:
     assert splits(scan) == {TRAIN: "train", VAL: "val", TEST: "test"}
     clip = scan.clips[0]
     assert clip == ClipRef(
-        id=TRAIN,
-        motion_path=official.root / "motions" / f"{TRAIN}.pkl",
-        audio_path=official.root / "wavs" / "mBR2.wav",
-        split="train",
-        music="mBR2",
-        tempo_bpm=100.0,
-        genre="gBR",
-        dancer="d04",
-    )
+        TRAIN, official.root / "motions" / f"{TRAIN}.pkl", official.root / "wavs" / "mBR2.wav", "train", music="mBR2",
+        tempo_bpm=100.0, genre="gBR", dancer="d04",
+    )  # fmt: skip
     assert rejects(scan, "unassigned") == [UNASSIGNED]
     assert rejects(scan, "ignored") == [IGNORED]
     assert len(scan.rejects) == 2, "the song of an ignored clip is not unused"
@@ -162,6 +156,9 @@ def test_an_own_split(official: Any) -> None:
     official.names("splits/mine_train.txt", TEST)
     assert splits(AistPP(split="mine").scan(official.root)) == {TEST: "train"}
     assert splits(AistPP().scan(official.root)) == {TRAIN: "train", VAL: "val", TEST: "test"}, "rule: no such file"
+    scan = AistPP(split="all").scan(official.root)
+    assert splits(scan) == dict.fromkeys(sorted([TRAIN, VAL, TEST, UNASSIGNED]), "all")
+    assert rejects(scan, "ignored") == [IGNORED]
 
 
 @pytest.mark.parametrize(
@@ -180,12 +177,6 @@ def test_clip_in_two_splits(official: Any) -> None:
     official.names("splits/crossmodal_test.txt", TEST)
     with raises_message(SourceError, "gJS_sBM_cAll_d03_mJS3_ch02"):
         AistPP().scan(official.root)
-
-
-def test_all(official: Any) -> None:
-    scan = AistPP(split="all").scan(official.root)
-    assert splits(scan) == dict.fromkeys(sorted([TRAIN, VAL, TEST, UNASSIGNED]), "all")
-    assert rejects(scan, "ignored") == [IGNORED]
 
 
 @pytest.mark.parametrize("file", ["ignore_list.txt", "splits/ignore_list.txt"])

@@ -12,7 +12,7 @@ import soundfile
 from scipy.spatial.transform import Rotation
 
 import dancedata
-from dancedata.core.errors import DataError, SourceError
+from dancedata.core.errors import DataError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
@@ -63,15 +63,6 @@ def test_lists_and_files_that_do_not_agree(source: Path) -> None:
     optional = IDancers(music="optional", fps="30").scan(source)
     assert {clip.group for clip in optional.clips} == {"seq_001", "seq 010"}
     assert rejects(IDancers(music="optional").scan(source), "missing_music") == ["seq 010"]
-
-
-def test_lists_are_needed_and_apart(source: Path) -> None:
-    (source / "test.txt").write_text("seq_001_smpl.pkl\nseq 010")
-    with raises_message(SourceError, "motions", where="мой dänce"):
-        IDancers().scan(source)
-    (source / "test.txt").unlink()
-    with raises_message(SourceError, r"test\.txt", where="мой dänce"):
-        IDancers().scan(source)
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 1.2, 1.25, 1.5])  # as long at 60, none, 25, 24, 20 FPS

@@ -1,9 +1,10 @@
 """Scans of all published datasets: music here and elsewhere, other files, links, wrong folders; wrong parameters."""
 
+import re
 import shutil
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
 
@@ -94,6 +95,20 @@ def test_a_folder_with_another_dataset_or_without_motion(name: str, source: Path
     (source.parent / "other" / "holiday.jpg").write_bytes(b"x")
     with raises_message(SourceError, r"holiday\.jpg", where="other"):
         reader(name).scan(source.parent / "other")
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if DATASETS.get(name).official])
+def test_official_lists_are_needed_and_apart(name: str, source: Path) -> None:
+    train, test = (next(source.rglob(DATASETS.get(name).official[split])) for split in ("train", "test"))
+    test.write_bytes(train.read_bytes())
+    with raises_message(SourceError, f"name the same motions.*{re.escape(train.name)}"):
+        reader(name).scan(source)
+    test.unlink()
+    with raises_message(SourceError, re.escape(f"found no {test.name}")) as error:
+        reader(name).scan(source)
+    assert error.value.fix
+    if by_unit := [s for s in get_args(get_type_hints(DATASETS.get(name)).get("split")) if s.startswith("by-")]:
+        assert reader(name, split=by_unit[0]).scan(source).clips
 
 
 WRONG: dict[str, dict[str, tuple[Any, ...]]] = {
