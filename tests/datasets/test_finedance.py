@@ -183,6 +183,8 @@ def test_motion_is_canonical(fine: Any) -> None:
     assert np.array_equal(motion.translation, raw[:, :3].astype(np.float64))
     assert not motion.rotations[:, 22:25].any(), "jaw and eyes"
     assert np.abs(columns_of(motion) - raw).max() < 1e-6
+    slightly_off = np.concatenate([raw[:, :3], raw[:, 3:] * 1.0005], axis=1)
+    assert np.abs(columns_of(load(fine.motion("002", slightly_off))) - raw).max() < 1e-6
     left_index1 = SMPLX55.index("left_index1")
     assert np.abs(rotation_6d(matrix_from_rotvec(motion.rotations[0, left_index1])) - raw[0, 135:141]).max() < 1e-6
 

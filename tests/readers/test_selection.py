@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -164,25 +165,24 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
         WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))
 
 
-def _with_clips(store_path: Path, change: Callable[[StoredClip], StoredClip]) -> Store:
-    """Four train clips of one protocol's train and val lists, each changed before it is stored."""
-    made = write_random_store(store_path / "plain", clips={"train": 4}, n_frames=(90, 90), length=30, stride=30)
-    clips = [change(replace(c, lists=(f"p.{'val' if k == 3 else 'train'}",))) for k, c in enumerate(made.clips)]
-    (store_path / "out").mkdir()
-    write_store(store_path / "out", made.header, clips)
-    return open_store(store_path / "out")
+def _written(folder: Path, change: Callable[[StoredClip], StoredClip], **options: Any) -> Store:
+    """Train clips of 90 frames, windows of 30, each clip changed before it is stored."""
+    options = {"clips": {"train": 4}, "n_frames": (90, 90), "length": 30, "stride": 30, **options}
+    made = write_random_store(folder / "plain", **options)
+    (folder / "out").mkdir()
+    write_store(folder / "out", made.header, list(map(change, made.clips)))
+    return open_store(folder / "out")
 
 
 def test_mirrored_copies_are_for_training_under_every_protocol(tmp_path: Path) -> None:
-    sources = {"train_c01": ("p.train",), "train_c02": ("p.val",)}
-    made = _with_clips(
-        tmp_path, lambda c: replace(c, source="train_c00", lists=sources[c.id]) if c.id in sources else c
-    )
+    lists = {f"train_c{k:02d}": (f"p.{split}",) for k, split in enumerate(("train", "train", "val", "val"))}
+    copies = {"train_c01", "train_c02"}
+    made = _written(tmp_path, lambda c: replace(c, lists=lists[c.id], source="train_c00" if c.id in copies else ""))
     options = {"fields": ("edge151",), "select": Select(protocol="p"), "scale": None}
     assert _ids(WindowDataset(made, **options)) == ["train_c00", "train_c01"]  # type: ignore[arg-type]
     assert _ids(WindowDataset(made, "val", **options)) == ["train_c03"]  # type: ignore[arg-type]
     (tmp_path / "other").mkdir()
-    made = _with_clips(tmp_path / "other", lambda c: replace(c, lists=()) if c.id == "train_c02" else c)
+    made = _written(tmp_path / "other", lambda c: replace(c, lists=() if c.id == "train_c02" else ("p.train",)))
     dataset = WindowDataset(made, **options)  # type: ignore[arg-type]
     assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [("unassigned", "train_c02", "on no list of p")]
 
@@ -201,12 +201,7 @@ def test_an_invalid_movement_filter(store: Store, given: object) -> None:
 
 def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
     fields = random_fields({"fast": 6, "slow": 6}, {}, fast=30, slow=15)
-    made = write_random_store(
-        tmp_path / "plain", clips={"train": 2}, n_frames=(80, 80), length=20, stride=10, fields=fields
-    )
-    (tmp_path / "out").mkdir()
-    write_store(tmp_path / "out", made.header, [replace(c, trim_start=7) for c in made.clips])
-    store = open_store(tmp_path / "out")
+    store = _written(tmp_path, lambda c: replace(c, trim_start=7), length=20, stride=10, fields=fields)
     both = store.windows("train", fields=("fast", "slow"), trim=True, length=20, stride=10)
     assert [w.start for w in both][:6] == [8, 18, 28, 38, 48, 58]
     alone = store.windows("train", fields=("fast",), trim=True, length=20, stride=10)
@@ -217,15 +212,13 @@ def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
 
 def test_the_filter_looks_at_the_rows_of_a_field_of_another_rate(tmp_path: Path) -> None:
     fields = random_fields({"edge151": 6, "fast": 6}, {}, fast=60)
-    made = write_random_store(
-        tmp_path / "plain", clips={"train": 1}, n_frames=(90, 90), length=30, stride=30, fields=fields
-    )
-    (clip,) = made.clips
-    rows = {name: np.array(array) for name, array in clip.motion.items()}
-    rows["fast"][60:120] = rows["fast"][60]  # frames 30 .. 59
-    (tmp_path / "out").mkdir()
-    write_store(tmp_path / "out", made.header, [replace(clip, motion=rows)])
-    store = open_store(tmp_path / "out")
+
+    def still(clip: StoredClip) -> StoredClip:
+        rows = {name: np.array(array) for name, array in clip.motion.items()}
+        rows["fast"][60:120] = rows["fast"][60]  # frames 30 .. 59
+        return replace(clip, motion=rows)
+
+    store = _written(tmp_path, still, clips={"train": 1}, fields=fields)
     dataset = _read(store, fields=("edge151",), select=Select(filter={"movement": {"field": "fast"}}))
     assert [w.start for w in dataset.windows] == [0, 60]
     assert [r.window for r in dataset.rejects] == [30]

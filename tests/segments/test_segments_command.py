@@ -69,6 +69,9 @@ def test_all_segments_as_a_file_and_back(built: Store, tmp_path: Path, name: str
     assert described(dancedata.open(built.path)) == described(built)
     assert empty(dancedata.open(built.path)) == empty(built) > 0
     assert {name for name in before if before[name] != after[name]} <= {"dataset.json"}
+    (tmp_path / "none.jsonl").write_text("")
+    segments(built.path, set_file=tmp_path / "none.jsonl")
+    assert hashes(built.path) == after, "a file without rows replaces no layer"
 
 
 def test_a_file_replaces_its_layers_and_goes_with_copies(built: Store, tmp_path: Path) -> None:
@@ -98,13 +101,6 @@ def test_a_file_replaces_its_layers_and_goes_with_copies(built: Store, tmp_path:
     assert len(store.segments("amass_poses__mirror", "mark")) == 1
 
 
-def test_removing_all_words(built: Store, tmp_path: Path) -> None:
-    (tmp_path / "none.jsonl").write_text("")
-    before = hashes(built.path)
-    segments(built.path, set_file=tmp_path / "none.jsonl")
-    assert {name for name, digest in hashes(built.path).items() if before[name] != digest} <= {"dataset.json"}
-
-
 def test_a_file_that_does_not_fit_changes_nothing(built: Store, tmp_path: Path) -> None:
     before = hashes(built.path)
     (tmp_path / "more.csv").write_text("clip,start,layer\nnobody,1,mark\n")
@@ -126,34 +122,25 @@ def test_the_command(built: Store, tmp_path: Path) -> None:
     assert any(line.startswith("own,1/2,3/2,moves,span,") for line in out.read_text().splitlines())
 
 
-def test_numbers_of_layers(built: Store) -> None:
+def test_numbers_of_layers(built: Store, tmp_path: Path) -> None:
     moves, words = sorted(built.layer_numbers(), key=lambda layer: -ord(layer.name[0]))
     frames = {clip.id: clip.n_frames for clip in built.clips() if not clip.source}
     assert (moves.segments, moves.clips, moves.median_s, moves.labels) == (1, 1, 1.0, {"left spin": 1})
     assert moves.coverage == pytest.approx(30 / sum(frames.values()))
     assert (words.texts, words.words) == (1, 3)
     assert words.coverage == pytest.approx(frames["own"] / sum(frames.values()))
-    document = write_report(built.path).to_json()["report"]
+    document = write_report(built.path, to=tmp_path / "page.html", clips="none").to_json()["report"]
     assert [layer["name"] for layer in document["segments"]] == [layer.name for layer in built.layers]
-
-
-def test_the_report_has_a_table_of_layers(built: Store, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    write_report(built.path, to=page, clips="none")
-    text = page.read_text(encoding="utf-8")
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "Layers of segments" in text
     assert "left spin 1" in text
-
-
-def test_overlapping_segments_cover_a_frame_once(tmp_path: Path, built: Store) -> None:
+    # Segments that overlap cover a frame once.
     rows = [("own", 0, 2), ("own", 1, 3), ("own", 1, 2), ("smpl", 0, 1)]
     lines = "".join(f"{clip},{start},{end},moves\n" for clip, start, end in rows)
     (tmp_path / "more.csv").write_text("clip,start,end,layer\n" + lines)
     segments(built.path, set_file=tmp_path / "more.csv")
-    store = dancedata.open(built.path)
-    (moves,) = (layer for layer in store.layer_numbers() if layer.segments == 4)
-    total = sum(clip.n_frames for clip in store if not clip.source)
-    assert moves.coverage * total == pytest.approx(120)
+    (moves,) = (layer for layer in dancedata.open(built.path).layer_numbers() if layer.segments == 4)
+    assert moves.coverage * sum(frames.values()) == pytest.approx(120)
 
 
 def test_what_mirrored_copies_go_without_is_noted(built: Store, tmp_path: Path) -> None:

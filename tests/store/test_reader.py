@@ -165,22 +165,14 @@ def test_wrong_names_get_the_closest_one(make_store: Any) -> None:
     ):
         with raises_message(UsageError, "layer|trian|val_c01", where="store1"):
             attempt()
-
-
-def test_a_name_or_a_number_instead_of_a_window_or_a_position(make_store: Any) -> None:
-    store = open_store(make_store().path)
     for window in ("train_c00", 0, Window("train_c00", None, 30), Window("train_c00", 0, 30.5)):  # type: ignore[arg-type]
         with raises_message(UsageError, r"ds\.windows", where="store1"):
             store.read(window, "pose")  # type: ignore[arg-type]
+    for start, length in ((-1, 30), (0, 0), (0, 10**6), (10**6, 30)):
+        with raises_message(UsageError, "extends", where="clip train_c00"):
+            store.read(Window("train_c00", start, length), "pose")
     with raises_message(UsageError, "counted"):
         store.clips()["train_c00"]  # type: ignore[call-overload]
-
-
-@pytest.mark.parametrize(("start", "length"), [(-1, 30), (0, 0), (0, 10**6), (10**6, 30)])
-def test_windows_outside_their_clip_are_refused(make_store: Any, start: int, length: int) -> None:
-    store = open_store(make_store().path)
-    with raises_message(UsageError, "extends", where="clip train_c00"):
-        store.read(Window("train_c00", start, length), "pose")
 
 
 @pytest.mark.parametrize(
