@@ -186,11 +186,6 @@ def test_json_round_trip() -> None:
         assert getattr(back, name) == getattr(SMPL24, name)
 
 
-def test_wrong_name_gets_the_closest() -> None:
-    with raises_message(UsageError, "left_kne"):
-        SMPL24.index("left_kne")
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -6,7 +6,7 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -123,28 +123,6 @@ def test_every_shipped_plug_in_is_in_the_module_of_its_name(registry: Registry) 
         module = registry.get(name).__module__
         own = f"{registry.package}.{name.replace('+', 'p').replace('-', '_')}"
         assert module == own or module.startswith(f"{own}."), name
-
-
-@pytest.mark.parametrize("registry", ALL, ids=lambda r: r.kind)
-def test_plug_ins_are_frozen_dataclasses_with_defaults(registry: Registry) -> None:
-    for name in registry.names():
-        cls = registry.get(name)
-        assert cls.name == name
-        assert isinstance(cls.version, int)
-        assert is_dataclass(cls)
-        assert cls.__dataclass_params__.frozen  # type: ignore[attr-defined]
-        assert cls() == cls()
-        assert {f.name for f in fields(cls)}.isdisjoint({"name", "version"})
-
-
-@pytest.mark.parametrize(
-    ("registry", "name", "closest"),
-    [(DATASETS, "aistpp", "aist++"), (REPRESENTATIONS, "edge_151", "edge151"), (FEATURES, "librosa", "librosa35")],
-)
-def test_wrong_name_gets_the_closest(registry: Registry, name: str, closest: str) -> None:
-    with raises_message(UsageError, "aistpp|bailando55|root_place") as error:
-        registry.get(name)
-    assert f"did you mean '{closest}'" in str(error.value).lower()
 
 
 def make_package(folder: Path, name: str, **modules: str) -> None:

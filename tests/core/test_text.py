@@ -138,19 +138,6 @@ def test_recipes(name: str, meant: str | None) -> None:
     assert closest(name, RECIPES) == meant
 
 
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
-        ("stride_s", "windows.stride_s"),
-        ("shard", "store.shard_mb"),
-        ("tightness", "audio.librosa35.tightness"),
-        ("window", "windows"),
-    ],
-)
-def test_keys_by_their_last_part(name: str, meant: str) -> None:
-    assert closest(name, KEYS) == meant
-
-
 def test_a_long_list_is_cut() -> None:
     message = did_you_mean("zzz", [f"clip{number}" for number in range(100_000)])
     assert message.endswith("clip59 and 99,940 more")

@@ -35,16 +35,6 @@ audio: {librosa35: {}}
 keymotion: {lodge: {}}
 augment: {mirror: true}
 """
-BUILD = """
-import sys
-from pathlib import Path
-from dancedata.building.build import build
-from dancedata.recipes.parse import load_recipe
-
-recipe, source, out, cache, jobs = sys.argv[1:]
-import numpy  # before anything can be chosen
-build(load_recipe(recipe), Path(source), Path(out), cache=Path(cache), jobs=int(jobs))
-"""
 #: Settings that a user may have, or another processor would choose.
 SETTINGS = {
     "nothing": {},
@@ -155,18 +145,6 @@ def build_by_command(recipe: Path, folder: Path, **settings: str) -> dict[str, s
 )
 def test_the_command_line_gives_the_same_bytes(recipe, expected, tmp_path, name):
     assert build_by_command(recipe, tmp_path, **SETTINGS[name]) == expected
-
-
-@needs_reference
-@pytest.mark.parametrize("recipe", ["[]", pytest.param("[slices]", marks=pytest.mark.nightly)], indirect=True)
-@pytest.mark.parametrize(
-    ("jobs", "name"), [(1, "older processor"), pytest.param(2, "nothing", marks=pytest.mark.nightly)]
-)
-def test_a_build_from_python_gives_the_same_bytes(recipe, expected, tmp_path, jobs, name):
-    """There numpy was loaded before; the source is made by it, too."""
-    source, out, cache = (tmp_path / part for part in ("source", "out", "cache"))
-    run("-c", BUILD, recipe, source, out, cache, jobs, **SETTINGS[name])
-    assert hashes(out) == expected
 
 
 EXTRACT = """

@@ -11,17 +11,14 @@ import numpy as np
 import pytest
 
 from dancedata.building import signals as audio_units
-from dancedata.building.compute import Unit, in_cache, make
+from dancedata.building.compute import in_cache
 from dancedata.building.fields.music import MusicField
-from dancedata.building.inputs import Music
 from dancedata.building.signals import SignalId
-from dancedata.building.sources import identify
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import UsageError
 from dancedata.execution import cache as cache_module
-from dancedata.execution.cache import Cache, CachedArray, EntryLostError
-from dancedata.execution.progress import Progress
+from dancedata.execution.cache import Cache, EntryLostError
 from dancedata.files import cache_files
 from dancedata.files.documents import content_hashes
 from dancedata.music.signal import load_audio
@@ -261,18 +258,6 @@ def test_a_computation_that_fails_leaves_nothing(own: Cache):
     assert [p.name for p in own.root.rglob("*") if p.is_file()] == [cache_files.MARKER]
 
 
-@pytest.mark.parametrize("where", ["file/cache", "/proc/cache"])
-def test_a_cache_that_cannot_be_written_is_a_clear_error(tmp_path: Path, where: str):
-    (tmp_path / "file").touch()
-    cache = Cache(tmp_path / where)
-    for write in (
-        lambda: cache.put_json("segments", KEY, 1),
-        lambda: cache.once("features", KEY, lambda: np.ones(1)),
-    ):
-        with pytest.raises(StoreError, match="the cache cannot be written"):
-            write()
-
-
 def test_the_last_use_is_noted_once_an_hour(own: Cache):
     path = own.put_array("features", KEY, np.ones(1)).path
     for used, noted in ((-1800.0, False), (-2 * cache_files.USE_GRANULARITY_S, True), (1e8, True)):
@@ -305,33 +290,6 @@ def test_a_song_is_known_by_its_samples_not_its_name(corpus: Path, own: Cache, t
     assert all(isinstance(signal, SignalId) for signal in found)
     assert len({signal.sha256 for signal in found}) == 1
     assert audio_units.SignalId.cached(own, song) == found[0]
-
-
-@pytest.mark.parametrize("how", ["at rest", "touched", "replaced"])
-def test_a_song_that_changes_during_a_build_is_set_aside(corpus, own, tmp_path, monkeypatch, how):
-    recipe = load_recipe("aist++")
-    songs = sorted((corpus / "wavs").glob("*.wav"))
-    song = tmp_path / "song.wav"
-    song.write_bytes(songs[0].read_bytes())
-    identified = audio_units.identify_audio(own, song)
-    assert isinstance(identified, SignalId)
-    if how == "at rest":
-        # Unchanged files are not hashed again.
-        monkeypatch.setattr(AudioSignal, "sha256", None)
-    elif how == "touched":
-        os.utime(song, (0, 0))
-    else:
-        song.write_bytes(songs[-1].read_bytes())
-    field = music(recipe)
-    ask = field.ask(Music(identified))
-    (found,) = make(own, Unit(ask.source, [(field, [ask])])).values()
-    if how == "replaced":
-        assert isinstance(found, Reject)
-        assert found.reason == "changed"
-        assert str(song) in found.detail
-        assert own.array("features", ask.key) is None
-    else:
-        assert isinstance(found, CachedArray)
 
 
 def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
@@ -384,23 +342,6 @@ def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own
     assert found.reason == "changed"
     os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert audio_units.SignalId.cached(own, song) is None
-
-
-def test_a_motion_file_of_several_clips_is_hashed_once(corpus: Path, own: Cache, monkeypatch: pytest.MonkeyPatch):
-    recipe = load_recipe("aist++")
-    scan = recipe.dataset.scan(corpus)
-    scan = replace(scan, clips=tuple(replace(scan.clips[0], id=f"clip{i}") for i in range(3)))
-    read: list[Path] = []
-    plain = Cache.hashed_sha256
-
-    def hashed(cache: Cache, path: Path) -> str:
-        read.append(path)
-        return plain(cache, path)
-
-    monkeypatch.setattr(Cache, "hashed_sha256", hashed)
-    sources = identify(own, recipe.dataset, [], scan, jobs=1, progress=Progress(quiet=True))
-    assert read == [scan.clips[0].motion_path]
-    assert len(sources.clips) == 3
 
 
 def test_an_entry_that_a_network_file_system_does_not_show_yet(own: Cache, monkeypatch: pytest.MonkeyPatch):

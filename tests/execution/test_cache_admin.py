@@ -1,11 +1,10 @@
 """dancedata cache, its prune and verify, through the command line and through its functions."""
 
-import json
 import os
-import shutil
+import signal
+import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +17,9 @@ from dancedata.execution import cache_admin
 from dancedata.execution.cache import Cache
 from dancedata.execution.cache_admin import parse_age, parse_size, prune
 from dancedata.files import cache_files
+from tests import warm
+from tests.commands import as_json
+from tests.commands import run as command
 from tests.messages import raises_message
 
 HOUR, DAY = 3600.0, 86400.0
@@ -27,14 +29,7 @@ BIG = 100_000
 
 def run(*args: object, code: int = 0) -> str:
     """Run a command and check its exit code."""
-    result = CliRunner().invoke(app, [str(a) for a in args])
-    assert result.exit_code == code, result.output
-    return result.stdout
-
-
-def as_json(*args: object, code: int = 0) -> Any:
-    """Run a command with --json and parse what it prints."""
-    return json.loads(run(*args, "--json", code=code))["result"]
+    return str(command(*args, code=code).stdout)
 
 
 def key(number: int) -> str:
@@ -130,21 +125,6 @@ def test_entries_used_since_they_were_listed_stay(own: Cache, monkeypatch: pytes
     assert left(own) == [1, 3, 4, 5]
 
 
-def test_prune_and_verify_touch_nothing_but_entries(own: Cache):
-    others = [own.root / "notes.txt", own.root / "features" / "00" / "mine.npy", own.root / "data" / "song.wav"]
-    for path in others:
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("somebody's")
-    outside = own.root.parent / "outside"
-    shutil.copytree(own.root / "features" / "00", outside)
-    (own.root / "features" / "01").symlink_to(outside)
-    prune(own.root, max_bytes=0)
-    assert left(own) == []
-    assert all(path.exists() for path in others)
-    assert len(list(outside.iterdir())) == 6
-    assert as_json("cache", "verify", "--cache", own.root)["damaged"] == []
-
-
 @pytest.mark.parametrize("suffix", ["npy", "json"])
 def test_verify_finds_damaged_entries(own: Cache, suffix: str):
     assert run("cache", "verify", "--cache", own.root).endswith("6 entries, 0 damaged\n")
@@ -158,6 +138,44 @@ def test_verify_finds_damaged_entries(own: Cache, suffix: str):
     assert f"removed: {path}" in run("cache", "verify", "--remove", "--cache", own.root, code=1)
     assert not path.exists()
     assert as_json("cache", "verify", "--cache", own.root)["damaged"] == []
+
+
+#: Runs the command line, and dies instead of the n-th removal of a file.
+DYING = """
+import os, signal, sys
+left, unlink = int(sys.argv.pop(1)), os.unlink
+def dying(*args, **options):
+    global left
+    left -= 1
+    if left == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return unlink(*args, **options)
+os.unlink = dying
+from dancedata.cli.app import main
+main()
+"""
+
+
+@pytest.mark.parametrize("moment", [1, 2, 3])
+@pytest.mark.parametrize("line", ["prune --max-size 0B", "verify --remove"])
+def test_killed_while_it_removes(own: Cache, line: str, moment: int):
+    """What is left is as it was, and the same command goes on."""
+    foreign, wanted = own.root / "features" / "00" / "mine.npy", [2, 4] if "verify" in line else []
+    foreign.write_text("somebody's")
+    for number in (1, 3, 5):
+        with (own.root / "features" / "00" / f"{key(number)}.npy").open("r+b") as file:
+            file.seek(BIG // 2)
+            file.write(b"damaged")
+    words = ["cache", *line.split(), "--cache", str(own.root)]
+    before = {path: path.read_bytes() for path in (own.root / "features").rglob("*.npy")}
+    done = warm.run([sys.executable, "-c", DYING, str(moment), *words])
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert {path: path.read_bytes() for path in (own.root / "features").rglob("*.npy")}.items() <= before.items()
+    assert {*wanted} <= {*left(own)}
+    warm.run([sys.executable, "-m", "dancedata", *words])
+    assert left(own) == wanted
+    assert foreign.read_text() == "somebody's"
+    assert list((own.root / "locks").glob("*")) == list((own.root / "tmp").glob("*")) == []
 
 
 def test_ages_and_sizes():

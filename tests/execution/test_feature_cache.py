@@ -15,7 +15,6 @@ import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.cache import FeatureCache
 from dancedata.core.errors import DataError, UsageError
-from dancedata.execution.cache_admin import prune
 from tests.commands import in_processes
 from tests.messages import raises_message
 
@@ -92,34 +91,6 @@ def test_a_build_reuses_results_of_a_training_job(run_build, corpus, out, own, b
     assert before == len(asked) == 2
     run_build(corpus, out, cache=own.root)
     assert calls() == before
-
-
-def test_parameters_tempo_and_rate_are_other_features(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    for options in ({}, {"tightness": 1}, {"bpm": 100}, {"fps": 60}, {"tightness": 1}):
-        own(song, "librosa35", **options)
-    assert calls() == 4
-
-
-def test_rows_stay_when_the_cache_is_pruned_and_come_back(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    rows = own(song, "librosa35", bpm=120)
-    copy = np.array(rows)
-    assert prune(own.root, max_bytes=0).in_use == 1
-    np.testing.assert_array_equal(rows, copy)
-    del rows
-    prune(own.root, max_bytes=0)
-    np.testing.assert_array_equal(own(song, "librosa35", bpm=120), copy)
-    assert calls() == 2
-
-
-def test_a_damaged_entry_is_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
-    wanted = np.array(own(song, "librosa35", bpm=120))
-    (path,) = own.root.glob("features/*/*.npy")
-    data = bytearray(path.read_bytes())
-    data[1000] ^= 1
-    path.write_bytes(data)
-    found = FeatureCache(own.root)(song, "librosa35", bpm=120)
-    np.testing.assert_array_equal(found, wanted)
-    assert calls() == 2
 
 
 def test_any_number_of_damaged_windows_are_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):

@@ -9,6 +9,7 @@ import time
 
 import pytest
 
+from dancedata.execution.cache_admin import prune
 from tests.warm import run
 
 SONG_S = 0.2
@@ -131,3 +132,19 @@ def test_two_builds_into_one_folder(slow, corpus, out, undisturbed, hashes):
         assert "another build is writing there" in output if code else printed
     assert hashes(out) == undisturbed
     assert [p.name for p in out.parent.iterdir()] == ["out"]
+
+
+def test_a_build_that_is_stopped_and_woken(slow, corpus, out, undisturbed, hashes):
+    """As a job that a scheduler holds: meanwhile another build and pruning take nothing from it."""
+    slow.sleep(SONG_S)
+    process = slow.start(corpus, out, "--jobs", 2, start_new_session=True)
+    while not slow.calls():
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGSTOP)
+    assert "another build is writing there" in slow.build(corpus, out, "--jobs", 1, code=1)
+    assert prune(slow.cache, max_bytes=0).removed == 0
+    os.killpg(process.pid, signal.SIGCONT)
+    assert process.wait() == 0, process.communicate()
+    assert hashes(out) == undisturbed
+    assert sorted(slow.calls()) == sorted(set(slow.calls()))
+    assert slow.strays() == []

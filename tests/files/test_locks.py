@@ -12,7 +12,7 @@ import pytest
 
 from dancedata.core.errors import StoreError
 from dancedata.files import locks
-from dancedata.files.locks import file_lock, open_locked, writing_lock
+from dancedata.files.locks import file_lock, writing_lock
 from tests.commands import killed_afterwards
 from tests.messages import raises_message
 
@@ -34,21 +34,6 @@ def test_a_file_is_locked_by_one_and_gone_afterwards(tmp_path: Path) -> None:
     assert not path.exists()
     with file_lock(path, wait=False) as first:
         assert first
-
-
-def test_a_lock_acquired_after_waiting_is_on_the_current_file(tmp_path: Path) -> None:
-    path = tmp_path / "lock"
-    got: list[int | None] = []
-    with file_lock(path):
-        thread = threading.Thread(target=lambda: got.append(open_locked(path)))
-        thread.start()
-        time.sleep(0.1)
-        assert got == []
-    thread.join()
-    # The first holder removed the file that was waited for.
-    assert path.exists()
-    assert open_locked(path, wait=False) is None
-    os.close(got[0] or 0)
 
 
 @pytest.mark.parametrize("there", [False, True])

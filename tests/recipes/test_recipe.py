@@ -15,8 +15,6 @@ from dancedata.building.build import build
 from dancedata.building.plan import make_plan
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
-from dancedata.execution.cache import Cache
-from dancedata.files.regular_file import sha256_file
 from dancedata.files.yaml import load_yaml
 from dancedata.recipes.overrides import apply_override
 from dancedata.recipes.parse import load_recipe, parse_recipe, recipe_names
@@ -216,11 +214,6 @@ def test_an_invalid_override_is_wrong_usage(tmp_path: Path, override: str):
         load(tmp_path, override)
 
 
-def test_an_unknown_key_in_an_override_is_named(tmp_path: Path):
-    with raises_message(RecipeError, r"windows\.strid_s", where="mine.yaml"):
-        load(tmp_path, "windows.strid_s=1")
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -336,15 +329,6 @@ def test_instances_are_built_together(transforms, corpus, tmp_path, monkeypatch)
             whole = dancedata.features(song, "librosa35", fps=60, tightness=50, bpm=clip.tempo_bpm)
             first = window.start * 2
             np.testing.assert_array_equal(rows["librosa35.60"], whole[first : first + 120])
-
-
-def test_a_dataset_with_instances_grows_from_the_cache(corpus: Path, tmp_path: Path) -> None:
-    cache = tmp_path / "cache"
-    for out, made in (("one", recipe(audio={"librosa35": {}})), ("both", recipe()), ("fresh", recipe())):
-        build(made, corpus, tmp_path / out, cache=cache if out != "fresh" else tmp_path / "other")
-    for shard in (tmp_path / "both").glob("*.h5"):
-        assert sha256_file(shard) == sha256_file(tmp_path / "fresh" / shard.name)
-    assert Cache(cache).root.is_dir()
 
 
 def test_set_takes_the_longest_key() -> None:
