@@ -1,6 +1,5 @@
 """Codes: from files into datasets, what reads them, and what is refused."""
 
-import json
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -14,7 +13,6 @@ from dancedata.building.describe import describe_store
 from dancedata.core.codebook import Codebook
 from dancedata.core.errors import DataError, RecipeError, UsageError
 from dancedata.pages import write_report
-from dancedata.recipes.parse import parse_recipe
 from dancedata.store import Store
 from dancedata.torch import (
     BatchLoader,
@@ -306,12 +304,3 @@ def test_wrong_keys(build: Callable[..., Store], case: str) -> None:
 def test_first_codes_are_of_codes() -> None:
     with raises_message(UsageError, "first_codes"):
         FileRows("{clip}.npy", 30, 2, first_codes=(1, 2))
-
-
-@pytest.mark.usefixtures("source")
-def test_codes_are_in_the_document_of_a_recipe() -> None:
-    plain = parse_recipe(document({}, audio={"file": {"path": "{clip}.npy", "rate": 30, "columns_per_row": 3}}))
-    assert plain.document["audio"]["file"]["codebook"] is None
-    assert parse_recipe(plain.document).sha256 == plain.sha256
-    coded = parse_recipe(document({}))
-    assert json.loads(json.dumps(coded.document))["audio"]["file.tokens"]["codebook"]["sizes"] == list(SIZES)

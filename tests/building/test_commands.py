@@ -84,20 +84,6 @@ def test_plan_prints_the_same_as_the_command(demo: Any) -> None:
     assert "in the cache: 4 of 4 clips" in plan.summary
 
 
-def test_overrides_are_values_or_texts() -> None:
-    by_value = load_recipe(
-        "demo", {"windows.stride_s": 1e-05 * 1e5, "motion.edge151.contacts.velocity.max_speed_m_s": 1e-05}
-    )
-    assert by_value.windows.stride == 30
-    assert by_value.motion[0].contacts is not None
-    assert by_value.document["motion"]["edge151"]["contacts"] == {"velocity": {"max_speed_m_s": 1e-05}}
-    assert load_recipe("demo", "windows.stride_s=1").windows.stride == 30
-    with raises_message(RecipeError, "stride_frames", where="demo"):
-        load_recipe("demo", {"windows.strid": 1})
-    with raises_message(UsageError, r"windows\.stride_s"):
-        load_recipe("demo", {"windows..stride_s": 1})
-
-
 def test_progress_is_printed_or_not(demo: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     make_plan("demo", out=demo.path, overrides=CHANGED, cache=tmp_path)
     assert "measuring motion: 4/4" in capsys.readouterr().err

@@ -1,6 +1,5 @@
 """A unit that makes no dancer: flagged, in the summary, in plan and check; an error of a strict build."""
 
-import pickle
 import shutil
 from pathlib import Path
 
@@ -10,11 +9,10 @@ from dancedata.building.build import build
 from dancedata.building.part import Part, build_part
 from dancedata.core.errors import DataError
 from dancedata.core.implausible import describe_implausible
-from dancedata.datasets.aistpp import AistPP
 from dancedata.datasets.folder import Folder
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import open_store
-from tests.commands import as_json, run
+from tests.commands import run
 from tests.messages import raises_message
 
 RECIPE = """\
@@ -76,34 +74,6 @@ def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -
         build(made, source, tmp_path / "out", cache=tmp_path / "cache")
     with raises_message(DataError, "probably", where="own", reason="implausible_body"):
         build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
-
-
-def test_every_reader_is_judged(tmp_path: Path) -> None:
-    """AIST++ divides its translation by smpl_scaling: a file in metres that keeps the usual factor is far off."""
-    reader = AistPP()
-    reader.make_example(tmp_path / "source")
-    first, *rest = (ref.motion_path for ref in reader.scan(tmp_path / "source").clips)
-    with first.open("rb") as file:
-        content = pickle.load(file)
-    first.write_bytes(pickle.dumps({**content, "smpl_trans": content["smpl_trans"] / content["smpl_scaling"]}))
-    made = load_recipe("aist++", ["audio={}"])
-    build(made, tmp_path / "source", tmp_path / "out", cache=tmp_path / "cache")
-    with open_store(tmp_path / "out") as store:
-        assert [(f["clip"], f["kind"]) for f in store.quality] == [(first.stem, "implausible_root")]
-    assert rest
-    with raises_message(DataError, "rises", where="gBR_sBM_cAll_d04_mBR0_ch01", reason="implausible_root"):
-        build(made, tmp_path / "source", tmp_path / "again", cache=tmp_path / "cache", strict=True)
-    assert not (tmp_path / "again/dataset.json").exists()
-
-
-def test_a_plausible_unit_says_nothing(source: Path, tmp_path: Path) -> None:
-    lines = ["motion,unit", "own.bvh,cm", "smpl.npz,m"]
-    (source / "manifest.csv").write_text("\n".join(lines))
-    mine, out = recipe(tmp_path, "mm"), tmp_path / "out"
-    built = as_json("build", mine, source, "--out", out, "--cache", tmp_path / "cache", "--strict")
-    assert built["quality_flags"] == 0
-    for args in (("info", out), ("check", out), ("check", source, "--recipe", mine, "-q")):
-        assert "implausible" not in run(*args).output
 
 
 def test_many_clips_are_counted() -> None:

@@ -17,7 +17,6 @@ from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24
-from dancedata.datasets.folder.reader import Folder
 from dancedata.files.regular_file import sha256_file
 from dancedata.store import Store
 from tests.building.conftest import OwnReader
@@ -154,26 +153,3 @@ def test_slices_have_no_copies_at_another_speed(build) -> None:
             augment={"tempo": {"speeds": [0.5]}},
             audio={"librosa35": {}},
         )
-
-
-def test_a_bvh_file_is_loaded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It states frames and rate in its header, so that windows are known before it is loaded."""
-    Folder().make_example(tmp_path / "source")
-    loaded: list[str] = []
-    load = Folder.load
-
-    def counted(self: Folder, ref: Any) -> Any:
-        loaded.append(ref.motion_path.suffix)
-        motion = load(self, ref)
-        time = self.time_of(ref)
-        assert time is None or time == (motion.n_frames, motion.grid.rate, motion.trim_start)
-        return motion
-
-    monkeypatch.setattr(Folder, "load", counted)
-    recipe = {
-        "recipe": 1, "name": "bvh", "dataset": {"folder": {"music": "optional"}}, "audio": {},
-        "fps": 30, "windows": {"length_s": 1, "stride_s": 1}, "motion": {"joints": {}}, "augment": {"mirror": True},
-    }  # fmt: skip
-    source = tmp_path / "source"
-    dancedata.build(recipe, source, tmp_path / "out", jobs=1, cache=tmp_path / "cache", progress=False)
-    assert loaded.count(".bvh") == len([*source.rglob("*.bvh")]) > 0

@@ -67,12 +67,6 @@ def test_next_steps(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "shake" in json.dumps(recipe)
 
 
-def test_as_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    about = as_json("init", "shake", "--plugin-kind", "filter")
-    assert about == {"name": "shake", "group": "dancedata.filters", "module": "shake.py", "test": "test_shake.py"}
-
-
 @pytest.mark.parametrize(
     ("plugin", "word"),
     [

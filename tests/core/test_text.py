@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 
 from dancedata.core.clip import Reject, Scan
-from dancedata.core.errors import DataError, SourceError, closest, did_you_mean
+from dancedata.core.errors import DataError, SourceError, did_you_mean
 from dancedata.core.tables import json_text
 from dancedata.core.text import is_unicode, printable, shown
 from dancedata.store import Problem
@@ -120,22 +119,6 @@ def test_findings_of_a_check_can_be_printed() -> None:
     problem = Problem("error", f"/x/{HOSTILE}", HOSTILE)
     assert str(problem) == f"error: /x/{SAFE}: {SAFE}"
     problem.to_json()["message"].encode()
-
-
-RECIPES = ("aist++-60", "aist++-edge-exact", "aist++-lodge", "aist++", "demo", "finedance")
-KEYS = ("store", "windows", "windows.stride_s", "store.shard_mb", "audio.librosa35.tightness")
-
-
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
-        ("edge", "aist++-edge-exact"), ("EDGE", "aist++-edge-exact"), ("edge-exact", "aist++-edge-exact"),
-        ("AIST++", "aist++"), ("Aist", "aist++"), ("aistpp", "aist++"), ("lodge", "aist++-lodge"),
-        ("finedanc", "finedance"), ("dmo", "demo"), ("zzz", None), ("", None), ("++", None),
-    ],
-)  # fmt: skip
-def test_recipes(name: str, meant: str | None) -> None:
-    assert closest(name, RECIPES) == meant
 
 
 def test_a_long_list_is_cut() -> None:

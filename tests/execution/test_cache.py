@@ -103,18 +103,6 @@ def test_a_window_is_identified_by_its_song_and_position(monkeypatch: pytest.Mon
     assert window_key() != before
 
 
-def test_settings_of_motion_are_in_its_key(corpus: Path, own: Cache, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def key(*overrides: str, sha: str = "m") -> str:
-        recipe = load_recipe("aist++", ("audio={}", *overrides))
-        (ref, *_) = recipe.dataset.scan(corpus).clips
-        return motion_keys(own, recipe, ref, sha)["edge151"]
-
-    keys = [key(), key(sha="n"), key("fps=60"), key("motion.edge151.contacts.velocity.max_speed_m_s=1")]
-    monkeypatch.setattr("dancedata.building.plugins.package_version", lambda name: "9.9")
-    keys.append(key())
-    assert len(set(keys)) == len(keys)
-
-
 def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
     model = tmp_path / "model.npz"
     recipe = load_recipe("finedance", [f"dataset={{folder: {{body_model: '{model}'}}}}", "audio={}"])

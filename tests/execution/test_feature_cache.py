@@ -1,7 +1,6 @@
 """FeatureCache: equal to builds and shared with them, computed once for all processes, and the page's dataset."""
 
 import pickle
-import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +17,6 @@ from dancedata.core.errors import DataError, UsageError
 from tests.commands import in_processes
 from tests.messages import raises_message
 
-PAGE = Path(__file__).parents[2] / "docs" / "guides" / "music.md"
 VAL = "gBR_sBM_cAll_d04_mBR0_ch01"
 
 
@@ -132,28 +130,6 @@ def test_errors_say_what_is_wrong(own: FeatureCache, song: Path, tmp_path: Path)
     with pytest.raises(DataError, match=r"broken\.wav"):
         own(tmp_path / "broken.wav", "librosa35")
     assert not own.root.joinpath("features").exists()
-
-
-@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-def test_the_dataset_of_the_page(corpus, tmp_path, monkeypatch, calls):
-    torch = pytest.importorskip("torch")
-    blocks = re.findall(r"^```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
-    code = next(block for block in blocks if "class OnTheFly" in block)
-    monkeypatch.setenv("DANCEDATA_CACHE", str(tmp_path / "cache"))
-    folder = tmp_path / "data"
-    folder.mkdir()
-    for wav in (corpus / "wavs").glob("*.wav"):
-        (folder / wav.name).symlink_to(wav)
-        np.save(folder / f"{wav.stem}.npy", np.zeros((180, 3), np.float32))
-    names: dict[str, Any] = {}
-    exec(compile(code, str(PAGE), "exec"), names)
-    dataset = names["OnTheFly"](folder)
-    # Every worker requests every song, twice.
-    sampler = [0, 1, 1, 0] * 2
-    batches = list(torch.utils.data.DataLoader(dataset, batch_size=4, sampler=sampler, num_workers=2))
-    assert batches[0]["music"].shape == (4, 150, 35)
-    assert batches[0]["motion"].shape == (4, 150, 3)
-    assert calls() == 2
 
 
 def test_a_feature_is_made_ready_as_in_a_build(own, song, calls, monkeypatch):

@@ -15,13 +15,12 @@ from typer.testing import CliRunner
 
 from dancedata.building import build as build_module
 from dancedata.cli.app import app
-from dancedata.core.errors import StoreError, UsageError
+from dancedata.core.errors import StoreError
 from dancedata.execution import cache_admin
 from dancedata.execution.cache import Cache
-from dancedata.execution.cache_admin import cache_json, prune
-from dancedata.files import cache_files, publish
+from dancedata.execution.cache_admin import cache_json
+from dancedata.files import cache_files
 from dancedata.files.regular_file import sha256_file
-from dancedata.store import open_store
 from tests import warm
 from tests.messages import raises_message
 
@@ -253,25 +252,6 @@ def test_killed_at_any_rename_or_removal(run_build, corpus, out, cache, hashes, 
     assert [p.name for p in out.parent.iterdir()] == ["out"]
 
 
-@pytest.mark.parametrize("left", ["journal", "some moved", "all moved"])
-def test_a_build_killed_while_it_moves_files_is_finished(run_build, corpus, built, out, hashes, left):
-    unfinished = out / publish.STAGING
-    out.mkdir(parents=True)
-    publish.claim(unfinished)
-    for path in built.iterdir():
-        shutil.copy(path, unfinished)
-    (unfinished / "dataset.json").rename(out / ".dancedata-dataset.json")
-    names = [p.name for p in unfinished.iterdir() if p.name != publish.MARKER]
-    for name in names[: {"journal": 0, "some moved": 2, "all moved": len(names)}[left]]:
-        (unfinished / name).rename(out / name)
-    if left == "all moved":
-        shutil.rmtree(unfinished)
-    with raises_message(StoreError, "finished", where="outs/out"):
-        open_store(out)
-    assert not run_build(corpus, out).built
-    assert hashes(out) == hashes(built)
-
-
 def test_a_folder_that_is_not_a_cache_is_not_pruned_or_verified(tmp_path: Path, plant: Any):
     check = plant(tmp_path / "scratch", ["tmp/a.tmp", "notes.txt", f"objects/01/{HEX}.npy"])
     for arguments in (["prune", "--max-size", "0B"], ["verify", "--remove"], []):
@@ -339,9 +319,3 @@ def test_dataset_json_names_no_file_elsewhere(run_build: Any, corpus: Path, buil
     (built_copy.parent / "notes.txt").write_text(MINE)
     assert run_build(corpus, built_copy, set=[*QUICK, "windows.stride_s=1"], overwrite=True).built
     assert (built_copy.parent / "notes.txt").read_text() == MINE
-
-
-def test_prune_of_a_missing_folder_names_the_fix(tmp_path: Path):
-    (tmp_path / "notes.txt").write_text(MINE)
-    with raises_message(UsageError, "DANCEDATA_CACHE"):
-        prune(tmp_path, max_bytes=0)

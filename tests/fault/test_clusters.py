@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
-from tests.clusters import dask_cluster, processes_of, ray_client_server, ray_cluster
+from tests.clusters import dask_cluster, ray_client_server, ray_cluster
 
 HAS_RAY = pytest.mark.skipif(not find_spec("ray"), reason="the extra ray is not installed")
 HAS_DASK = pytest.mark.skipif(not find_spec("distributed"), reason="the extra dask is not installed")
@@ -140,25 +140,6 @@ def test_ctrl_c_cancels(slow, corpus, out, cluster, undisturbed, hashes):
 
 @HAS_RAY
 @pytest.mark.nightly
-def test_a_build_resumes_after_a_lost_ray_cluster(slow, corpus, out, undisturbed, hashes):
-    slow.sleep(30)
-    with ray_cluster(slow.environment) as cluster:
-        building = slow.start(corpus, out, "--cluster", "ray://auto")
-        while not slow.calls():
-            time.sleep(0.1)
-        os.killpg(cluster.pid, signal.SIGKILL)
-        for process in processes_of(cluster.pid):
-            os.kill(process, signal.SIGKILL)
-        building.communicate(timeout=120)  # Ray ends the process that builds, within a minute
-    assert building.returncode not in (0, None)
-    assert not (out / "dataset.json").exists()
-    slow.sleep(0)
-    slow.build(corpus, out, "--jobs", 1)
-    assert hashes(out) == undisturbed
-
-
-@HAS_RAY
-@pytest.mark.nightly
 def test_ray_client_gives_the_same_bytes(slow, corpus, out, undisturbed, hashes):
     with ray_cluster(slow.environment), ray_client_server(slow.environment) as port:
         slow.build(corpus, out, "--cluster", f"ray://127.0.0.1:{port}")
@@ -170,14 +151,4 @@ def test_ray_client_gives_the_same_bytes(slow, corpus, out, undisturbed, hashes)
 def test_ray_client_that_does_not_answer(slow: Any, corpus: Path, out: Path):
     output = slow.build(corpus, out, "--cluster", "ray://127.0.0.1:9", code=1)
     assert "no Ray cluster answers at this address" in output
-    assert not out.exists()
-
-
-@HAS_RAY
-@pytest.mark.nightly
-def test_ray_kills_workers_for_their_memory(slow: Any, corpus: Path, out: Path):
-    slow.environment |= {"RAY_memory_usage_threshold": "0.01", "RAY_memory_monitor_refresh_ms": "100"}
-    with ray_cluster(slow.environment):
-        output = slow.build(corpus, out, "--cluster", "ray://auto", code=1)
-    assert "running low on memory" in output
     assert not out.exists()

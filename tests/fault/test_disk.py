@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -22,7 +22,7 @@ from dancedata.building.part import Part, build_part
 from dancedata.core.errors import DanceDataError, StoreError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.execution.cache import Cache
-from dancedata.execution.cache_admin import prune, verify_cache
+from dancedata.execution.cache_admin import verify_cache
 from dancedata.execution.progress import Progress
 from dancedata.execution.units import run_units
 from dancedata.files import cache_files
@@ -117,18 +117,6 @@ def test_a_quota_is_a_clear_error(slow: Any, corpus: Path, out: Path, undisturbe
     assert slow.strays() == []
 
 
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 300 kB."""
-    folder = tmp_path / "small"
-    folder.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", str(folder)], capture_output=True)
-    if mounted.returncode:
-        pytest.skip("a tmpfs cannot be mounted here")
-    yield folder
-    subprocess.run(["umount", str(folder)], check=True)
-
-
 def test_out_may_be_a_volume_of_its_own(corpus: Path, tmp_path: Path, whole: dict[str, str], hashes: Any):
     """As in a container: the folder above is on another file system, and OUT cannot be renamed."""
     out = tmp_path / "volume"
@@ -144,16 +132,6 @@ def test_out_may_be_a_volume_of_its_own(corpus: Path, tmp_path: Path, whole: dic
         assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
     finally:
         subprocess.run(["umount", str(out)], check=True)
-
-
-@pytest.mark.parametrize("place", ["cache", "out"])
-def test_a_small_disk_is_a_clear_error(run: Build, corpus: Path, small_disk: Path, tmp_path: Path, place: str):
-    options = {"cache": small_disk / "cache"} if place == "cache" else {}
-    out = small_disk / "out" if place == "out" else tmp_path / "x" / "out"
-    with pytest.raises(StoreError, match="No space left on device"):
-        build(RECIPE, corpus, out, **{"cache": tmp_path / "cache", "jobs": 1, **options})
-    assert not (out / "dataset.json").exists()
-    assert list(small_disk.rglob("*.tmp")) == []
 
 
 def test_a_clock_that_goes_backwards_changes_nothing(run, out, tmp_path, whole, hashes, monkeypatch):
@@ -177,24 +155,6 @@ def test_a_clock_that_goes_backwards_changes_nothing(run, out, tmp_path, whole, 
     shutil.rmtree(out)
     run()
     assert hashes(out) == whole
-
-
-def test_pruning_while_a_build_runs_takes_nothing_from_it(run, out, tmp_path, whole, hashes, monkeypatch):
-    compute = build_module.compute_clips
-    pruned = []
-
-    def pruning(*args: Any, **options: Any) -> Any:
-        clips = compute(*args, **options)
-        pruned.append(prune(tmp_path / "cache", max_bytes=0))
-        return clips
-
-    monkeypatch.setattr(build_module, "compute_clips", pruning)
-    run()
-    assert hashes(out) == whole
-    (result,) = pruned
-    assert (result.removed, result.swept) == (0, 0)
-    assert result.in_use == result.kept > 8
-    assert prune(tmp_path / "cache", max_bytes=0).kept == 0
 
 
 @pytest.mark.parametrize("how", ["removed", "damaged"])

@@ -8,9 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 import warnings
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from functools import partial
@@ -20,15 +18,6 @@ from typing import Any
 import pytest
 
 from tests import warm
-from tests.clusters import DASK, PIPES, dask_cluster
-
-
-@pytest.fixture
-def threads(slow: Any) -> Iterator[list[str]]:
-    """A worker of two threads."""
-    pytest.importorskip("distributed")
-    with dask_cluster(slow.environment, 1, 2) as address:
-        yield ["--cluster", address]
 
 
 def test_a_worker_killed_under_loky_loses_only_its_unit(slow, corpus, out, songs, undisturbed, hashes):
@@ -53,34 +42,6 @@ def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(slow, corpu
     slow.build(corpus, out, "--jobs", 1)
     assert hashes(out) == undisturbed
     assert slow.strays() == []
-
-
-@pytest.mark.nightly
-def test_a_build_resumes_after_a_lost_scheduler(slow, corpus, out, undisturbed, hashes):
-    pytest.importorskip("distributed")
-    command = [sys.executable, "-c", DASK, "2", "1"]
-    slow.sleep(3)
-    with subprocess.Popen(command, env=slow.environment, start_new_session=True, **PIPES) as cluster:
-        address = cluster.stdout.readline().strip()
-        building = slow.start(corpus, out, "--cluster", address)
-        while not slow.calls():
-            time.sleep(0.1)
-        os.killpg(cluster.pid, signal.SIGKILL)
-        _, output = building.communicate(timeout=120)
-    assert building.returncode == 1, output
-    assert "the workers of the Dask cluster were lost" in output
-    assert "Traceback" not in output
-    assert not out.exists()
-    slow.sleep(0)
-    slow.build(corpus, out, "--jobs", 1)
-    assert hashes(out) == undisturbed
-    assert slow.strays() == []
-
-
-@pytest.mark.nightly
-def test_workers_of_several_threads_are_refused(slow: Any, corpus: Path, out: Path, threads: list[str]):
-    assert "several units at once in threads" in slow.build(corpus, out, *threads, code=1)
-    assert not out.exists()
 
 
 @pytest.mark.parametrize(
@@ -311,56 +272,6 @@ def test_a_daemonic_process_computes_by_itself() -> None:
     """As a worker of multiprocessing.Pool, which may not start processes."""
     done = script(RUN + DAEMON)
     assert done.stdout == "[1, 2]\n", done.stderr
-
-
-MEMORY = """
-import os
-
-def kept(name):
-    return os.environ.get(name)
-
-print(*run_units(kept, [("MALLOC_TRIM_THRESHOLD_",), ("MALLOC_MMAP_THRESHOLD_",)], **OPTIONS))
-print(*(os.environ.get(name) for name in ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")))
-"""
-
-
-@pytest.mark.parametrize(
-    ("user", "expected"),
-    [({}, "134217728 33554432\nNone None\n"),
-     ({"MALLOC_TRIM_THRESHOLD_": "1000000"}, "1000000 None\n1000000 None\n"),
-     ({"GLIBC_TUNABLES": "glibc.malloc.arena_max=1"}, "None None\nNone None\n")],
-)  # fmt: skip
-def test_workers_keep_memory_unless_the_user_chose(user, expected, monkeypatch):
-    """Otherwise encoding motion spends a fifth of its time in the system, clearing the same pages."""
-    for name in [name for name in os.environ if name.startswith("MALLOC_")] + ["GLIBC_TUNABLES"]:
-        monkeypatch.delenv(name, raising=False)
-    for name, value in user.items():
-        monkeypatch.setenv(name, value)
-    done = script(RUN + MEMORY)
-    assert done.stdout == expected, done.stderr
-
-
-UNPICKLABLE = """
-from dancedata.core.errors import DanceDataError
-
-class TwoArgumentsError(Exception):
-    def __init__(self, first, second):
-        super().__init__(f"{first} {second}")
-
-def unit(number):
-    raise TwoArgumentsError("a", "b")
-
-try:
-    run_units(unit, [(1,), (2,)], **OPTIONS)
-except DanceDataError as error:
-    print(error)
-"""
-
-
-def test_an_error_that_does_not_unpickle_blames_no_file() -> None:
-    done = script(RUN + UNPICKLABLE)
-    assert "cannot be sent between processes" in done.stdout, done.stderr
-    assert "missing 1 required positional argument" in done.stdout
 
 
 def test_relative_paths_name_the_same_files_in_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

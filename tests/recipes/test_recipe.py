@@ -74,16 +74,9 @@ def test_all_problems_are_listed_at_once():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"windwos": {}}, "windwos: unknown key; did you mean 'windows'?"),
         ({"windows": {"lenght_s": 5, "stride_s": 1}}, "windows.lenght_s: unknown key; did you mean 'length_s'?"),
-        ({"store": {"shard_bm": 5}}, "store.shard_bm: unknown key; did you mean 'shard_mb'?"),
         ({"dataset": {"aist++": {"splitt": "all"}}}, "dataset.aist++.splitt: unknown key; did you mean 'split'?"),
         ({"audio": {"librosa53": {}}}, "unknown audio feature 'librosa53'. Did you mean 'librosa35'?"),
-        (
-            {"motion": {"edge151": {"contacts": "velcity"}}},
-            "unknown contact rule 'velcity'. Did you mean 'velocity'?",
-        ),
-        ({"dataset": {"aist++": {}, "synthetic": {}}}, "dataset: name one dataset"),
         ({"dataset": None}, "dataset: name one dataset"),
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
@@ -92,11 +85,9 @@ def test_all_problems_are_listed_at_once():
         ({"fps": 0}, "a frame rate must be above 0"),
         ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
         ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
-        ({"windows": {"length_frames": 150, "stride_s": 1, "stride_frames": 30}}, "found both"),
         ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is not a whole number of frames"),
         ({"windows": {"length_s": 0, "stride_s": 0.5}}, "the length must be above 0"),
         ({"dataset": {"aist++": {"ignore": "some"}}}, "dataset.aist++"),
-        ({"audio": {"librosa35": {"tightness": "tight"}}}, "audio.librosa35.tightness"),
         (
             {"dataset": {"aist++": {}, "split": "all"}},
             "dataset.split: unknown key; did you mean 'dataset.aist++.split'?",
@@ -105,16 +96,11 @@ def test_all_problems_are_listed_at_once():
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
         ({"transforms": {"repair": {}}}, "transforms: must be a list"),
         ({"transforms": ["repair", {"repair": {}}]}, "transforms: a transform is named twice"),
-        ({"transforms": ["repare"]}, "unknown transform 'repare'. Did you mean 'repair'?"),
-        ({"transforms": [{"repair": {"spike": 1}}]}, "transforms.repair.spike: unknown key; did you mean 'spikes'?"),
         ({"transforms": [{"repair": {"gaps": "long"}}]}, "transforms.repair.gaps: must be true, false or a number"),
         ({"transforms": [{"retarget": {"scale": 0}}]}, "transforms.retarget.scale: must be auto or a number"),
         ({"annotators": ["facts"]}, "annotators: must be a mapping such as {facts: true}"),
-        ({"annotators": {"facts": {"flight_s": -1}}}, "annotators.facts.flight_s: must be a number above 0"),
         ({"annotators": {"faults": {}}}, "annotators.faults: its segments are not stored"),
-        ({"rules": {"movment": {}}}, "unknown window rule 'movment'. Did you mean 'movement'?"),
         ({"rules": {"movement": {}}}, "rules.movement.field: no such field in motion or keymotion: lodge139"),
-        ({"rules": {"curate": {"slidin": 1}}}, "rules.curate.slidin: unknown key; did you mean 'sliding'?"),
         ({"repair": {"gaps": True}}, "repair: unknown key; did you mean 'transforms.repair'?"),
     ],
 )
@@ -264,35 +250,24 @@ def test_the_document_is_a_recipe_again():
 
 @pytest.mark.parametrize(
     ("text", "problem"),
-    [
-        ("[" * 41 + "]" * 41, "deeper than 40"),
-        (str(2**64), "more than 64 bits"),
-        ("x" * (1 << 15) + "y", "at most 32,768"),
-    ],
-)
+    [("[" * 41 + "]" * 41, "deeper than 40"), (str(2**64), "more than 64 bits"),
+     ("x" * (1 << 15) + "y", "at most 32,768")],
+)  # fmt: skip
 def test_the_limits_of_yaml(text: str, problem: str) -> None:
     with pytest.raises(yaml.YAMLError, match=problem):
         load_yaml(text)
-
-
-def test_yaml_within_its_limits() -> None:
     assert load_yaml(str(2**64 - 1)) == 2**64 - 1
     assert load_yaml("[" * 39 + "]" * 39)
 
 
 def recipe(*overrides: str, **changes: Any) -> Recipe:
-    document: dict[str, Any] = {
-        "recipe": 1,
-        "name": "instances",
-        "dataset": {"aist++": {}},
-        "windows": {"length_s": 2, "stride_s": 0.5},
-        "motion": {"edge151": {}, "edge151.strict": {"contacts": {"velocity": {"max_speed_m_s": 0.1}}}},
-        "audio": {"librosa35": {}, "librosa35.60": {"fps": 60, "tightness": 50}},
-        **changes,
-    }
+    """Instances of two plug-ins."""
+    motion = {"edge151": {}, "edge151.strict": {"contacts": {"velocity": {"max_speed_m_s": 0.1}}}}
+    audio = {"librosa35": {}, "librosa35.60": {"fps": 60, "tightness": 50}}
+    made = document(windows={"length_s": 2, "stride_s": 0.5}, **{"motion": motion, "audio": audio, **changes})
     for override in overrides:
-        apply_override(document, override)
-    return parse_recipe(document)
+        apply_override(made, override)
+    return parse_recipe(made)
 
 
 def test_fields_documents_and_keys_carry_the_full_name() -> None:

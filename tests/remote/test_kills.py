@@ -18,7 +18,7 @@ from tests.remote.upload_hub import TOKEN, UploadHub
 pytest.importorskip("huggingface_hub")
 WHERE = "hf://datasets/org/name"
 #: Places, evenly spaced over all bytes of the requests or answers.
-FEW, MANY = 5, 200
+FEW, MANY = 3, 200
 PLACES = [pytest.param(FEW, id="few"), pytest.param(MANY, id="many", marks=pytest.mark.nightly)]
 
 
