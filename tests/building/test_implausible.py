@@ -74,6 +74,9 @@ def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -
         build(made, source, tmp_path / "out", cache=tmp_path / "cache")
     with raises_message(DataError, "probably", where="own", reason="implausible_body"):
         build_part(made, source, Part(1, 1), cache=tmp_path / "cache", strict=True)
+    (source / "own.bvh").unlink()
+    with raises_message(DataError, "rises", where="smpl", reason="implausible_root"):
+        build(made, source, tmp_path / "root", cache=tmp_path / "cache", strict=True)
 
 
 def test_many_clips_are_counted() -> None:
