@@ -1,15 +1,12 @@
 """The evaluator of training loops: batches give what the same samples give as files, on one process or several."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
-import dancedata
 from dancedata import Evaluator
 from dancedata.core.errors import DataError, UsageError
-from dancedata.core.motion import Motion
 from dancedata.store import Store
 from tests.messages import raises_message
 
@@ -47,29 +44,6 @@ def gathered(*ranks: Evaluator, **options: Any) -> None:
 def two(store: Store) -> tuple[Evaluator, Evaluator]:
     first, second = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
     return first, second
-
-
-def test_batches_agree_with_single_motions(store: Store, evaluator: Evaluator, batch: Any) -> None:
-    ids, columns, music = batch
-    evaluator.reset()
-    for k in range(0, len(ids), 4):
-        evaluator.update(columns[k : k + 4], ids=ids[k : k + 4], music=music[k : k + 4])
-    assert len(evaluator) == len(ids)
-    found = evaluator.compute()
-    scaler = store.scaler("edge151")
-    motions: Mapping[str, Motion] = {
-        name: dancedata.decode(scaler.unnormalize(rows.astype(np.float64)), "edge151", fps=30)
-        for name, rows in zip(ids, columns, strict=True)
-    }
-    beats = {
-        name: dancedata.metrics.MusicBeats.of_rows(rows, store.fields["librosa35"], store.grid, late=1)
-        for name, rows in zip(ids, music, strict=True)
-    }
-    whole = dancedata.evaluate(motions, pool=store, pool_split="train", music=beats, intervals=False)
-    for name, value in values(whole).items():
-        assert value is not None
-        assert values(found)[name] == pytest.approx(value, rel=1e-9), name
-    assert found.role == "generated"
 
 
 def test_torch_on_any_dtype(evaluator: Evaluator, batch: Any) -> None:

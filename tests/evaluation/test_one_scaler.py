@@ -77,20 +77,6 @@ def test_normalising_is_undone(store: Store, tmp_path: Path, kind: str, reader: 
     assert beyond > 1.01
 
 
-def test_an_evaluator_of_the_reader_gives_the_numbers_of_the_motions(store: Store) -> None:
-    changed, plain = (
-        WindowDataset(store, fields=(FIELD,), scale=scale, augment={"mirror": 1.0}) for scale in (Scale(), None)
-    )
-    evaluator = Evaluator(changed, FIELD)
-    places = range(0, len(changed), 6)
-    batch = [changed[place] for place in places]
-    evaluator.update(np.stack([sample[FIELD].numpy() for sample in batch]), [sample["id"] for sample in batch])
-    motions = {f"{place}": dancedata.decode(plain[place][FIELD].numpy(), FIELD, fps=30) for place in places}
-    wanted = dancedata.evaluate(motions, pool=store, intervals=False)
-    for name in ("fid_k", "pfc", "div_k"):
-        assert evaluator.compute()[name].value == pytest.approx(wanted[name].value, rel=1e-3), name
-
-
 def test_a_wider_scaler_is_named_and_travels(store: Store, tmp_path: Path) -> None:
     wide = WindowDataset(store, fields=(FIELD,), scale=Scale(covers=["mirror", "yaw"]), augment={"mirror": 1.0})
     plain = WindowDataset(store, fields=(FIELD,), scale=None, augment={"mirror": 1.0})

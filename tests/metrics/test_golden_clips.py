@@ -43,28 +43,14 @@ class Clip:
     ) -> float:
         return float(metric.measure(self.dance(joints, fps, beats, beat_fps))[0])
 
-    @property
-    def up60(self) -> np.ndarray:
-        return self.joints("smpl24_yup60")
-
-    @property
-    def up30(self) -> np.ndarray:
-        return self.joints("smpl24_yup60", 2)
-
-    @property
-    def z30(self) -> np.ndarray:
-        return self.joints("smpl24_zup30")
-
-    @property
-    def lodge(self) -> np.ndarray:
-        return self.joints("smplx24_yup30")
+    up60 = property(lambda self: self.joints("smpl24_yup60"))
+    up30 = property(lambda self: self.joints("smpl24_yup60", 2))
+    z30 = property(lambda self: self.joints("smpl24_zup30"))
+    lodge = property(lambda self: self.joints("smplx24_yup30"))
+    bailando60 = property(lambda self: self._golden.beats[f"{self.name}.bailando60"])
 
     def slices(self) -> list[np.ndarray]:
         return [self.z30[start : start + 150] for start in self.values["slice_starts30"]]
-
-    @property
-    def bailando60(self) -> np.ndarray:
-        return self._golden.beats[f"{self.name}.bailando60"]
 
 
 def _slice_scores(clip: Clip) -> list[float | None]:

@@ -256,15 +256,6 @@ def test_arguments_that_cannot_be(demo: Path, tmp_path: Path, wrong: dict[str, A
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_created_next_to_the_page_during_writing_stays(tmp_path: Path) -> None:
-    target = PageFiles.of(tmp_path / "r.html", [], max_mb=1, overwrite=True)
-    target.folder.mkdir()
-    for name in ("mine.txt", "clip-00007.js"):
-        (target.folder / name).write_text("")
-    target.write(b"page", {})
-    assert sorted(path.name for path in target.folder.iterdir()) == ["clip-00007.js", "mine.txt"]
-
-
 def _with_a_folder(page: Path, number: int = 12) -> Path:
     """Write a report with one clip next to its page; returns the folder."""
     side = {f"clip-{number:05d}.js": lambda: f"dancedataClip({number}, {{}});\n".encode()}
