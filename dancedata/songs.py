@@ -391,8 +391,6 @@ def _recipe_like(like: str) -> Recipe:
             if not folder.exists() and folder.suffix not in (".yaml", ".yml"):
                 error.problem = f"there is neither a dataset folder nor a recipe {shown(like)}"
             raise
-    if not (folder / DATASET_FILE).exists():
-        raise StoreError("the folder is not a dataset, so it has no feature parameters to use", where=folder)
     store = open_store(folder)
     recipe = stored_recipe(store)
     if json_sha256(recipe.document) != json_sha256(store.info["recipe"]):

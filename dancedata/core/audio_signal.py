@@ -65,10 +65,7 @@ class AudioSignal:
 
     @cached_property
     def sha256(self) -> str:
-        """Hash of sample rate and samples, independent of the file and its format.
-
-        It is the hash of the hashes of quarters of a second.
-        """
+        """Hash of sample rate and samples, in any format of the file: of the hashes of quarters of a second."""
         step = max(1, self.sample_rate // 4)
         quarters = [self.samples[k : k + step].astype("<f4", copy=False) for k in range(0, self.n_samples, step)]
         hashes = " ".join(sha256_bytes(quarter.data) for quarter in quarters)

@@ -14,10 +14,7 @@ from dancedata.core.errors import UsageError, did_you_mean
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirroring as a signed permutation: column j of the result is signs[j] * column permutation[j].
-
-    It is its own inverse.
-    """
+    """Mirroring as a signed permutation, its own inverse: column j becomes signs[j] * column permutation[j]."""
 
     permutation: tuple[int, ...]
     signs: tuple[int, ...]

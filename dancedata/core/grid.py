@@ -138,10 +138,7 @@ class FrameGrid:
         return int(frames) * other_period // period
 
     def rows_up(self, frames: int, *, of: FrameGrid) -> int:
-        """Return how many rows of the grid `of` begin within `frames` frames: rounded up.
-
-        It is also the first row at or after frame `frames`.
-        """
+        """Return how many rows of `of` begin within `frames` frames, rounded up: the first row at or after it."""
         period, other_period = self.common_period(of)
         return -(-int(frames) * other_period // period)
 

@@ -49,18 +49,15 @@ class Flag:
 
     `kind`: Says what `value` is, in `unit`. "fast_turn": an angle. "root_jump": a distance. "repaired_spike", "_gap",
         "_floor", "_jitter": size of a spike, length of a gap, drift or jitter of all frames. "retarget_residual": the
-        largest residual of a run of frames, see `dancedata.retarget`. Those in `OF_CLIPS` concern the whole clip;
-        `core.implausible` says what each value is.
-    `joint`, `frame`: "" and None for a flag of the whole clip.
-    `rate`: Frame rate of `frame`, frames per second, as text.
+        largest of a run of frames, see `dancedata.retarget`. `core.implausible` says what those in `OF_CLIPS` are.
     """
 
     kind: str
-    joint: str
-    frame: int | None
+    joint: str  # "" for the whole clip
+    frame: int | None  # None for the whole clip
     value: float
     unit: str
-    rate: str
+    rate: str  # frames per second, as text
 
     def to_json(self) -> dict[str, Any]:
         """Return plain JSON data; a flag of the whole clip has no joint and no frame."""

@@ -89,10 +89,7 @@ class Skeleton:
         return replace(self, name=name, offsets=offsets)
 
     def subset(self, name: str, joints: tuple[str, ...]) -> Skeleton:
-        """Return the skeleton of some joints, in the present order; bones across omitted joints are joined.
-
-        UsageError for an unknown joint, and without the root or a foot joint.
-        """
+        """Return the skeleton of some joints, bones across others joined; UsageError without root or feet."""
         kept = [self.index(joint) for joint in joints]
         needed = {0, *self.feet}
         if kept != sorted(kept) or not needed <= set(kept):

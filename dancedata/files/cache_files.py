@@ -126,10 +126,7 @@ def read_json(path: str | Path) -> tuple[Any, float]:
 
 
 def touch(path: str, used: float) -> None:
-    """Record the use of an entry for `prune`: its modification time is the time of its last use.
-
-    The access time cannot be used: most file systems are mounted so that it is updated late or never.
-    """
+    """Record the use of an entry, for `prune`, as its modification time: access times are updated late or never."""
     # Also if the last use is in the future: the clock was set back.
     if abs(time.time() - used) > USE_GRANULARITY_S:
         with suppress(OSError):  # another user's entry, or a read-only cache

@@ -42,10 +42,7 @@ def lock_file(fd: int, *, shared: bool = False, wait: bool = True, unsure: bool 
 
 
 def unlock(fd: int) -> None:
-    """Release a lock and close the file.
-
-    Closing alone is not enough: a process that was forked in between has the file open too, and with it the lock.
-    """
+    """Release a lock and close the file; closing alone leaves it to a process that was forked in between."""
     try:
         with suppress(OSError):
             fcntl.flock(fd, fcntl.LOCK_UN)

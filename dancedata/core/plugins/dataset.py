@@ -82,10 +82,7 @@ class Dataset(Plugin):
         return [self.load(ref) for ref in refs]
 
     def segments(self, ref: ClipRef) -> Sequence[Segment]:
-        """Return the spans and instants that the source states for a clip; by default `ClipRef.segments`.
-
-        Reads no motion. Sources are compared by the segments of the scan alone.
-        """
+        """Return what the source states of a clip in time, without reading motion; by default `ClipRef.segments`."""
         return ref.segments
 
     @abstractmethod

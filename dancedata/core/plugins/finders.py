@@ -52,10 +52,7 @@ class WindowFilter(Plugin):
 
     @abstractmethod
     def reject(self, rows: Float32Array, columns: Columns, grid: FrameGrid) -> Reject | None:
-        """Return why a window is left out, ``Reject(self.reason, detail=..., numbers=...)``; None if it is kept.
-
-        `rows` are (L, D), not normalised, read-only.
-        """
+        """Return why a window of rows (L, D), not normalised, is left out, a `Reject`; None if it is kept."""
 
 
 #: The name of primitives in samples.

@@ -98,10 +98,9 @@ class Representation(Plugin):
         return self.encode(motion, contacts)
 
     def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
-        """Return (T, D) columns of a motion that `decode` returned and that was changed since.
+        """Return (T, D) columns of a motion that `decode` returned and that was changed since, at the height of the columns.
 
-        The dancer stays at the height that the decoded columns had. A representation that is `grounded` replaces
-        this, as `encode` would move the dancer to the ground once more.
+        A representation that is `grounded` replaces this, as `encode` would move the dancer to the ground once more.
         """
         if self.grounded:
             raise UsageError(f"motion decoded from {self.name} loses its height above the floor if encoded again")
@@ -114,8 +113,8 @@ class Representation(Plugin):
     def placed(self, motion: Motion, rows: npt.ArrayLike) -> Motion:
         """Return a motion put where its dancer was: one turn about the vertical and one shift, by the first row.
 
-        The motion was decoded from columns without a place, of the same frames as `rows`, (T, D) columns that
-        `holds_places`, not normalised. UsageError for rows of another shape or number, and if they hold no places.
+        It was decoded from columns without a place, of the same frames as `rows`, (T, D) columns that `holds_places`,
+        not normalised. UsageError for rows of another shape or number, and if they hold no places.
         """
         raise UsageError(f"the columns of {self.name} hold no places of dancers")
 
