@@ -98,7 +98,7 @@ class Representation(Plugin):
         return self.encode(motion, contacts)
 
     def reencode(self, motion: Motion, contacts: ContactRule | None = None) -> Float32Array:
-        """Return (T, D) columns of a motion that `decode` returned and that was changed since, at the height of the columns.
+        """Return (T, D) columns of a motion that `decode` returned and that was changed, at the columns' height.
 
         A representation that is `grounded` replaces this, as `encode` would move the dancer to the ground once more.
         """
