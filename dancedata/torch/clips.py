@@ -144,13 +144,11 @@ class ClipDataset(SplitDataset):
     def _crop(self, place: Windows) -> int | None:
         if place.length_s is None and place.length is None:
             return None
-        frames = place.length
-        if place.length_s is not None:
-            frames = self.store.grid.frames(place.length_s, what="length_s")
-        if whole("length", frames or 0) < 1 or (frames or 0) % self._period():
+        frames = self.store._window_grid(length_s=place.length_s, length=place.length).length
+        if frames % self._period():
             raise UsageError("the length of a crop is not a whole number of rows of all fields",
                              found=f"{frames} frames", allowed=f"multiples of {self._period()}")  # fmt: skip
-        return int(frames or 0)
+        return frames
 
     def _period(self) -> int:
         return whole_period(self.store._description, [self.store.field(name) for name in self.fields])

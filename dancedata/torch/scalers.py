@@ -33,14 +33,9 @@ def named_scalers(store: Store, fields: tuple[str, ...], scaler: ScalerLike | No
         single = scaler if isinstance(scaler, Scaler) else Scaler.load(scaler)
         fitting = [name for name in fields if store.fields[name].width == single.width]
         by_field = {single.field or (fitting[0] if len(fitting) == 1 else ""): single}
-    elif isinstance(scaler, Store):
-        raise UsageError(
-            "a dataset is not a scaler", found=repr(scaler), fix="give a reader, store.scaler(FIELD), or its file"
-        )
-    elif not hasattr(scaler, "scaler"):
-        raise UsageError(
-            "this is not a scaler", found=shown(scaler), fix="give Scale(...), a scaler, its file, or None"
-        )
+    elif not hasattr(scaler, "normalized"):
+        raise UsageError("this is not a scaler", found=shown(scaler),
+                         fix="give Scale(...), a reader, store.scaler(FIELD), its file, or None")  # fmt: skip
     else:
         shared = [name for name in scaler.fields if name in fields]
         by_field = {n: scaler.scaler(n) for n in shared if n in scaler.normalized or _is_real_motion(store.field(n))}
