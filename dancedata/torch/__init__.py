@@ -30,7 +30,6 @@ __all__ = [
     "WindowDataset",
     "Windows",
     "from_plain",
-    "pack_clips",
     "pad_clips",
     "to_plain",
 ]
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from dancedata.torch.batch_loader import BatchLoader
     from dancedata.torch.batch_stream import BatchStream
     from dancedata.torch.buckets import BucketSampler
-    from dancedata.torch.clip_collate import pack_clips, pad_clips
+    from dancedata.torch.clip_collate import pad_clips
     from dancedata.torch.clips import ClipDataset
     from dancedata.torch.groups import GroupDataset
     from dancedata.torch.mix import Mix
@@ -65,7 +64,7 @@ else:  # type checkers take the imports above, and so find misspelt names
             "torch.batch_loader": "BatchLoader",
             "torch.batch_stream": "BatchStream",
             "torch.buckets": "BucketSampler",
-            "torch.clip_collate": "pack_clips pad_clips",
+            "torch.clip_collate": "pad_clips",
             "torch.clips": "ClipDataset",
             "torch.groups": "GroupDataset",
             "torch.mix": "Mix",

@@ -109,6 +109,9 @@ class BatchLoader:
     def __len__(self) -> int:
         return len(self._batches())
 
+    def __repr__(self) -> str:
+        return f"BatchLoader({self.dataset!r}, batch_size={self.batch_size}, threads={self.threads})"
+
     def __iter__(self) -> Iterator[dict[str, Any]]:
         previous = self._iteration() if self._iteration is not None else None
         if previous is not None:

@@ -1,4 +1,4 @@
-"""Collate functions for clips of different lengths: padded to the longest, or packed one after another."""
+"""The collate function for clips of different lengths, which are padded to the longest."""
 
 from __future__ import annotations
 
@@ -82,29 +82,6 @@ def pad_clips(
         batch[name] = padded
         batch["mask"][name] = torch.arange(total) < lengths[name][:, None]
     return {**batch, "lengths": lengths}
-
-
-def pack_clips(samples: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Make a batch of clips that follow one another, without padding: for attention over jagged batches.
-
-    Returns
-    -------
-    dict
-        A tensor (sum of rows, D) per field; ``"offsets"``, by field (B + 1,) int64: clip k has rows offsets[k] to
-        offsets[k + 1] - 1, as torch.nested and, as int32, FlashAttention's cu_seqlens have them; ``"lengths"``, by
-        field (B,) int64; the other values as default_collate makes them.
-
-    Raises
-    ------
-    UsageError
-        If there is no clip.
-    """
-    fields, batch = _rows_and_rest(samples)
-    lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
-    batch.update({name: torch.cat(clips) for name, clips in fields.items()})
-    zero = torch.zeros(1, dtype=torch.int64)
-    offsets = {name: torch.cat([zero, rows.cumsum(0)]) for name, rows in lengths.items()}
-    return {**batch, "offsets": offsets, "lengths": lengths}
 
 
 def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:

@@ -18,10 +18,8 @@ from dancedata.core.typing import override
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.dataset import Store
 from dancedata.store.window_cuts import whole_period
-from dancedata.store.window_list import WindowList
 from dancedata.torch.batch_reader import BatchPlan, blank_of
-from dancedata.torch.beat_starts import beat_starts, no_start
-from dancedata.torch.clip_collate import pack_clips, pad_clips
+from dancedata.torch.clip_collate import pad_clips
 from dancedata.torch.draws import crop_choices, mirrored_samples
 from dancedata.torch.music_beats import beat_labels
 from dancedata.torch.options import Item, Scale, ScalerLike, Select, Windows, clash
@@ -40,7 +38,7 @@ class ClipDataset(SplitDataset):
 
         crops = ClipDataset(out, windows=Windows(length_s=5), crops=4)  # of one length: default_collate is enough
 
-    Whole clips differ in length: `pad_clips` or `pack_clips` make batches of them, and `BucketSampler` puts clips of
+    Whole clips differ in length: `pad_clips` makes batches of them, and `BucketSampler` puts clips of
     similar length together.
 
     Attributes
@@ -58,7 +56,7 @@ class ClipDataset(SplitDataset):
     """
 
     #: For ``DataLoader(collate_fn=...)``.
-    pad, pack = staticmethod(pad_clips), staticmethod(pack_clips)
+    pad = staticmethod(pad_clips)
 
     def __init__(
         self,
@@ -78,8 +76,7 @@ class ClipDataset(SplitDataset):
         Parameters
         ----------
         windows
-            A length makes random crops of it; with `start_at` each begins at a random beat, found as for a
-            `WindowDataset`. A stride is not used. Default: whole clips.
+            A length makes random crops of it. A stride is not used. Default: whole clips.
         crops
             Crops of each clip in an epoch.
         select
@@ -96,15 +93,17 @@ class ClipDataset(SplitDataset):
         super().__init__(store, split, fields, select, scale)
         self._items.require_plain("ClipDataset")
         place = Windows.taken(windows)
-        self.crop_frames, self.start_at = self._crop(place), place.start_at
-        self.crops = whole("crops", crops, 1, MAX_ROWS)
-        if self.crop_frames is None and (self.crops > 1 or self.start_at is not None):
+        self.crop_frames, self.crops = self._crop(place), whole("crops", crops, 1, MAX_ROWS)
+        if place.start_at is not None:
+            raise clash(place, "ClipDataset", "crops begin anywhere; windows of a WindowDataset begin on beats")
+        if self.crop_frames is None and self.crops > 1:
             raise clash(place, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
-        self._starts: dict[str, npt.NDArray[np.int64]] = {}
-        selection = self._choose(place, {"whole": True})
-        spans, self.rejects = self._long_enough(selection.windows, selection.rejects)
+        chosen, least = self._choose(place, {"whole": True}), self.crop_frames or 1
+        details = {s.clip: f"{s.length} frames: a crop has {least}" for s in chosen.windows if s.length < least}
+        self.rejects = (*chosen.rejects, *(Reject("too_short", clip, detail=d) for clip, d in details.items()))
+        spans = chosen.windows.take(chosen.windows.length >= least)
         if not spans:
-            raise no_window_error(self.store, self.split, self.rejects, self.start_at)
+            raise no_window_error(self.store, self.split, self.rejects, None)
         self.windows = spans.take(np.repeat(np.arange(len(spans)), self.crops))
         self._prepare(augment, seed, allow_crop=False)
         self._is_random |= self.crop_frames is not None
@@ -153,37 +152,11 @@ class ClipDataset(SplitDataset):
     def _period(self) -> int:
         return whole_period(self.store._description, [self.store.field(name) for name in self.fields])
 
-    def _long_enough(self, spans: WindowList, rejects: tuple[Reject, ...]) -> tuple[WindowList, tuple[Reject, ...]]:
-        least = self.crop_frames or 1
-        short = [span for span in spans if span.length < least]
-        too_short = [
-            Reject("too_short", span.clip, detail=f"{span.length} frames: a crop has {least}") for span in short
-        ]
-        spans = spans.take(spans.length >= least)
-        if self.start_at is None:
-            return spans, (*rejects, *too_short)
-        possible = np.array([len(self._beat_starts(span.clip)) > 0 for span in spans], dtype=np.bool_)
-        too_short += [no_start(span.clip, least, self.start_at) for span in spans.take(~possible)]
-        return spans.take(possible), (*rejects, *too_short)
-
-    def _beat_starts(self, clip: str) -> npt.NDArray[np.int64]:
-        """Return the frames (N,) at which a crop of a clip can begin on a beat."""
-        if clip not in self._starts:
-            at, length, trim = self.start_at or "beat", self.crop_frames or 1, self._choice.trim
-            self._starts[clip] = beat_starts(self.store, clip, length, at=at, fields=self.fields, trim=trim)
-        return self._starts[clip]
-
     def _random_starts(self, epoch: int, places: list[int]) -> npt.NDArray[np.int64]:
         """Return the first frames of the samples at `places` in an epoch, (len(places),)."""
-        if self.start_at is None:
-            period = self._period()
-            n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
-            return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
-        beats = [self._beat_starts(self.windows[place].clip) for place in places]
-        choices = crop_choices(
-            self.seed, epoch, places, np.array([len(of_clip) for of_clip in beats], dtype=np.int64)
-        )
-        return np.array([of_clip[nth] for of_clip, nth in zip(beats, choices, strict=True)], dtype=np.int64)
+        period = self._period()
+        n_choices = ((self.windows.length - self.lengths) // period + 1)[places]
+        return self.windows.start[places] + period * crop_choices(self.seed, epoch, places, n_choices)
 
     def _labels(self, plan: BatchPlan, nth: int) -> dict[str, torch.Tensor]:
         labels = beat_labels(self.store, self.fields)

@@ -29,7 +29,6 @@ from dancedata.torch import (
     Relative,
     WindowDataset,
     Windows,
-    pack_clips,
     pad_clips,
 )
 
@@ -118,26 +117,23 @@ def test_crops_begin_at_whole_rows_of_slow_fields(tmp_path: Path) -> None:
         ClipDataset(made.path, fields=(MOTION, "slow"), windows=Windows(length=30))
 
 
-def test_padded_and_packed(store: Store) -> None:
+def test_padded(store: Store) -> None:
     clips = ClipDataset(store, fields=(MOTION, "fast"))
     samples = clips.samples(range(4))
-    padded, packed = partial(pad_clips, multiple=16, value=7.0)(samples), pack_clips(samples)
+    padded = partial(pad_clips, multiple=16, value=7.0)(samples)
     assert padded[MOTION].shape == (4, -(-int(clips.lengths[:4].max()) // 16) * 16, 151)
     for k, sample in enumerate(samples):
         for field in clips.fields:
             rows, mask = sample[field], padded["mask"][field][k]
-            assert padded["lengths"][field][k] == packed["lengths"][field][k] == len(rows) == mask.sum()
+            assert padded["lengths"][field][k] == len(rows) == mask.sum()
             assert torch.equal(padded[field][k][mask], rows)
             assert (padded[field][k][~mask] == 7.0).all()
-            low, high = packed["offsets"][field][k : k + 2].tolist()
-            assert torch.equal(packed[field][low:high], rows)
-    assert padded["clip"] == packed["clip"] == [sample["clip"] for sample in samples]
+    assert padded["clip"] == [sample["clip"] for sample in samples]
     assert pad_clips(samples, length=300)["fast"].shape[1] == 300
     with raises_message(UsageError, "length", where="clip train_c00, field edge151"):
         pad_clips(samples, length=20)
-    for collate in (pad_clips, pack_clips):
-        with raises_message(UsageError, "batches"):
-            collate([])
+    with raises_message(UsageError, "batches"):
+        pad_clips([])
     for multiple in (0, -3):
         with raises_message(UsageError, "pad_clips"):
             pad_clips(samples, multiple=multiple)
