@@ -22,7 +22,7 @@ from dancedata.synthetic import synthesise_song
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH = 560
-#: (light, dark) by the name of a class. tests/docs/test_images.py measures their contrast.
+#: (light, dark) by the name of a class. tests/docs/test_site.py measures their contrast.
 COLOURS = {
     "ground": ("#ffffff", "#0d1117"),
     "box": ("#eef2f7", "#1c232d"),

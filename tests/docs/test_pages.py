@@ -9,7 +9,7 @@ import yaml
 from dancedata.core.registry import FEATURES
 from dancedata.core.resources import resource
 from dancedata.decoding.files import FORMATS
-from dancedata.recipes.parse import load_recipe, parse_recipe
+from dancedata.recipes.parse import parse_recipe
 from tests.docs.pages import blocks, text_of, with_output
 
 
@@ -58,16 +58,6 @@ def test_the_ways_to_reproduce_are_recipes() -> None:
         # At 60 and 75 rows per second windows have to be whole numbers of rows.
         windows = {"length_s": 4, "stride_s": 2}
         parse_recipe({**document, "audio": yaml.safe_load(audio), "windows": windows})
-
-
-def test_the_recipe_is_finedance_with_mert() -> None:
-    with_mert, plain = (load_recipe(name).document for name in ("finedance-mert", "finedance"))
-    assert {key: value for key, value in with_mert["audio"].items() if key != "hf.mert"} == plain["audio"]
-    assert with_mert["audio"]["hf.mert"]["layers"] == [7]
-    for document in (with_mert, plain):
-        del document["audio"], document["name"]
-        document.pop("description", None)
-    assert with_mert == plain
 
 
 def test_the_page_of_encoders_names_every_model_type() -> None:

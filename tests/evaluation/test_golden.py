@@ -11,7 +11,6 @@ from dancedata.core.grid import FrameGrid
 from dancedata.evaluation.measuring import measure_pose
 from dancedata.evaluation.protocol import PROTOCOLS
 from dancedata.evaluation.report import Report
-from dancedata.metrics import MusicBeats
 from dancedata.metrics.set_statistics import STATISTICS
 from dancedata.scene.poses import Pose
 
@@ -197,14 +196,3 @@ def test_sets_are_normalised_as_in_the_originals(name: str) -> None:
         if measure.metric.needs_pool:
             own = getattr(measure.metric, "statistics")  # noqa: B009 (of the plug-ins that have it)
             assert STATISTICS[own] == STATISTICS[STATISTICS_OF[name][1]]
-
-
-def test_beats_at_another_rate_than_the_motions() -> None:
-    rng = np.random.default_rng(0)
-    dance = {"a": rng.normal(0, 0.01, (200, 24, 3)).cumsum(axis=0)}
-    with_30 = MusicBeats.of([3, 20, 50, 77], FrameGrid.of(30))
-    with_60 = MusicBeats.of([6, 40, 100, 154], FrameGrid.of(60))
-    scores = [
-        dancedata.evaluate(dance, fps=40, music={"a": b}, intervals=False)["bas"].value for b in (with_30, with_60)
-    ]
-    assert scores[0] == scores[1]

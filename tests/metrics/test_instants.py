@@ -12,7 +12,7 @@ import pytest
 import dancedata
 from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.core.audio_signal import AudioSignal
-from dancedata.core.dance import Dance, MusicBeats, peak_offsets
+from dancedata.core.dance import Dance, MusicBeats
 from dancedata.core.grid import FrameGrid
 from dancedata.datasets.aistpp import AistPP
 from dancedata.evaluation.measuring import measure_pose
@@ -145,16 +145,6 @@ def test_beats_of_music_are_read_at_their_instants(fps: int) -> None:
         assert np.abs(found[:, None] - beats).min(axis=1).max() < 0.25 / fps
         alone = Field("librosa35.own", "audio", columns, FrameGrid.of(fps).rate).beats(rows[:, -1]).seconds
         assert alone == pytest.approx(stored - 1 / fps)
-
-
-def test_peaks_between_rows() -> None:
-    places = np.array([3.2, 10.0, 16.7])
-    curve = np.max([4 - (np.arange(20) - place) ** 2 for place in places], axis=0)
-    rows = np.rint(places).astype(np.int64)
-    assert rows + peak_offsets(curve, rows) == pytest.approx(places)
-    assert rows + peak_offsets(5 - 0.3 * (7 - curve), rows) == pytest.approx(places)  # at any scale
-    assert peak_offsets(-curve, rows).tolist() == [0, 0, 0]
-    assert peak_offsets(curve, np.array([0, 19])).tolist() == [0, 0]
 
 
 def test_pieces_and_cache_keys_have_the_instants() -> None:

@@ -83,13 +83,6 @@ def test_planted_faults_are_named(report: SamplesReport) -> None:
     assert {clip for pair in copies for clip in pair["clips"] if clip.startswith("samples/")} == {"samples/again"}
 
 
-def test_songs_are_those_of_the_clips_of_that_name(demo: Path, report: SamplesReport) -> None:
-    with open_store(demo) as store:
-        songs = {clip.id: clip.music for clip in store}
-    for row in report.rows:
-        assert row.song == songs.get(row.clip, "")
-
-
 def test_the_page_has_everything_and_no_markup_of_names(demo: Path, samples: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     scores = dancedata.evaluate(samples, like=demo, normalized=False, intervals=False)

@@ -123,20 +123,6 @@ def test_links_escape_names(scenes) -> None:
     )
 
 
-def test_flags_are_at_the_time_of_the_source(scenes, monkeypatch: pytest.MonkeyPatch) -> None:
-    dataset = Scenes(scenes("thirty").store)
-    clip = dataset.items[0].clip.id
-    rows = [
-        {"clip": clip, "kind": "fast_turn", "joint": "left_knee", "frame": 73,
-         "rate": "60", "value": 50.0, "unit": "deg"},
-        {"clip": clip, "kind": "implausible_body", "rate": "60", "value": 0.5, "unit": "m"},
-    ]  # fmt: skip
-    dataset.__dict__["_quality"] = {clip: rows}
-    flags = dataset.scene(dataset.items[0]).flags
-    assert [flag.time for flag in flags] == [pytest.approx(73 / 60), None]
-    assert dataset.flag_count(dataset.find(clip)) == 2
-
-
 @pytest.mark.parametrize("wrong", [{"rate": "0"}, {"rate": "sixty"}, {"frame": 10**400}])
 def test_a_flag_without_a_time_is_one_of_the_whole_clip(scenes, wrong: dict) -> None:
     dataset = Scenes(scenes("slices").store)
@@ -167,16 +153,6 @@ def test_music_begins_where_the_clip_begins(scenes, dances: Path) -> None:
     first = whole.sample_rate
     assert np.array_equal(sound.signal.samples, whole.samples[first : first + 2 * whole.sample_rate])
     assert sound.notes == ()
-
-
-def test_music_offset_of_a_clip_in_its_song(tmp_path: Path) -> None:
-    fields = (Field("pose", "motion", random_columns(7), Fraction(30)),
-              Field("music", "audio", random_columns(5, mirror=False), Fraction(30)))  # fmt: skip
-    written = write_random_store(tmp_path / "store", fields=fields)
-    store = dancedata.open(written.path)
-    offsets = {clip.id: clip.audio["music"][0].offset for clip in written.clips}
-    assert any(offsets.values())
-    assert {clip.id: store[clip.id].music_offset * 30 for clip in store} == offsets
 
 
 def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> None:

@@ -173,11 +173,6 @@ def test_wrong_requests(odd: Path, request_: dict, error: type[DanceDataError], 
         pass
 
 
-def test_the_address_shows_the_request(odd: Path) -> None:
-    with serving(ViewRequest(odd, "wav@30+60")) as address:
-        assert address.endswith("#clip=wav&t=1.000&loop=30-90")
-
-
 def test_answers_to_long_names_are_short(client: Client) -> None:
     status, _, body = client.get(f"/clip/0?field={'x' * 30_000}")
     assert status == 400
