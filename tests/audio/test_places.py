@@ -11,14 +11,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import librosa
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from dancedata.audio import _bailando as b438
 from dancedata.audio import _librosa as plain
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.audio.librosa35.arrays import BLOCK, aligned, each_times, times_on_grid
+from dancedata.audio.librosa35.beats import window_beats, window_tempos
 from dancedata.audio.librosa35.feature import Librosa35
+from dancedata.audio.librosa35.spectra import onset_peaks
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.grid import FrameGrid
 from dancedata.files.locks import file_lock
@@ -142,3 +146,43 @@ def test_the_fast_version_needs_neither_librosa_nor_numba() -> None:
     )
     done = subprocess.run([sys.executable, "-W", "error", "-c", script], capture_output=True, text=True, check=False)
     assert (done.stdout.strip(), done.stderr) == ("[]", "")
+
+
+# ---- tempo, beats and peaks of many envelopes are librosa's
+
+
+RATE = 15360
+
+
+def _envelopes(n_frames: int, count: int, seed: int) -> NDArray[np.float32]:
+    """Onset envelopes of many kinds: noise, pulses, sparse ones, silence."""
+    rng, frames = np.random.default_rng(seed), np.arange(n_frames)
+    rows = []
+    for k in range(count):
+        period = rng.uniform(8, 40)
+        pulses = np.exp(-0.5 * ((frames + rng.uniform(0, 40)) % period) ** 2) * rng.uniform(0, 20)
+        noise = rng.exponential(1.0, n_frames) * rng.choice([0, 0.1, 1, 5])
+        rows.append((pulses + noise) * (1 if k % 5 else rng.random(n_frames) < 0.03))
+    rows[0] = np.zeros(n_frames)
+    rows[1] = 3.0 * (frames == n_frames // 2)
+    envelopes = np.array(rows, dtype=np.float32)
+    envelopes[:, :3] = 0
+    return envelopes
+
+
+# Seeds 2, 5, 6 and 11 have envelopes whose squares are nothing in float32.
+@pytest.mark.parametrize("seed", [0, 6])
+@pytest.mark.parametrize(("rate", "n_frames"), [(RATE, 151), (RATE, 700), (30720, 301), (12288, 40)])
+def test_tempo_beats_and_peaks(rate: int, n_frames: int, seed: int) -> None:
+    envelopes = _envelopes(n_frames, 60, seed)
+    tempos = window_tempos(envelopes, rate, 110.0)
+    beats = window_beats(envelopes, tempos, rate, 100.0)
+    peaks = onset_peaks(envelopes, rate)
+    for k, envelope in enumerate(envelopes):
+        tempo, frames = librosa.beat.beat_track(onset_envelope=envelope, sr=rate, start_bpm=110.0, tightness=100)
+        assert envelope.any() == (float(np.squeeze(tempo)) > 0)
+        if envelope.any():
+            assert tempos[k] == float(np.squeeze(tempo)), k
+        assert np.array_equal(np.flatnonzero(beats[k]), frames), k
+        expected = librosa.onset.onset_detect(onset_envelope=envelope, sr=rate)
+        assert np.array_equal(np.flatnonzero(peaks[k]), expected), k

@@ -1,6 +1,8 @@
 """The kinetic curve, its minima and their rows; the plug-in: Lodge's joints, whole clips, other bodies."""
 
 import math
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import argrelextrema
 
+from dancedata.building.build import build
 from dancedata.core.bodies import SMPLX22, transfer
 from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
@@ -17,6 +20,7 @@ from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.keymotion.characteristic_primitives import joints_of
 from dancedata.keymotion.lodge import Lodge
 from dancedata.metrics.key_motion import KeyMotion, key_motion, kinetic_curve, smoothed
+from dancedata.recipes.parse import parse_recipe
 from tests.messages import raises_message
 
 
@@ -160,3 +164,29 @@ def test_columns_that_are_not_rotations(dance, columns) -> None:
 def test_columns_of_another_representation(shape: tuple[int, ...]) -> None:
     with raises_message(UsageError, "minima"):
         joints_of(np.zeros(shape))
+
+
+# ---- the code of the page
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "columns.md"
+
+
+def test_code_of_the_page_runs(tmp_path: Path) -> None:
+    recipe = {
+        "recipe": 1, "name": "page", "windows": {"length_frames": 1024, "stride_frames": 102}, "fps": 30,
+        "dataset": {"synthetic": {"songs": 2, "clips_per_song": 2, "clip_s": 36, "split": "all"}},
+        "motion": {"lodge139": {}}, "audio": {"librosa35": {}}, "keymotion": {"lodge": {}},
+    }  # fmt: skip
+    build(parse_recipe(recipe), tmp_path / "source", tmp_path / "out", jobs=1, cache=tmp_path / "cache")
+    text = PAGE.read_text(encoding="utf-8").replace('windows("train"', 'windows("all"')
+    blocks = re.findall(r"```python\n(.*?)```", text.split("## Key motions")[1], flags=re.DOTALL)
+    assert len(blocks) >= 2
+    names: dict[str, object] = {"OUT": tmp_path / "out"}
+    for block in blocks:
+        exec(compile(block, str(PAGE), "exec"), names)
+    cues, window = names["cues"], names["motion"]
+    assert cues.frames.shape == (13, 8, 139)
+    assert np.shares_memory(cues.frames, window) is False
+    assert not cues.filled.all()
+    assert (names["relative"][1:, 0][:, [4, 6]] == 0).all()
