@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import pickle
 import re
 import shutil
@@ -170,8 +171,10 @@ def test_broken_files(first: Any, name: str, data: bytes) -> None:
     with raises_message(DataError, re.escape(path.name), reason="broken_file"):
         load(reader, ref, path)
     path.unlink()
-    with raises_message(DataError, re.escape(path.name), reason="broken_file"):
-        load(reader, ref, path)
+    for make in (lambda path: None, os.mkfifo):
+        make(path)
+        with raises_message(DataError, re.escape(path.name), reason="broken_file"):
+            load(reader, ref, path)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -232,9 +232,6 @@ def test_no_path_leads_out_of_the_source(source: Path) -> None:
         assert [clip.id for clip in Folder().scan(way).clips] == ["again"]
 
 
-# --- without a manifest -----------------------------------------------------------------------------------------
-
-
 def test_matching_names_in_two_folders(tmp_path: Path) -> None:
     for name in ("a", "b", "c"):
         put_motion(tmp_path, f"motions/{name}.npz")
@@ -296,9 +293,6 @@ def test_unusable_files_are_reported_once_and_named_by_load(tmp_path: Path) -> N
             Folder(music="optional").load(by_id(scan)[clip])
 
 
-# --- parameters -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -326,8 +320,6 @@ def test_the_page_lists_every_column_and_producer() -> None:
         for joint in ("pelvis", "left_hip", "left_knee"):
             assert all(name in text for name in producer.joints[joint]), joint
 
-
-# --- anything at all --------------------------------------------------------------------------------------------
 
 PIECES = st.sampled_from(
     [",", "\n", '"', ";", "{", "}", ":", "motion", "audio", "../", "takes/a.npz", "fps", "0", "\x00", "é"]

@@ -64,9 +64,6 @@ def height(motion: Motion) -> float:
     return float(np.median(np.ptp(motion.joints()[..., 1], axis=1)))
 
 
-# --- AMASS ------------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("skeleton", "rate_key"), [(SMPLH52, "mocap_framerate"), (SMPLX55, "mocap_frame_rate")], ids=["smplh", "smplx"]
 )
@@ -187,8 +184,6 @@ def test_finedance_arrays(tmp_path: Path, dtype: str) -> None:
     assert np.abs(motion.translation - trans).max() < 1e-6
 
 
-# --- bad input --------------------------------------------------------------------------------------------------
-
 POSES, TRANS = (array.reshape(N, -1) for array in standing(24))
 GOOD = {"poses": POSES, "trans": TRANS}
 NAN = np.where(np.arange(N)[:, None] == 7, np.nan, TRANS)
@@ -271,9 +266,6 @@ def test_layouts_by_declaration(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", **GOOD)
     with raises_message(DataError, "amass", where="a.npz", reason="bad_declaration"):
         load(tmp_path / "a.npz", {"layout": "amass"}, fps=30, up="y", unit="m")
-
-
-# --- hostile input ----------------------------------------------------------------------------------------------
 
 
 def npy(header: str, data: bytes = b"", version: bytes = b"\x01\x00") -> bytes:

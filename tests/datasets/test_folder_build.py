@@ -28,22 +28,6 @@ def document(dataset: dict[str, Any] | None = None, **keys: Any) -> dict[str, An
     }  # fmt: skip
 
 
-def test_samples_have_the_numbers_of_genres_and_the_tempo_of_the_beats(
-    source: Path, tmp_path: Path, cache: Path
-) -> None:
-    """Without tempo_bpm in the manifest it is estimated; the example's songs have 80 and 125 beats per minute."""
-    readers = pytest.importorskip("dancedata.torch.windows", exc_type=ImportError)
-    text = (source / "manifest.csv").read_text()
-    (source / "manifest.csv").write_text(text.replace(",80,", ",,").replace(",125,", ",,"))
-    recipe = parse_recipe(document(motion={"edge151": {}}, audio={"librosa35": {}}))
-    build(recipe, source, tmp_path / "out", cache=cache)
-    for split, genre, number, tempo in (("train", "break", 0, 80), ("test", "house", 1, 125)):
-        data = readers.WindowDataset(tmp_path / "out", split)
-        for sample in data.samples(range(len(data))):
-            assert (sample["genre"], sample["genre_id"], sample["tempo_estimated"]) == (genre, number, True)
-            assert sample["tempo_bpm"] == pytest.approx(tempo, rel=0.01)
-
-
 @pytest.mark.parametrize("transforms", [[], [{"slices": {"length_s": 2, "stride_s": 1}}]])
 def test_real_and_made_files_build(
     shared: Path, source: Path, tmp_path: Path, cache: Path, transforms: list[Any]

@@ -34,9 +34,6 @@ def write(path: Path, content: Any) -> Path:
     return path
 
 
-# ---- scan
-
-
 def test_scan(source: Path) -> None:
     scan = IDancers().scan(source)
     assert not scan.rejects
@@ -81,9 +78,6 @@ def test_the_rate_is_told_by_the_music_of_most_or_asked_for(source: Path, share:
     (source / "motion" / "seq 010_smpl.pkl").unlink()
     if share != 0.9:
         assert rejects(IDancers().scan(source), "unknown_rate") == ["seq_001", "seq_002"]
-
-
-# ---- motion
 
 
 def test_dancers_stay_in_one_world(tmp_path: Path) -> None:
@@ -157,9 +151,7 @@ BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
     "one dancer without an axis of its own": ("bad_shape", poses(lambda a: a[0])),
     "translation of fewer dancers": ("bad_shape", places(lambda a: a[:1])),
     "mirrored, determinant -1": ("bad_rotation", poses(lambda a: put(a, (1, 5, 18), np.diag([1, 1, -1])))),
-    "sheared": ("bad_rotation", poses(lambda a: put(a, (0, 5, 2, 0, 1), 0.7))),
     "scaled, determinant 1.0013": ("bad_rotation", poses(lambda a: put(a, (0, 5, 4), a[0, 5, 4] * 1.00044))),
-    "zeros": ("bad_rotation", poses(lambda a: put(a, (0, 5, 23), 0))),
 }
 
 
@@ -174,9 +166,6 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
 def test_determinants_within_the_tolerance_are_read(tmp_path: Path) -> None:
     path = write(tmp_path / "a_smpl.pkl", poses(lambda a: a * np.float32(1 + 3e-7))(content_of(DANCE, 2)))
     np.testing.assert_allclose(load_motions(path, BOTH, RATE)[0].joints(), DANCE.joints(), atol=4e-6)
-
-
-# ---- build
 
 
 def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:

@@ -92,9 +92,6 @@ def test_without_a_sampler(mixed_store: Store) -> None:
     assert list(BatchLoader(dataset, 2, sampler=[])) == []
 
 
-# --- memory
-
-
 def parts_of(batch: dict[str, Any]) -> list[Any]:
     """Objects that share a batch's memory: rows, an array, a view as another type, a tensor made of one."""
     array = batch["lodge139"][:, ::2].numpy()
@@ -143,9 +140,6 @@ def test_memory_goes_round(mixed_store: Store, prefetch: int) -> None:
     for name in FIELDS:
         assert len(places[name]) <= prefetch + 2
     assert len(loader) > prefetch + 2
-
-
-# --- threads
 
 
 def test_an_error_before_the_first_batch(mixed_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -287,9 +281,6 @@ def test_pickled_without_threads_and_memory(mixed_store: Store) -> None:
     again.sampler.load_state_dict({"epoch": 0, "position": 0})
     reference = DataLoader(dataset_of(mixed_store), 8, sampler=EpochSampler(len(loader.dataset), seed=4))
     assert_same(again, reference)
-
-
-# --- arguments
 
 
 @pytest.mark.parametrize(

@@ -109,8 +109,6 @@ def test_workers_subsets_and_collate_by_name(mixed_store: Store) -> None:
             assert_equal(found, batch)
 
 
-# --- memory
-
 LARGE = (1 << 19, 3)
 
 

@@ -192,9 +192,6 @@ def test_whole_clips_have_segments_too(store: Store) -> None:
     assert ClipDataset(store, fields=("joints", Text("description")))[0]["text"]
 
 
-# ---- files laid over a dataset
-
-
 def write_marks(path: Path, *rows: dict[str, Any]) -> Path:
     path.write_text("".join(json.dumps({"clip": "train0_p1", "layer": "description", **row}) + "\n" for row in rows))
     return path

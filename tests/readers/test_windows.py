@@ -132,9 +132,6 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
         assert clips[0][name].shape[1] == windows.store.fields[name].width
 
 
-# --- normalising
-
-
 def test_normalising_spans_train_and_comes_back(store: Store) -> None:
     raw = WindowDataset(store, windows=Windows(length=150, stride=50), scale=None)
     dataset = WindowDataset(store, windows=Windows(length=150, stride=50))
@@ -144,9 +141,6 @@ def test_normalising_spans_train_and_comes_back(store: Store) -> None:
     assert float(normal.max()) == pytest.approx(1.0, abs=1e-6)
     back = dataset.scaler(MOTION).unnormalize(normal)
     torch.testing.assert_close(back.to(torch.float32), plain, atol=1e-5, rtol=1e-5)
-
-
-# --- mirroring
 
 
 def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) -> None:
@@ -212,9 +206,6 @@ def test_motion_without_a_mirror_is_named(store: Store, monkeypatch: pytest.Monk
         WindowDataset(store, scale=Scale(covers=["mirror"]))
     assert WindowDataset(store, fields=(AUDIO,), augment={"mirror": 0.5})[0][AUDIO].shape == (150, 35)
     assert len(WindowDataset(store)) > 0
-
-
-# --- copies and names
 
 
 @pytest.mark.parametrize("how", ["pickle", "deepcopy"])

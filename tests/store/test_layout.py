@@ -135,28 +135,6 @@ def test_shards_keep_to_their_size(make_store: Any) -> None:
     assert all(a + b > 20_000 for a, b in pairwise(sizes))
 
 
-def test_dataset_json(make_store: Any) -> None:
-    made = make_store(meta={"recipe": {"name": "x"}, "licence": "CC0"})
-    info = json.loads((made.path / "dataset.json").read_text())
-    assert (info["format"], info["fps"]) == (3, "30")
-    assert info["windows"] == {"length": 30, "stride": 15}
-    fields = [" ".join(f[key] for key in ("name", "kind", "rate", "dtype")) for f in info["fields"]]
-    assert fields[:2] == ["pose motion 30 float32", "fast motion 60 float32"]
-    assert fields[2:] == ["music audio 30 float32", "layer audio 30 float16"]
-    assert info["recipe"] == {"name": "x"}
-    assert info["licence"] == "CC0"
-    train = [c for c in made.clips if c.split == "train"]
-    frames = sum(c.n_frames for c in train)
-    assert info["splits"]["train"] == {
-        "clips": 6, "windows": sum(len(c.starts) for c in train), "frames": frames, "hours": frames / 108_000,
-        "songs": 3,
-    }  # fmt: skip
-    for entry in info["shards"]:
-        data = (made.path / entry["file"]).read_bytes()
-        assert (len(data), hashlib.sha256(data).hexdigest()) == (entry["size"], entry["sha256"])
-    assert set(info["files"]) == {"tables.h5", "stats.json", "rejects.jsonl", "README.md"}
-
-
 def _virtual(file: h5py.File) -> None:
     layout = h5py.VirtualLayout(shape=(3,), dtype="f4")
     layout[:] = h5py.VirtualSource("elsewhere.h5", "x", shape=(3,))
