@@ -10,7 +10,6 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.audio.librosa35.feature import Librosa35
 from dancedata.building import build as build_module
 from dancedata.building.describe import describe_store
 from dancedata.core.errors import DataError, SourceError, StoreError
@@ -23,19 +22,6 @@ FILES = {
     "README.md", "dataset.json", "rejects.jsonl", "stats.json", "train-00000-of-00001.h5", "val-00000-of-00001.h5",
     "test-00000-of-00001.h5", "tables.h5", "local.json",
 }  # fmt: skip
-
-
-def count_calls(monkeypatch: pytest.MonkeyPatch, cls: type[Any], name: str) -> list[str]:
-    """Record the calls of a method."""
-    calls: list[str] = []
-    original = getattr(cls, name)
-
-    def counted(self: Any, *args: Any, **options: Any) -> Any:
-        calls.append(name)
-        return original(self, *args, **options)
-
-    monkeypatch.setattr(cls, name, counted)
-    return calls
 
 
 def break_clip(source: Path, clip: str = TRAIN) -> None:
@@ -92,16 +78,6 @@ def test_overwrite_that_fails_leaves_the_old_dataset(run_build, corpus, built_co
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
     assert hashes(built_copy) == before
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
-
-
-@pytest.mark.parametrize(("scope", "extract"), [("aist++", "extract"), ("aist++-edge-exact", "extract_windows")])
-def test_cached_units_are_not_computed_again(run_build, built, source, out, monkeypatch, scope, extract):
-    loads = count_calls(monkeypatch, AistPP, "load")
-    extracts = count_calls(monkeypatch, Librosa35, extract)
-    # Equal content in another folder, cut differently where windows do not affect the results.
-    stride = ["windows.stride_s=1"] if scope == "aist++" else []
-    run_build(source, out, scope, set=[*stride, "name=another"])
-    assert (loads, extracts) == ([], [])
 
 
 def test_strict_does_not_take_a_dataset_that_left_a_broken_clip_out(run_build: Any, source: Path, out: Path):

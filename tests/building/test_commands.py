@@ -129,10 +129,6 @@ def test_a_value_without_rotations_is_a_usage_error():
 
 def test_misspelt_names_are_explained(tmp_path: Path):
     motion = random_motion(SMPL24, 3)
-    with raises_message(UsageError, "bailando55"):
-        dancedata.features(random_signal(1, 16_000), "librosa")
-    with raises_message(RecipeError, "tightness"):
-        dancedata.features(random_signal(1, 16_000), "librosa35", tight=1)
     with raises_message(UsageError, "root_place"):
         dancedata.encode(motion, "edge")
     with raises_message(RecipeError, "height"):

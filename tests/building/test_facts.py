@@ -17,7 +17,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.skeleton import SMPL24
 from dancedata.recipes.parse import parse_recipe
-from dancedata.segments import annotators as facts
 from dancedata.store import Store, verify_store
 from tests.building.conftest import OwnReader
 from tests.messages import raises_message
@@ -101,20 +100,6 @@ def test_facts_are_a_layer_of_clips_and_copies(tmp_path: Path, cache: Path) -> N
     layer = next(layer for layer in store.layers if layer.name == "facts")
     assert dict(layer.units)["jump"] == "s"
     assert layer.by.startswith("facts 1 {")
-
-
-def test_results_come_from_the_cache(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = build(tmp_path, cache, annotators={"facts": {"kinds": ["jumps"]}})
-    assert labels(first, "single") == ["jump"]
-
-    def events(*args: Any) -> None:
-        raise AssertionError("computed again")
-
-    monkeypatch.setattr(facts, "events", events)
-    again = build(tmp_path, cache, "again", annotators={"facts": {"kinds": ["jumps"]}})
-    assert [repr(s) for s in again.segments("single")] == [repr(s) for s in first.segments("single")]
-    with pytest.raises(AssertionError, match="computed again"):
-        build(tmp_path, cache, "other", annotators={"facts": {"kinds": ["jumps"], "flight_s": 0.3}})
 
 
 def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:

@@ -222,13 +222,6 @@ def test_evaluation_names_the_clips_that_it_leaves_out(mixed: Path, cache: Path)
     assert not dancedata.evaluate(mixed, split=splits, cache=cache).left_out
 
 
-def test_copies_lack_what_their_clip_lacks(captures: Path, cache: Path, tmp_path: Path) -> None:
-    dancedata.build({**RECIPE, "augment": {"mirror": True}}, captures, tmp_path / "out", cache=cache)
-    ds = open_store(tmp_path / "out")
-    assert {clip.id for clip in ds if FIELD not in clip} == {*WITHOUT, "bvh_1__mirror"}
-    assert not [p for p in verify_store(tmp_path / "out") if p.severity == "error"]
-
-
 def test_augmentations_do_not_see_rows_that_are_not_there(captures: Path, cache: Path, tmp_path: Path) -> None:
     class Fragile(CopyAugmentation):
         changes: ClassVar = "rows"

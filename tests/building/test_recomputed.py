@@ -1,5 +1,6 @@
 """What a build computes again when one parameter of its recipe has changed, by stage of the cache."""
 
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -46,6 +47,9 @@ def changed(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., dict[str,
     first = build()
     assert first["motion"] == MOTIONS * (FIELDS + ORIGINAL)
     assert first["features"] == SONGS
+    (folder / "source").rename(folder / "moved")
+    shutil.copytree(folder / "moved", folder / "source")
+    assert build() == {"files": CLIPS, "signals": 2}, "of copies of files, what they hold alone is looked at"
     return build
 
 

@@ -43,7 +43,8 @@ def places(demo: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[
 @pytest.mark.parametrize(
     ("line", "code", "word"),
     [
-        ("build demo --dry-run", 0, "splits"), ("build aist++ empty --dry-run", 1, "source"),
+        ("build demo --dry-run --set dataset.synthetic.songs=2", 0, "splits"),
+        ("build aist++ empty --dry-run", 1, "source"),
         ("build demo -o DEMO", 1, "source"), ("build aist++", 2, "usage"),
         ("build demo --part 1/2 --overwrite", 2, "usage"), ("build demo --nonsense", 2, "usage"),
         ("build", 2, "usage"),

@@ -3,8 +3,6 @@
 import ast
 import importlib
 import json
-import os
-import subprocess
 import sys
 import tomllib
 from pathlib import Path
@@ -17,6 +15,7 @@ from dancedata.core.registry import REGISTRIES
 from dancedata.exports.base.job import EXPORTS
 from dancedata.files.yaml import load_yaml
 from dancedata.testing.conformance import check
+from tests import warm
 from tests.commands import as_json, run
 from tests.messages import raises_message
 
@@ -99,7 +98,7 @@ def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
         write_plugin("filter", "shake", tmp_path / "file" / "out")
 
 
-def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
+def test_a_package_holds_several_kinds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their tests pass, and so does that of a plug-in by itself."""
     root = tmp_path / "my_dance"
     done = run("init", "toes", "--plugin-kind", "contact-rule", "--out", root)
@@ -112,9 +111,10 @@ def test_a_package_holds_several_kinds(tmp_path: Path) -> None:
         "dancedata.metrics": {"reach": "my_dance.reach"},
     }
     alone = write_plugin("contact-rule", "sole", tmp_path / "others").test
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", ".", str(alone)]
-    environment = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-    done_tests = subprocess.run(command, cwd=root, capture_output=True, text=True, env=environment, check=False)
+    monkeypatch.chdir(root)
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    code = f"import pytest; pytest.main(['-q', '-p', 'no:cacheprovider', '.', {str(alone)!r}])"
+    done_tests = warm.run([sys.executable, "-c", code])
     assert "4 passed" in done_tests.stdout, done_tests.stdout
 
 

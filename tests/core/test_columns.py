@@ -99,18 +99,6 @@ def test_clipping() -> None:
     assert scaler.normalize(np.array([[1]])).dtype == np.float64
 
 
-def test_torch() -> None:
-    torch = pytest.importorskip("torch")
-    scaler = Scaler("minmax", DATA.min(axis=0), DATA.max(axis=0))
-    x = np.random.default_rng(0).normal(size=(2, 5, 4)).astype(np.float32)
-    for clip in (True, False):
-        made = scaler.normalize(torch.from_numpy(x), clamp=clip)
-        assert made.dtype == torch.float32
-        np.testing.assert_allclose(made.numpy(), scaler.normalize(x, clamp=clip), rtol=1e-6)
-        back = scaler.unnormalize(made, clamp=clip)
-        np.testing.assert_allclose(back.numpy(), scaler.unnormalize(made.numpy(), clamp=clip), rtol=1e-5, atol=1e-6)
-
-
 @settings(deadline=None)
 @given(st.integers(0, 999))
 def test_mirrored_range_covers_both(seed: int) -> None:
@@ -199,8 +187,8 @@ def test_constant_columns_are_judged_by_the_stored_type() -> None:
     assert np.abs(half.normalize(HALF)).max() <= 1 + 1e-4
 
 
-@pytest.mark.parametrize("name", ["float16", "bfloat16"])
-def test_half_precision_of_torch(name: str) -> None:
+@pytest.mark.parametrize("name", ["float16", "bfloat16", "float32"])
+def test_types_of_torch(name: str) -> None:
     torch = pytest.importorskip("torch")
     scaler = Scaler("minmax", [-0.2, 3.0], [0.1, 3.5])
     x = torch.rand(50, 2).to(getattr(torch, name)) * 2 - 1

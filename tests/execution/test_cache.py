@@ -131,23 +131,6 @@ def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_p
     assert own.file_sha256(path) != first
 
 
-def test_an_overwritten_file_is_detected_for_any_mtime(own: Cache, tmp_path: Path):
-    """As `tar xf` leaves it: the same path, size and time of change, and the inode that the old file had."""
-    path = tmp_path / "song.wav"
-    path.write_bytes(b"one")
-    before = path.stat()
-    first = own.file_sha256(path)
-    signal = own.stat_key("signal", path)
-    path.write_bytes(b"two")
-    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    after = path.stat()
-    for name in ("st_dev", "st_ino", "st_size", "st_mtime_ns"):
-        assert getattr(before, name) == getattr(after, name)
-    assert own.known_sha256(path) is None
-    assert own.file_sha256(path) != first
-    assert own.stat_key("signal", path) != signal
-
-
 def damage(folder: Path) -> int:
     """Change a bit of the last value of every array in a folder; returns how many there are."""
     paths = sorted(folder.rglob("*.npy"))

@@ -80,17 +80,6 @@ def test_results_of_a_build_are_found_and_equal(built_in, cache, song, calls, sc
     assert calls() == {"track": 0, "window": 1}[scope]
 
 
-def test_a_build_reuses_results_of_a_training_job(run_build, corpus, out, own, built, calls):
-    with dancedata.open(built) as ds:
-        asked = {(c.music, c.tempo_bpm) for c in ds}
-    for music, bpm in asked:
-        own(corpus / "wavs" / f"{music}.wav", "librosa35", bpm=bpm)
-    before = calls()
-    assert before == len(asked) == 2
-    run_build(corpus, out, cache=own.root)
-    assert calls() == before
-
-
 def test_any_number_of_damaged_windows_are_computed_again(own: FeatureCache, song: Path, calls: Callable[[], int]):
     wanted = own(song, "librosa35", windows=(60, 3), fps=30, bpm=120)
     entries = list((own.root / "features").rglob("*.npy"))
