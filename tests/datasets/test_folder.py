@@ -355,22 +355,19 @@ def test_a_split_by_music_keeps_equal_samples_together(source: Path) -> None:
     """One song under two names and in two formats: by their names alone they would be in two splits."""
     rule = SplitRule.of({"val": 0.3, "test": 0.3, "by": "music"})
     names = [f"song{k}" for k in range(20)]
-    first, *_ = names
-    other = next(name for name in names if rule.split(name) != rule.split(first))
+    first, *others = names
+    other, third, *_ = [name for name in others if rule.split(name) != rule.split(first)]
     samples = np.random.default_rng(0).integers(-9000, 9000, 40_000).astype(np.int16)
-    later = samples.copy()
-    later[-1] += 1
-    third = next(name for name in names if name > other and rule.split(name) != rule.split(first))
-    for name, content in ((f"{first}.wav", samples), (f"{other}.flac", samples), (f"{third}.wav", later)):
-        soundfile.write(source / "songs" / name, content, 22_050)
-    files = (f"{first}.wav", f"{other}.flac", f"{third}.wav")
-    rows = [f"c{k},takes/a.npz,songs/{name}" for k, name in enumerate(files)]
-    (source / "songs" / "broken.wav").write_bytes(b"no music")
-    fill = [f"d{name},takes/b.npz,,{name}" for name in names]
-    text = "\n".join(
-        ["id,motion,audio,music", *(f"{row}," for row in rows), *fill, "e,takes/b.npz,songs/broken.wav,"]
-    )
-    manifest(source, text)
+    rows = [
+        "id,motion,audio,music",
+        *(f"d{name},takes/b.npz,,{name}" for name in names),
+        "e,takes/b.npz,songs/broken.wav,",
+    ]
+    for k, (name, last) in enumerate(((f"{first}.wav", 0), (f"{other}.flac", 0), (f"{third}.wav", 1))):
+        soundfile.write(source / "songs" / name, np.append(samples, last).astype(np.int16), 22_050)
+        rows.append(f"c{k},takes/a.npz,songs/{name},")
+    put(source, "songs/broken.wav", b"no music")
+    manifest(source, "\n".join(rows))
     scan = Folder(fps=30, up="y", unit="m", music="optional", split=rule.document()).scan(source)
     clips = by_id(scan)
     assert clips["c0"].split == clips["c1"].split == rule.split(first)

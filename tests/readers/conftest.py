@@ -17,6 +17,7 @@ from dancedata.store.schema import Field
 from dancedata.store.stored_clip import AudioBlock
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
+from tests.groups_store import HEADER, SIZES, stored
 
 
 def _lodge_fields() -> tuple[Field, ...]:
@@ -41,6 +42,14 @@ def store_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     clips = {"train": 22, "val": 2, "test": 2}
     write_random_store(out, clips=clips, n_frames=(290, 290), length=150, stride=1)
     return out
+
+
+@pytest.fixture(scope="session")
+def groups_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Groups of two to five dancers, in several shards."""
+    out = tmp_path_factory.mktemp("groups")
+    write_store(out, HEADER, stored(SIZES), shard_bytes=300_000)
+    return open_store(out)
 
 
 @pytest.fixture(scope="session")

@@ -11,11 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 import torch
 from torch.utils.data import DataLoader
 
@@ -23,6 +18,7 @@ from dancedata.core.errors import StoreError, UsageError
 from dancedata.store.dataset import Store
 from dancedata.torch import BatchLoader, EpochSampler
 from dancedata.torch import batch_reader as memory
+from tests.messages import raises_message
 from tests.readers.batches import FIELDS, MODES, assert_equal, bits, dataset_of
 
 

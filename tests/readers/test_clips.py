@@ -7,12 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-from tests.readers.batches import bits
-
-pytest.importorskip("torch")
-
 import torch
 from torch.utils.data import DataLoader
 
@@ -31,6 +25,8 @@ from dancedata.torch import (
     Windows,
     pad_clips,
 )
+from tests.messages import raises_message
+from tests.readers.batches import bits
 
 MOTION, AUDIO = "edge151", "librosa35"
 PAIR = (MOTION, AUDIO)

@@ -9,11 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 import torch
 from torch.utils.data import ConcatDataset, DataLoader, Subset, random_split
 
@@ -29,6 +24,7 @@ from dancedata.torch import (
     Windows,
 )
 from dancedata.torch.draws import mirrored_samples
+from tests.messages import raises_message
 
 FIELDS = ("lodge139", "librosa35")
 EPOCHS = 3

@@ -12,7 +12,7 @@ import torch
 from torch.utils.data import DataLoader
 
 from dancedata.core.errors import StoreError, UsageError
-from dancedata.store import Store, open_store, verify_store, write_store
+from dancedata.store import Store, verify_store, write_store
 from dancedata.store.stored_clip import StoredClip
 from dancedata.torch import BatchLoader, Dancers, GroupDataset
 from dancedata.torch.kinematics import decode
@@ -22,15 +22,8 @@ from tests.messages import raises_message
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("groups")
-    write_store(out, HEADER, stored(SIZES), shard_bytes=300_000)
-    return out
-
-
-@pytest.fixture(scope="module")
-def store(folder: Path) -> Store:
-    return open_store(folder)
+def store(groups_store: Store) -> Store:
+    return groups_store
 
 
 def distances(joints: torch.Tensor, mask: torch.Tensor) -> list[float]:

@@ -12,8 +12,6 @@ import h5py
 import numpy as np
 import pytest
 
-pytest.importorskip("torch")
-
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import self_hash
 from dancedata.files.regular_file import sha256_file

@@ -7,11 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 import torch
 from torch.utils.data import DataLoader
 
@@ -23,6 +18,7 @@ from dancedata.store.schema import Field
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 from dancedata.torch import BatchLoader, ClipDataset, Scale, WindowDataset, Windows, pad_clips
+from tests.messages import raises_message
 
 FIELDS = ("edge151", "beats")
 
@@ -39,10 +35,6 @@ def train_clips(store: Store) -> list[Any]:
 def rows_of(store: Store, sample: dict[str, Any]) -> np.ndarray:
     start = int(sample["start"])
     return store[sample["clip"]].read("beats")[start : start + int(sample["length"])]
-
-
-def downbeats_of(store: Store, clip: str) -> np.ndarray:
-    return np.flatnonzero(store[clip].read("beats")[:, 1])
 
 
 @pytest.mark.parametrize("fields", [FIELDS, ("edge151", "librosa35"), ("edge151",)])

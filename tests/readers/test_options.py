@@ -193,20 +193,10 @@ def test_readers_print_what_a_sample_is(built: Path) -> None:
     assert "edge151: (90, 151) float32" in str(ClipDataset(built, windows=Windows(length=90)))
 
 
-def test_groups_cover_what_changes_them(tmp_path: Path, store_of_groups: Store) -> None:
+def test_groups_cover_what_changes_them(groups_store: Store) -> None:
     covers = {"mirror": 0.5, "yaw": True}
-    wide = GroupDataset(store_of_groups, fields=("edge151",), augment=covers, scale=Scale(covers=covers))
+    wide = GroupDataset(groups_store, fields=("edge151",), augment=covers, scale=Scale(covers=covers))
     assert float(torch.stack([wide[k]["edge151"] for k in range(len(wide))]).abs().max()) <= 1 + 1e-4
     for arguments in ({"select": Select(ignore=("ignored",))}, {"windows": Windows(start_at="beat")}):
         with raises_message(UsageError, "GroupDataset"):
-            GroupDataset(store_of_groups, fields=("edge151",), **arguments)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def store_of_groups(tmp_path_factory: pytest.TempPathFactory) -> Store:
-    from dancedata.store import write_store
-    from tests.groups_store import HEADER, stored
-
-    out = tmp_path_factory.mktemp("groups")
-    write_store(out, HEADER, stored({"train": (2, 3), "val": (2,)}))
-    return dancedata.open(out)
+            GroupDataset(groups_store, fields=("edge151",), **arguments)  # type: ignore[arg-type]

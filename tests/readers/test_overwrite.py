@@ -9,9 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-
-pytest.importorskip("torch")
-
 from torch.utils.data import DataLoader
 
 from dancedata.building.out_folder import locked, new_dataset

@@ -6,15 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 from torch import distributed
 
 from dancedata.core.errors import UsageError
 from dancedata.torch import EpochSampler
+from tests.messages import raises_message
 
 
 def test_every_sample_once_and_a_new_order_every_epoch() -> None:

@@ -8,11 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.messages import raises_message
-from tests.readers.conftest import LODGE
-
-pytest.importorskip("torch")
-
 from dancedata.core.errors import UsageError
 from dancedata.filters.movement import Movement
 from dancedata.store import Store, open_store
@@ -21,6 +16,8 @@ from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 from dancedata.torch import PRESETS, BatchLoader, Primitives, Scale, Select, WindowDataset, Windows
+from tests.messages import raises_message
+from tests.readers.conftest import LODGE
 
 N, LENGTH = 600, 120
 

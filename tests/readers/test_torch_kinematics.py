@@ -2,13 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 import torch
+from scipy.spatial.transform import Rotation
 
 from dancedata.core import motion as in_numpy
 from dancedata.core.bodies import SKELETONS
@@ -27,6 +22,7 @@ from dancedata.torch.kinematics import (
     matrix_from_rotvec,
     rotvec_from_matrix,
 )
+from tests.messages import raises_message
 
 WITH_ROTATIONS = [
     name

@@ -9,11 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from tests.messages import raises_message
-
-pytest.importorskip("torch")
-
 import torch
 from torch.utils.data import default_collate
 
@@ -22,6 +17,7 @@ from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
 from dancedata.testing.stores import random_fields, write_random_store
 from dancedata.torch import PRESETS, BatchLoader, ClipDataset, Scale, WindowDataset, Windows
+from tests.messages import raises_message
 
 MOTION, AUDIO = "edge151", "librosa35"
 
