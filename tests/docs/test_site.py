@@ -7,7 +7,7 @@ import re
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -90,22 +90,6 @@ def test_a_dancer_moves_on_the_first_screen(module) -> None:
     assert "viewer.png" not in text[0]
     with pytest.raises(ValueError, match="no picture of the viewer"):
         hero.add("docs/guides/look", ["# A page without pictures\n"])
-
-
-def test_pictures_follow_the_theme(module, tmp_path: Path) -> None:
-    nodes = pytest.importorskip("docutils.nodes")  # of the extra docs
-    (tmp_path / "docs" / "images").mkdir(parents=True)
-    for name in ("both.png", "both-dark.png", "one.png"):
-        (tmp_path / "docs" / "images" / name).touch()
-    page = nodes.document(None, None)
-    page += nodes.paragraph("", "", nodes.image(uri="images/both.png", alt="both"), nodes.image(uri="images/one.png"))
-    app = SimpleNamespace(srcdir=tmp_path, env=SimpleNamespace(docname="docs/page"))
-    module("themed").add(app, page)
-    found = [(image["uri"], image["classes"], image.get("alt")) for image in page.findall(nodes.image)]
-    assert found == [
-        ("images/both.png", ["only-light"], "both"), ("images/both-dark.png", ["only-dark"], "both"),
-        ("images/one.png", [], None),
-    ]  # fmt: skip
 
 
 # The drawings: as docs/images/draw.py makes them, readable in both colour schemes, complete in themselves.

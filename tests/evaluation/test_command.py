@@ -70,25 +70,6 @@ def test_a_random_walk_gives_a_full_table(walk: Path, store: Store, tmp_path: Pa
     assert {"bas", "bas_chance", "pfc", "skating_left"} <= table[0].keys()
 
 
-def test_json_and_tables(walk: Path, store: Store, tmp_path: Path) -> None:
-    options = [walk, "--like", store.path, "--jobs", "1", "--protocol", "edge-aistpp"]
-    options += ["--not-normalized"]
-    found = scores_of(*options)
-    assert found["protocol"] == "edge-aistpp"
-    assert found["scores"]["pfc"]["published"] is None  # 1.332 is of AIST++, and this is another dataset
-    assert found["pool"] is None
-    assert set(found["not_computable"]) == {"bas", "div_k", "div_g"}
-    value = f"{found['scores']['pfc']['value']:.4f}"
-    run(*options, "-o", tmp_path / "a.md", "-o", tmp_path / "a.tex", "--quiet")
-    markdown = (tmp_path / "a.md").read_text()
-    assert markdown.splitlines()[0] == "| edge-aistpp | PFC |"
-    assert value in markdown.splitlines()[2]
-    latex = (tmp_path / "a.tex").read_text()
-    assert r"PFC $\downarrow$" in latex
-    assert f"{value} {{\\scriptsize [" in latex
-    assert "edge-aistpp, version 1" in latex
-
-
 def test_music_files_agree_with_the_store(store: Store, folder: Path) -> None:
     stored = scores_of(store.path, "--jobs", 1)
     wavs = folder / "small-source" / "wavs"

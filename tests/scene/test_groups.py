@@ -21,7 +21,7 @@ from dancedata.scene.group_scene import GroupScene
 from dancedata.scene.page import clip_page
 from dancedata.scene.palette import DANCERS
 from dancedata.scene.payload import item_rows, link, scene_payload
-from dancedata.scene.scene_list import Item, Rhythm
+from dancedata.scene.scene_list import Rhythm
 from dancedata.scene.scenes import Scenes, rhythm_of
 from dancedata.scene.selection import ViewSelection
 from dancedata.scene.source import ClipSource
@@ -117,21 +117,6 @@ def test_a_request_begins_with_a_group_a_dancer_or_a_window(crowd: Path) -> None
         request.first(request.scenes())
     page = export_page(ViewRequest(crowd, f"{TWO}@15+60"), crowd.parent / "loop.html").read_text()
     assert f'"at":"#group={TWO}\\u0026t=0.500\\u0026loop=15-75"' in page
-
-
-def test_a_group_of_which_a_dancer_cannot_be_drawn(groups: Scenes, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = groups._figure
-
-    def broken(item: Item, *more: object) -> tuple[Figure | None, str]:
-        return (None, "no figure: broken") if item.clip.member == 1 else plain(item, *more)
-
-    monkeypatch.setattr(groups, "_figure", broken)
-    scene = groups.scene(groups.find(TWO))
-    assert scene.together is None
-    assert "no figure: broken" in scene.notes
-    payload = scene_payload(scene)
-    assert (payload["pairs"], payload["members"][1]["figure"]) == ([], None)
-    assert len(scene.dancers) == 1
 
 
 def test_facing_is_the_angle_to_the_other() -> None:
