@@ -169,16 +169,7 @@ class NewPlugin:
 
 
 def write_plugin(kind: str, name: str, out: Path, *, in_tree: bool = False) -> NewPlugin:
-    """Write NAME.py and test_NAME.py from the template of a kind.
-
-    In another folder than the working folder they are added to a package of its name, which is begun if it does not
-    exist.
-
-    `kind`: A key of `KINDS`.
-    `name`: Name of the plug-in, and of its module.
-    `out`: Folder to write to; it is created if it does not exist.
-    `in_tree`: Write it where it belongs in the checkout of dancedata at `out`.
-    """
+    """Write a plug-in and its test from the template of a kind: here, in a package at `out`, or in a checkout."""
     if kind not in KINDS:
         raise UsageError(f"unknown kind of plug-in {kind!r}", fix=did_you_mean(kind, KINDS))
     registry = KINDS[kind].registry

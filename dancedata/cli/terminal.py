@@ -12,10 +12,7 @@ _NUMBER = r"(?<![\w./:=+-])\d+(?:,\d{3})*(?:\.\d+)?(?=%|[,;:.)]*(?:\s|$))"
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print a text, on stderr if `err`; on a terminal kinds of messages and numbers have colours.
-
-    The terminal wraps lines itself, so that a command, a path and a row of a table are copied in one piece.
-    """
+    """Print a text; a terminal has colours, and wraps lines itself, so that a command is copied in one piece."""
     stream = sys.stderr if err else sys.stdout
     if not stream.isatty():
         typer.echo(text, err=err)

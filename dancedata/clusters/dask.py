@@ -33,11 +33,7 @@ class Dask(Engine):
     @override
     @contextmanager
     def connect(self, address: str, required: Requirements) -> Iterator[Executor]:
-        """Yield the executor of a Dask cluster.
-
-        Where a worker dies, Dask runs its units on another one. It gives up units whose workers died several times
-        (``distributed.scheduler.allowed-failures``).
-        """
+        """Yield the executor of a Dask cluster, which runs the units of a dead worker on another one, a few times."""
         require("dask", what="the backend dask")
         from distributed import Client, KilledWorker, NannyPlugin
 

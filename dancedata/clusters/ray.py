@@ -32,12 +32,7 @@ class Ray(Engine):
     @override
     @contextmanager
     def connect(self, address: str, required: Requirements) -> Iterator[Executor]:
-        """Yield the executor of a Ray cluster: ``ray://HOST:PORT`` (Ray Client), or ``ray://auto`` on its machines.
-
-        ``ray://auto`` is the cluster that this process is connected to, else that of $RAY_ADDRESS, else this
-        machine's. Each unit takes one CPU. Ray does not run a unit again whose worker died: with retries it would
-        repeat a unit that exceeds the memory for ever.
-        """
+        """Yield the executor of a Ray cluster; ``ray://auto``: that of this process, $RAY_ADDRESS or this machine."""
         require("ray", what="the backend ray")
         # Its report of each worker that died, to the stderr of this process; workers' own output is not sent.
         os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".")
@@ -70,6 +65,7 @@ class Ray(Engine):
 
         @contextmanager
         def starting(label: str) -> Iterator[Callable[..., Future[Any]]]:
+            # With retries it would repeat a unit that exceeds the memory for ever.
             remote = ray.remote(num_cpus=1, max_retries=0)(Executor.run_packed).options(
                 name=label, runtime_env=environment
             )

@@ -29,12 +29,7 @@ def write_card(
     overwrite: bool = False,
     progress: bool = False,
 ) -> Path:
-    """Write the card of a dataset, as ``dancedata export DATASET --to card`` does, and its pictures to README_files.
-
-    `pictures`: Draws the pictures: `dancedata.plot.card_pictures`. Default: there are none.
-    `overwrite`: Replace a card that this function wrote, and its pictures; other files are never replaced.
-    Equal datasets give equal text; it holds no path of the machine.
-    """
+    """Write the card of a dataset and its pictures to README_files; `overwrite` replaces what this has written."""
     path = Path(to).expanduser()
     target = PageFiles.of(path, [Path(store)], "card", max_mb=_MAX_MB, overwrite=overwrite)
     if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):

@@ -28,16 +28,13 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class Pushed:
-    """Result of `push`: the address with the tag, and the commit, "" of a dry run.
-
-    `files`, `bytes`: Number and size of the published files; `uploaded_bytes` of them were not there before.
-    """
+    """Result of `push`: the address with the tag, and the commit, "" of a dry run."""
 
     address: str
     commit: str
     files: int
     bytes: int
-    uploaded_bytes: int
+    uploaded_bytes: int  # not there before
     recipe_only: bool  # whether the recipe is published without the data
 
     def to_json(self) -> dict[str, Any]:

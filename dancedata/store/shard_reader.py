@@ -30,10 +30,7 @@ _CHECK = "run dancedata check on the dataset"
 
 
 class WindowRows:
-    """Rows of a field for the windows of a list; any number of threads may read. Made by `Store._window_rows`.
-
-    `shape`, `dtype`: (rows, D) of each window, and its type.
-    """
+    """Rows of a field for the windows of a list, (rows, D) each; any number of threads may read."""
 
     def __init__(
         self, field: str, shards: Sequence[ShardReader], shard: Whole, first: Whole, n_rows: int, mapped: bool

@@ -111,15 +111,7 @@ def write_study(
     overwrite: bool = False,
     say: Callable[[str], object] = lambda line: None,
 ) -> tuple[Trial, ...]:
-    """Write the page of a study.
-
-    `rights`: Why the caller may pass the music on against its licence; it is published in the page.
-    `say`: Takes the number of clips that the systems have in common.
-    Raises UsageError: if the systems have too few clips in common, there is no music or it may not be passed on, or
-        the file exists.
-    Raises DataError: if a dancer cannot be drawn.
-    Raises StoreError: if the file cannot be written.
-    """
+    """Write the page of a study; `rights`: why the caller may pass the music on, which is published."""
     to = require_free(to, [view.path for view in request.systems.values()], "page", overwrite=overwrite)
     if not 2 <= request.seconds <= 120:
         raise UsageError("invalid length of trials", found=request.seconds, allowed="2 to 120 s")

@@ -244,12 +244,7 @@ def _check_audio_feature(feature: Any) -> None:
 
 
 def check_augmentation(cls: type[Augmentation], folder: Path) -> None:
-    """Check an augmentation: copies that are built, and samples, windows and masks when a dataset is read.
-
-    Shapes and dtypes are kept, inputs are not written to, equal input gives equal results, refusals say why.
-
-    `folder`: An empty folder to work in.
-    """
+    """Check an augmentation in an empty folder: copies that are built, samples, windows and masks of readers."""
     check_plugin(cls)
     if issubclass(cls, CopyAugmentation):
         _check_makes_copies(cls, folder)

@@ -33,11 +33,7 @@ class RandomStore:
         return next(c for c in self.clips if c.id == clip_id)
 
     def rows(self, clip_id: str, field: str, start: int, length: int) -> Array:
-        """Return the rows of a window from the source arrays, which a reader must return.
-
-        `start`, `length`: Frames at the store's fps.
-        Returns: (rows, D) in the field's dtype.
-        """
+        """Return the rows of a window of frames from the source arrays, (rows, D), which a reader must return."""
         clip = self.clip(clip_id)
         f = next(f for f in self.header.fields if f.name == field)
         rows = slice(*(self.header.grid.rows_down(frame, of=f.grid) for frame in (start, start + length)))

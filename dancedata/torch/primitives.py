@@ -21,17 +21,11 @@ def _finder() -> PrimitiveFinder:
 
 @dataclass(frozen=True)
 class PrimitiveSpec:
-    """Computation of primitives from the windows of a field.
-
-    `key_motion`: Key motion field that holds the clip's minima; None where they are not read: for variant "code",
-        which uses only the window, and for windows of n frames.
-    `n`: Frames of a local segment. A window of n frames gets its 4 + 4 border frames, a longer one hard and soft
-        cues.
-    """
+    """Computation of primitives of `n` frames from the windows of a field, with stored key motions or without."""
 
     field: str  # motion field that they are rows of
-    key_motion: str | None
-    n: int
+    key_motion: str | None  # field of the clip's minima; None for variant "code" and windows of n frames
+    n: int  # frames of a local segment
     variant: Variant
 
     def of(

@@ -24,11 +24,7 @@ def steps_named(augment: Augment) -> tuple[Step, ...]:
 
 @dataclass(frozen=True)
 class SampleChanges:
-    """Changes of samples, without state: any thread, worker and rank gets the same sample for (seed, epoch, index).
-
-    `steps`: The augmentations, in their order.
-    `droppable`: Names of the fields that they may mask.
-    """
+    """Changes of samples, without state: any thread, worker and rank gets the same for (seed, epoch, index)."""
 
     steps: tuple[Step, ...] = ()
     droppable: tuple[str, ...] = ()
