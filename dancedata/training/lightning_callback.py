@@ -85,12 +85,9 @@ class LightningSamples(Callback):
         if dataloader_idx or is_beyond:
             return
         with _seeded(self.seed, pl_module.device, trainer.global_rank, batch_idx):
-            motion = self._generate(pl_module, batch)
+            module: Any = pl_module
+            motion = module.sample(batch) if self._sample is None else self._sample(module, batch)
         self.sample_log.update(motion, batch)
-
-    def _generate(self, module: Any, batch: Any) -> Tensor:
-        motion: Tensor = module.sample(batch) if self._sample is None else self._sample(module, batch)
-        return motion
 
     def on_validation_epoch_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Log the scores, and write the page."""
