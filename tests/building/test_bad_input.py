@@ -11,9 +11,8 @@ import pytest
 import soundfile
 
 import dancedata
-from dancedata.core.errors import SourceError, StoreError
+from dancedata.core.errors import StoreError
 from dancedata.store import verify_store
-from tests.messages import raises_message
 
 GOOD = "gHO_sBM_cAll_d19_mHO3_ch03"
 RATE = 48_000
@@ -191,15 +190,6 @@ def test_slices_of_bad_input_are_set_aside(bad: Bad, run_build: Any, rejects: An
     }  # fmt: skip
     with dancedata.open(out) as ds:
         assert [w.clip for w in ds.windows("all")] == [f"{clip_to('mKR0')}_slice{k}" for k in range(2)]
-
-
-def test_a_wrong_folder_is_described(run_build: Any, tmp_path: Path, out: Path):
-    (tmp_path / "empty").mkdir()
-    (tmp_path / "wrong" / "holiday photos").mkdir(parents=True)
-    (tmp_path / "wrong" / "list.txt").write_text("")
-    for folder in ("empty", "wrong"):
-        with raises_message(SourceError, "motions/"):
-            run_build(tmp_path / folder, out)
 
 
 @pytest.mark.parametrize("place", ["a file", "below a file", "/proc/dancedata/out", "/sys/dancedata"])

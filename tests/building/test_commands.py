@@ -18,7 +18,7 @@ from dancedata.core.resources import resource
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.synthetic import Synthetic
 from dancedata.recipes.parse import load_recipe
-from dancedata.testing.examples import random_motion, random_signal
+from dancedata.testing.examples import random_motion
 from tests.commands import as_json, run
 from tests.messages import raises_message
 
@@ -107,16 +107,6 @@ def test_errors_are_ours(call: Callable[[], Any], tmp_path: Path, monkeypatch: p
     with raises_message(DanceDataError, "aist|backend|finished|overrides|reader|worker"):
         call()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_extract_at_another_rate_and_with_parameters():
-    signal = random_signal(3, 16_000)
-    assert (
-        len(dancedata.features(signal, "librosa35", fps=60)) == 2 * len(dancedata.features(signal, "librosa35")) - 1
-    )
-    assert dancedata.features(signal, "librosa35", bpm=120, tightness=50).shape == (91, 35)
-    with raises_message(RecipeError, r"audio\.librosa35"):
-        dancedata.features(signal, "librosa35", tightness=-1)
 
 
 def test_a_value_without_rotations_is_a_usage_error():

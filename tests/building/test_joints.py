@@ -119,7 +119,6 @@ def test_a_file_that_is_exchanged_meanwhile_is_told_and_leaves_nothing_behind(
 
 @pytest.mark.parametrize(("before", "after"), [
     ({}, {"a": "g", "b": "g"}), ({"a": "g", "b": "g"}, {"a": "h", "b": "h"}),
-    ({}, {"a": "g"}), ({"a": "g"}, {"a": "h"}),
 ])  # fmt: skip
 def test_copies_of_a_group_of_another_name_are_their_own(build, before, after):
     Troupe.groups.update(before)

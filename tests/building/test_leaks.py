@@ -217,12 +217,6 @@ def test_datasets_that_share_a_re_encoded_song(write: Callable[..., Path], tmp_p
         assert alike_between(one, other, {("first", "copy")}) == []
 
 
-def test_unrelated_datasets_share_nothing(write: Callable[..., Path]) -> None:
-    names = [f"m{style}{k}" for style in ("BR", "PO", "LO", "WA") for k in (0, 3)]
-    parts = [{"train": {n: rows(song(n)) for n in names[:4]}}, {"train": {n: rows(song(n)) for n in names[4:]}}]
-    assert dancedata.check(*(write(songs, name=f"d{k}") for k, songs in enumerate(parts)), progress=False) == []
-
-
 def test_songs_of_equal_samples_and_names_alone(write: Callable[..., Path]) -> None:
     noise = np.random.default_rng(0).normal(size=(3, 310, 35)).astype("f4")
     a = write({"train": {"blue": noise[0], "red": noise[1]}}, {"blue": "b" * 12, "red": "d" * 12}, name="a")

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import dancedata
-from dancedata.core.bodies import has_body
 from dancedata.core.motion import forward_kinematics
-from dancedata.core.registry import DATASETS, KEYMOTIONS, REPRESENTATIONS
+from dancedata.core.registry import DATASETS, KEYMOTIONS
 from dancedata.store import verify_store
 from dancedata.synthetic import write_synthetic
 
@@ -141,16 +140,6 @@ def test_fields_with_a_rate_of_their_own(corpus: Path, run_build, tmp_path: Path
     motion = dancedata.decode(fast, "fact219", fps=60)
     joints = forward_kinematics(motion.skeleton, motion.rotations, motion.translation)
     np.testing.assert_allclose(store.read(window, "bailando72").reshape(-1, 24, 3), joints, atol=1e-5)
-
-
-def test_every_representation_can_be_built_from_aistpp(corpus: Path, run_build, tmp_path: Path) -> None:
-    names = {name for name in REPRESENTATIONS.names() if has_body(REPRESENTATIONS.get(name)().skeleton)}
-    assert set(REPRESENTATIONS.names()) - names == {"lda61"}, "of Motorica's joints"
-    every = ", ".join(f"{name}: {{}}" for name in sorted(names))
-    run_build(corpus, tmp_path / "out", "aist++", (f"motion={{{every}}}", "audio={}", "windows.length_s=4"))
-    store = dancedata.open(tmp_path / "out")
-    assert set(store.fields) == names
-    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
 
 
 def test_equal_files_of_two_names_are_cut_by_their_names(run_build, tmp_path: Path) -> None:

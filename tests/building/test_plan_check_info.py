@@ -1,6 +1,5 @@
 """The commands plan, check, info, list and features, through the command line: text, JSON, exit codes."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -127,19 +126,6 @@ def test_check_lists_every_note_of_a_source_and_folds_files_left_out(tmp_path: P
 
 
 # features
-
-
-def test_features_of_an_own_song(corpus: Path, tmp_path: Path):
-    song = tmp_path / "my söng 2.flac"
-    samples, rate = soundfile.read(corpus / "wavs" / "mHO3.wav")
-    soundfile.write(song, samples, rate)
-    (about,) = as_json("features", song, "--out", tmp_path / "features")["songs"]
-    rows = np.load(tmp_path / "features" / "my söng 2.librosa35.npy")
-    assert np.array_equal(rows, dancedata.features(song, "librosa35"))
-    assert (about["window_starts"], about["fps"], about["shape"]) == (None, "30", list(rows.shape))
-    written = json.loads((tmp_path / "features" / "my söng 2.librosa35.json").read_text(encoding="utf-8"))
-    assert written == about
-    assert len(about["columns"]) == 35
 
 
 @pytest.mark.parametrize("scope", RECIPES)

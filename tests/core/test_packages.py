@@ -1,5 +1,6 @@
 """Optional packages: without each of them, one error that names the extra to install, and never a traceback."""
 
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable
@@ -127,6 +128,34 @@ def test_several_are_named_at_once(without: Callable[[str], None]) -> None:
     without("safetensors")
     with raises_message(MissingPackageError, "installed"):
         require("beats")
+
+
+WITHOUT_ALL = """
+import sys
+from tests.core.test_packages import Without
+sys.meta_path[:0] = [Without(name) for name in sys.argv[2].split(",")]
+from typer.testing import CliRunner
+from dancedata.cli.app import app
+for line in sys.argv[3:]:
+    done = CliRunner().invoke(app, [sys.argv[1] if word == "DEMO" else word for word in line.split()])
+    assert done.exit_code == 0, (line, done.output, done.exception)
+"""
+
+
+@pytest.mark.nightly
+def test_other_commands_need_none_of_them(tmp_path: Path) -> None:
+    modules = {*sum(MODULES.values(), ()), "lightning", "pytorch_lightning", "tokenizers"} - {"joblib"}  # librosa's
+    commands = [
+        " ".join(["build", *TINY, "--out DEMO --jobs 1"]),
+        "info DEMO --clips", "check DEMO -q", "info plugins", "evaluate DEMO -q",
+        "view DEMO --out page.html", "report DEMO --out report.html --clips 1",
+        "export DEMO --to npz --out npz -q", "export DEMO --to bvh --out bvh -q",
+        "init mine --plugin-kind metric --out new",
+    ]  # fmt: skip
+    subprocess.run(
+        [sys.executable, "-c", WITHOUT_ALL, "demo", ",".join(sorted(modules)), *commands],
+        check=True, cwd=tmp_path, timeout=300,
+    )  # fmt: skip
 
 
 def test_extras_are_those_of_the_distribution() -> None:

@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from dancedata.cli import interrupts
+from dancedata.core.errors import DanceDataError
+from dancedata.execution.executors import Executor
 from tests.clusters import dask_cluster, ray_client_server, ray_cluster
 
 HAS_RAY = pytest.mark.skipif(not find_spec("ray"), reason="the extra ray is not installed")
@@ -91,9 +93,6 @@ class InThreads(ThreadPoolExecutor):
 
 
 def test_answers_of_workers() -> None:
-    from dancedata.core.errors import DanceDataError
-    from dancedata.execution.executors import Executor
-
     found: dict[int, Any] = {}
     with InThreads() as worker:
         executor = Executor(starting=worker.starting)

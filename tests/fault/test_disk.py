@@ -61,13 +61,7 @@ def strays(cache: Path) -> list[Path]:
 
 @pytest.mark.parametrize("written", [0, 3, 7, 12, 20, 21, 25, 30])
 def test_a_disk_that_fills_up_is_a_clear_error_and_room_mends_it(
-    run: Build,
-    out: Path,
-    tmp_path: Path,
-    whole: dict[str, str],
-    hashes: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    written: int,
+    run, out, tmp_path, whole, hashes, monkeypatch, written
 ):
     """The disk takes this many writes of the cache and flushes of the store, then is full."""
     left = written
@@ -253,9 +247,7 @@ def test_a_full_cache_that_is_read_only_is_enough(run, corpus, out, tmp_path, wh
     assert hashes(out) == whole
 
 
-def test_where_the_file_system_has_no_locks_builds_work_and_nobody_waits(
-    run: Build, out: Path, tmp_path: Path, whole: dict[str, str], hashes: Any, monkeypatch: pytest.MonkeyPatch
-):
+def test_where_the_file_system_has_no_locks_builds_work(run, out, tmp_path, whole, hashes, monkeypatch):
     def none(fd: int, operation: int) -> None:
         raise OSError(errno.ENOSYS, "no locks")
 

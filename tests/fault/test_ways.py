@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from dancedata.building.part import Part
+from dancedata.core.clip import ClipRef
+from dancedata.datasets.aistpp import AistPP
+
 
 def test_two_jobs_give_the_same_bytes(slow, corpus, out, undisturbed, hashes, songs):
     slow.build(corpus, out, "--jobs", 2)
@@ -29,9 +33,6 @@ def test_parts_that_are_collected_give_the_same_bytes(slow, corpus, out, undistu
 
 
 def test_dancers_of_a_group_are_in_one_part() -> None:
-    from dancedata.building.part import Part
-    from dancedata.core.clip import ClipRef
-
     clips = [
         ClipRef(f"g{g}_p{m}", Path(f"g{g}.pkl"), None, "train", group=f"g{g}", member=m)
         for g in range(10)
@@ -43,9 +44,6 @@ def test_dancers_of_a_group_are_in_one_part() -> None:
 
 @pytest.mark.parametrize("count", [1, 3, 16])
 def test_parts_share_the_clips_out(corpus: Path, count: int):
-    from dancedata.building.part import Part
-    from dancedata.datasets.aistpp import AistPP
-
     clips = AistPP().scan(corpus).clips
     parts = [Part(k, count).of(clips) for k in range(1, count + 1)]
     assert sorted(ref.id for part in parts for ref in part) == sorted(ref.id for ref in clips)

@@ -16,7 +16,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from dancedata.building.build import build
+from dancedata.cli.app import app
+from dancedata.clusters import dask
+from dancedata.core.errors import DanceDataError
+from dancedata.execution import arithmetic, requirements
+from dancedata.execution.executors import Executor
+from dancedata.execution.progress import Progress
+from dancedata.execution.units import run_units
+from dancedata.files.cache_files import locked_file
+from dancedata.recipes.parse import load_recipe
 from tests import warm
 
 
@@ -57,11 +68,6 @@ def test_what_a_killed_worker_was_writing_is_swept_by_the_next_build(slow, corpu
     ],
 )
 def test_a_worker_is_checked_for_its_requirements(corpus, tmp_path, wrong, output):
-    from dancedata.core.errors import DanceDataError
-    from dancedata.execution import arithmetic, requirements
-    from dancedata.execution.executors import Executor
-    from dancedata.files.cache_files import locked_file
-
     with ExitStack() as stack:
         token = tmp_path / "w.token"
         if wrong.pop("locked", True):
@@ -93,8 +99,6 @@ def wait() -> int:
 
 def test_a_worker_with_threads_is_refused() -> None:
     """They would undo each other's limit on BLAS."""
-    from dancedata.execution.executors import Executor
-
     with ThreadPoolExecutor(1) as other:
         first = other.submit(Executor.run_packed, None, pickle.dumps((wait, ())))
         BEGUN.wait(60)
@@ -117,10 +121,6 @@ def test_a_worker_with_threads_is_refused() -> None:
     ],
 )
 def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str):
-    from typer.testing import CliRunner
-
-    from dancedata.cli.app import app
-
     arguments = ["build", "aist++", str(corpus), "--out", str(out), *options]
     result = CliRunner().invoke(app, arguments)
     assert (result.exit_code, output in result.stderr) == (2, True), result.stderr
@@ -129,11 +129,6 @@ def test_wrong_options(corpus: Path, out: Path, options: list[str], output: str)
 
 def test_a_scheduler_that_does_not_answer(corpus: Path, out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("distributed")
-    from dancedata.building.build import build
-    from dancedata.clusters import dask
-    from dancedata.core.errors import DanceDataError
-    from dancedata.recipes.parse import load_recipe
-
     monkeypatch.setattr(dask, "TIMEOUT_S", 0.5)
     options = {"cache": tmp_path / "cache", "backend": "dask", "scheduler": "tcp://127.0.0.1:9"}
     with pytest.raises(DanceDataError, match="no Dask scheduler answers"):
@@ -168,10 +163,6 @@ class DiesOnArrival:
 
 
 def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
-    from dancedata.core.errors import DanceDataError
-    from dancedata.execution.progress import Progress
-    from dancedata.execution.units import run_units
-
     calls = [(Path("a.wav"),), (Path("b.wav"),)]
     with pytest.raises(DanceDataError, match="worker processes die during decoding before they run a unit") as caught:
         run_units(DiesOnArrival(), calls, jobs=2, label="decoding", progress=Progress(quiet=True))
@@ -179,8 +170,6 @@ def test_no_unit_is_blamed_for_workers_that_die_before_they_run_one() -> None:
 
 
 def test_only_running_units_are_suspected_when_a_worker_dies() -> None:
-    from dancedata.execution.executors import Executor
-
     found: dict[int, Any] = {}
     calls = {number: (number,) for number in (2, 3, 5, 7, 11, 13)}
     suspects = Executor(2).run(exit_at_5, calls, "x", found.__setitem__)
@@ -191,8 +180,6 @@ def test_only_running_units_are_suspected_when_a_worker_dies() -> None:
 
 def test_a_failure_drops_the_other_calls_in_silence() -> None:
     """Whatever a thread of loky says of it is an error here, see `filterwarnings`."""
-    from dancedata.execution.executors import Executor
-
     for _ in range(3):
         with pytest.raises(ZeroDivisionError):
             Executor(2).run(divmod, {number: (number, number) for number in range(2_000)}, "x", lambda *_: None)
@@ -206,8 +193,6 @@ def exit_at_5(number: int) -> int:
 
 def test_a_replaced_worker_ends_no_stage_where_warnings_are_errors() -> None:
     """loky warns of it in the thread that collects results: an error there would leave the stage waiting for ever."""
-    from dancedata.execution.executors import Executor
-
     loky = "A worker stopped while some jobs were given to the executor."
     for _ in range(2):  # the second finds the pool of the first, and filters that were reset since
         with warnings.catch_warnings():
@@ -276,9 +261,6 @@ def test_a_daemonic_process_computes_by_itself() -> None:
 
 def test_relative_paths_name_the_same_files_in_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers that run already were started in another folder, which may have a file of the same name."""
-    from dancedata.execution.progress import Progress
-    from dancedata.execution.units import run_units
-
     quiet = Progress(quiet=True)
     read = [(Path("sample.txt"),)] * 2
     for name in ("first", "second", "first"):
