@@ -2,9 +2,9 @@
 
 import math
 
+from dancedata.core.columns import Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import SampleField
-from dancedata.core.spatial import Spatial
 
 
 def require_number(what: str, value: float, low: float, high: float, unit: str) -> None:

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns
+from dancedata.core.columns import Columns, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.rotations import Float64Array, rotation
-from dancedata.core.spatial import Spatial
 
 Array = npt.NDArray[Any]
 

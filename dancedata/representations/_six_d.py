@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns
+from dancedata.core.columns import Columns, Role
 from dancedata.core.rotations import Float64Array, matrix_from_6d, rotation_6d
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.spatial import Role
 from dancedata.representations import _columns as parts
 
 #: Behaviour of the layout's columns under a turn or a shift.

@@ -7,14 +7,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.bodies import transfer
-from dancedata.core.columns import Columns
+from dancedata.core.columns import Columns, Spatial
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import rotation_6d, rotvec_from_matrix
 from dancedata.core.skeleton import SMPL24, SMPL24_EDGE, Skeleton
-from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations._columns import required_rule
 from dancedata.representations._six_d import ROLES, SixD

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.bodies import BODY_JOINTS, RETARGET, has_body
-from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.columns import Columns, Group, Mirror, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.fitting import fitted
 from dancedata.core.grid import FrameGrid
@@ -17,7 +17,6 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 from dancedata.representations import _humanml as humanml

@@ -7,11 +7,10 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.columns import Columns, Group, Mirror, Spatial
 from dancedata.core.motion import Motion
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
-from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 from dancedata.representations._columns import Part

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dancedata.core.bodies import MOTORICA21
-from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.columns import Columns, Group, Mirror, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
@@ -16,7 +16,6 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array, matrix_from_rotvec, rotvec_from_matrix
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.spatial import Spatial
 from dancedata.core.text import listed
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts

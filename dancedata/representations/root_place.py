@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns, Group, Mirror
+from dancedata.core.columns import Columns, Group, Mirror, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.placement import Placement, moved
@@ -14,7 +14,6 @@ from dancedata.core.plugins import ContactRule, Representation
 from dancedata.core.registry import REPRESENTATIONS
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import SMPL24, Skeleton
-from dancedata.core.spatial import Spatial
 from dancedata.core.typing import override
 from dancedata.representations import _columns as parts
 

@@ -16,7 +16,7 @@ MODULES = (
     "dancedata.metrics.geometric_features", "dancedata.metrics.kinetic_features",
     "dancedata.metrics.physical_contact", "dancedata.synthetic", "dancedata.formats.bvh.write",
     "dancedata.core.plugins", "dancedata.core.registry", "dancedata.core.clip", "dancedata.core.segments",
-    "dancedata.core.dance", "dancedata.core.draw", "dancedata.core.placement", "dancedata.core.spatial",
+    "dancedata.core.dance", "dancedata.core.draw", "dancedata.core.placement",
     "dancedata.evaluation.protocol", "dancedata.exports.base.job", "dancedata.exports.base.needs",
     "dancedata.files.atomic_folder", "dancedata.testing.conformance", "dancedata.testing.examples",
     "dancedata.testing.stores",

@@ -26,7 +26,6 @@ from dancedata.core.plugins import SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
 from dancedata.core.rotations import rotation
 from dancedata.core.skeleton import SMPL24
-from dancedata.core.spatial import Spatial
 from dancedata.testing.examples import FPS, contact_rule_of, example_fields, random_motion
 from tests.messages import raises_message
 
@@ -85,7 +84,7 @@ def test_moved_columns_are_those_of_the_moved_motion(name: str) -> None:
 
 
 def test_directions_turn_and_do_not_shift() -> None:
-    from dancedata.core.columns import Columns, Group
+    from dancedata.core.columns import Columns, Group, Spatial
 
     columns = Columns((Group("velocity", 6, "m/s"), Group("speed", 1, "m/s")))
     rows = np.array([[1, 2, 0, 0, 0, 3, 5]], np.float32)

@@ -10,7 +10,7 @@ import pytest
 
 from dancedata.audio.bailando438 import Bailando438
 from dancedata.core.clip import Reject
-from dancedata.core.columns import Columns, Mirror
+from dancedata.core.columns import Columns, Mirror, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.plugins import Augmentation, CopyAugmentation, SampleAugmentation
 from dancedata.core.registry import (
@@ -24,7 +24,6 @@ from dancedata.core.registry import (
     RULES,
     Registry,
 )
-from dancedata.core.spatial import Spatial
 from dancedata.exports.base.job import EXPORTS
 from dancedata.testing import conformance
 from tests.features import bailando438_rows

@@ -7,14 +7,13 @@ from typing import Any, ClassVar, Literal
 
 import numpy.typing as npt
 
-from dancedata.core.columns import Columns
+from dancedata.core.columns import Columns, Spatial
 from dancedata.core.errors import UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.core.plugins.plugin import Float32Array, Plugin
 from dancedata.core.rotations import Float64Array
 from dancedata.core.skeleton import Skeleton
-from dancedata.core.spatial import Spatial
 
 
 class ContactRule(Plugin):
