@@ -133,17 +133,3 @@ def test_contacts_change_sides_and_nothing_else(name: str) -> None:
         there = label.replace("left", "LEFT").replace("right", "left").replace("LEFT", "right")
         assert there != label
         np.testing.assert_array_equal(image[:, feet][:, j], array[:, feet][:, labels.index(there)])
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_rate_belongs_to_the_motion(name: str) -> None:
-    """A representation with its own rate encodes any grid: others resample."""
-    made = REPRESENTATIONS.get(name)()
-    assert made.rate is None or made.rate > 0
-    for rate in (24, 30, 60):
-        motion = random_motion(1, made.skeleton)
-        at_rate = Motion(motion.translation, motion.rotations, FrameGrid.of(rate), motion.skeleton)
-        array = made.encode(at_rate, contact_rule_of(made))
-        assert len(array) == 4
-        if made.decodes:
-            assert made.decode(array, at_rate.grid).grid == at_rate.grid
