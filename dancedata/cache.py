@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.building.compute import Unit, in_cache, make, units_of
+from dancedata.building.compute import Unit, cached_results, make, units_of
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.building.signals import SignalId, identify_audio
@@ -145,7 +145,7 @@ class FeatureCache:
 def _made(cache: Cache, units: Sequence[Unit]) -> dict[str, Any]:
     """Return the results of the first unit that is in the cache, or those of the last, run as a build does."""
     for unit in units:
-        cached = in_cache(cache, unit)
+        cached = cached_results(cache, unit)
         if cached is not None:
             return cached
     compute: Callable[..., dict[str, Any]] = unit_runner(not units[-1].wanted[0][0].lane)

@@ -255,13 +255,13 @@ def align(
     path, file, reporter = Path(source).expanduser(), folder_of(out), Progress(quiet=not progress)
     search = Search(window_s, level, test_songs, seed)
     _check(path, by, search, file)
-    parsed, store_cache = chosen_recipe(path, recipe, dataset, overrides), Cache.at(cache)
+    parsed, build_cache = chosen_recipe(path, recipe, dataset, overrides), Cache.at(cache)
     reader, scan = scan_folder(path, dataset if parsed is None else parsed.dataset)
     clips = [clip for clip in scan.clips if clip.audio_path is not None]
     units, workers = _units(clips, by), jobs_of(jobs)
     songs = sorted({clip.audio_path for clip in clips if clip.audio_path is not None})
-    with running(store_cache.root):
-        offsets, rejects = store_cache.retry_lost(
+    with running(build_cache.root):
+        offsets, rejects = build_cache.retry_lost(
             lambda cache: find_offsets(cache, reader, units, songs, search, jobs=workers, progress=reporter), reporter
         )
     rows = [Aligned(u.name, u.clips, o) for u, o in zip(units, offsets, strict=True) if isinstance(o, Offset)]

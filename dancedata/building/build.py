@@ -112,8 +112,8 @@ def build(
         )
     header_of(recipe, {}).check()  # now, not after everything is computed
     source = source.absolute()  # so that it can be found in the text of rejects
-    store_cache = Cache.at(cache)
-    recipe = resolve(recipe, store_cache.file_sha256)
+    build_cache = Cache.at(cache)
+    recipe = resolve(recipe, build_cache.file_sha256)
 
     def run(cache: Cache) -> bool:
         """Build with `workers` what `scan` has listed; return False if the dataset existed already."""
@@ -144,8 +144,8 @@ def build(
     with locked(out):
         check_out(out, overwrite=overwrite)
         scan = scan_source(recipe.dataset, recipe.parts.fields, source)
-        with workers_for(recipe, source, store_cache, jobs, backend, scheduler) as workers:
-            result = BuildResult.of(out, store_cache.retry_lost(run, progress), strict)
+        with workers_for(recipe, source, build_cache, jobs, backend, scheduler) as workers:
+            result = BuildResult.of(out, build_cache.retry_lost(run, progress), strict)
         if published is None:
             return result
         same = published.same(out)

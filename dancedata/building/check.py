@@ -145,16 +145,16 @@ def _check_as_built(recipe: Recipe, path: Path, jobs: int, progress: Progress) -
     """Run the stages of a build up to what would be stored, in the cache; features of networks are not computed."""
     source = path.absolute()
     _require_files(recipe.dataset, source)
-    store_cache = Cache.at()
-    recipe = resolve(recipe, store_cache.file_sha256)
+    build_cache = Cache.at()
+    recipe = resolve(recipe, build_cache.file_sha256)
     scan = scan_source(recipe.dataset, recipe.parts.fields, source)
 
     def examined(cache: Cache) -> BuiltClips:
         sources = sources_of(cache, recipe, scan, jobs=workers, progress=progress)
         return compute_clips(cache, recipe, sources, jobs=workers, progress=progress, networks=False)
 
-    with workers_for(recipe, source, store_cache, jobs) as workers:
-        clips, rejects, quality = store_cache.retry_lost(examined, progress)
+    with workers_for(recipe, source, build_cache, jobs) as workers:
+        clips, rejects, quality = build_cache.retry_lost(examined, progress)
     usable = {clip.id for clip in clips}
     originals = [clip for clip in clips if not clip.source and clip.signal is not None]
     lengths = [(c.id, float(recipe.grid.seconds(c.n_frames)), _seconds(c.signal)) for c in originals]

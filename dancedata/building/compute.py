@@ -48,7 +48,7 @@ def compute(
         of_lane = [maker for maker in makers if maker.lane == lane]
         label = of_lane[0].lane or "computing"
         by_key |= _run_all(cache, list(units_of(of_lane, asks.items())), jobs=jobs, label=label, progress=progress)
-    return [_with(result, makers, asks, by_key) for result in results]
+    return [_with_made(result, makers, asks, by_key) for result in results]
 
 
 def make(cache: Cache, unit: Unit) -> dict[str, Any]:
@@ -68,7 +68,7 @@ def make(cache: Cache, unit: Unit) -> dict[str, Any]:
             for maker, asks in missing:
                 of_scene = [ask for ask in asks if ask.within == within]
                 for begin in range(0, len(of_scene), maker.batch):
-                    by_key |= _made(cache, source, maker, loaded, of_scene[begin : begin + maker.batch])
+                    by_key |= _make_batch(cache, source, maker, loaded, of_scene[begin : begin + maker.batch])
     return by_key
 
 
@@ -91,7 +91,7 @@ def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, pro
     """Return the results of units of one lane by key; a Reject of each that cannot be made."""
     if not units:
         return {}
-    cached, maker = [in_cache(cache, unit) for unit in units], units[0].wanted[0][0]
+    cached, maker = [cached_results(cache, unit) for unit in units], units[0].wanted[0][0]
     calls = [(cache, unit) for unit in units]
     if None in cached:  # devices are looked up only if there is something to compute
         jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
@@ -99,13 +99,13 @@ def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, pro
     return {key: result for of_unit in of_units for key, result in of_unit.items()}
 
 
-def made(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
+def make_all(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
     """Return what one maker makes by key; a Reject of each that cannot be made."""
     units = list(units_of([maker], [((maker.id, ""), asks)]))
     return _run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
 
 
-def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
+def cached_results(cache: Cache, unit: Unit) -> dict[str, Any] | None:
     """Return all that is made of a source by key; None if a part is missing."""
     by_key = {}
     for maker, asks in unit.wanted:
@@ -116,7 +116,7 @@ def in_cache(cache: Cache, unit: Unit) -> dict[str, Any] | None:
     return by_key
 
 
-def _with(
+def _with_made(
     result: Result,
     makers: Sequence[Maker],
     asks: Mapping[tuple[str, tuple[str, str]], Sequence[Ask]],
@@ -132,7 +132,7 @@ def _with(
     return replace(result, made=of_take).without(lost)
 
 
-def _made(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Sequence[Ask]) -> dict[str, Any]:
+def _make_batch(cache: Cache, source: Loadable, maker: Maker, loaded: Any, asks: Sequence[Ask]) -> dict[str, Any]:
     """Make results of one maker and scene and publish them; a Reject of each that cannot be made."""
     started = time.monotonic()
     try:

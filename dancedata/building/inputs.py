@@ -17,7 +17,7 @@ from dancedata.execution.cache import Cache
 
 @dataclass(frozen=True)
 class Song:
-    """A song that a worker decodes: whole, or from a point between two rows on, and at a speed."""
+    """A song that a worker decodes, with the beginning and the speed that `signal` states."""
 
     signal: SignalId
 

@@ -35,13 +35,13 @@ def takes_of(
     """Measure the motion of all identified clips, and form takes of those that can be used."""
     reader = SourceReader(dataset, sources.content)
     calls = [(cache, reader, clip.ref, clip.motion_sha256) for clip in sources.clips]
-    cached = [_known_time(*call) for call in calls]
+    cached = [_cached_time(*call) for call in calls]
     times = run_units(measure, calls, cached=cached, jobs=jobs, label="measuring motion", progress=progress)
     rejects, units = [], dict[tuple[str, str], list[_Measured]]()
     for clip, time in zip(sources.clips, times, strict=True):
         if isinstance(time, Reject):
             rejects.append(replace(time, clip=clip.ref.id))
-        elif clip.music_problem is None:
+        elif clip.input_problem is None:
             ref = clip.ref
             music = Music(clip.signal, ref.audio_start, ref.tempo_bpm, ref.music)
             dancer = Dancer(ref.id, ref, clip.motion_sha256, music, clip.files, clip.made_of)
@@ -76,7 +76,7 @@ def _measured(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> 
     return Time(*stated)
 
 
-def _known_time(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time | None:
+def _cached_time(cache: Cache, reader: SourceReader, ref: ClipRef, sha256: str) -> Time | None:
     """Return the cached result of `measure`, None if there is none."""
     row = cache.json("times", _time_key(reader, ref, sha256))
     return None if row is None else Time(row[0], Fraction(row[1]), row[2])

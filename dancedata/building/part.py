@@ -92,12 +92,12 @@ def build_part(
     arguments = BuildArguments.of(recipe, source, out, overrides)
     reporter, source, jobs = Progress(quiet=not progress), arguments.source.absolute(), jobs_of(jobs)
     reporter.announce(f"computing part {part} of {arguments.recipe.name} from {arguments.source}")
-    store_cache = Cache.at(cache)
+    build_cache = Cache.at(cache)
     # As in the build that collects: what depends on the machine is in the keys.
-    recipe = resolve(arguments.recipe, store_cache.file_sha256)
+    recipe = resolve(arguments.recipe, build_cache.file_sha256)
     scanned = scan_source(recipe.dataset, recipe.parts.fields, source)
     clips = part.of(scanned.clips)
-    with workers_for(recipe, source, store_cache, jobs) as workers:
+    with workers_for(recipe, source, build_cache, jobs) as workers:
 
         def run(cache: Cache) -> tuple[Sources, BuiltClips]:
             # Of all clips: offsets are compared with those of other songs.
@@ -110,7 +110,7 @@ def build_part(
             require_no_rejects(strict, computed.rejects, scan, computed.quality)
             return sources, computed
 
-        sources, computed_part = store_cache.retry_lost(run, reporter)
+        sources, computed_part = build_cache.retry_lost(run, reporter)
     left_out = Counter(reject.reason for reject in computed_part.rejects)
     songs = {clip.signal.path for clip in sources.clips if clip.signal is not None}
     return PartResult(part, len(clips), len(scanned.clips), len(songs), dict(sorted(left_out.items())))

@@ -175,20 +175,20 @@ def make_plan(
     if not source.exists() and recipe.dataset.generates:
         reporter.write(f"the dataset {recipe.dataset.name} writes its own source: {source}")
     source = source.absolute()  # as in a build, so that messages are the same
-    store_cache = Cache.at(cache)
+    build_cache = Cache.at(cache)
     scan = scan_source(recipe.dataset, recipe.parts.fields, source)
 
     def run(cache: Cache) -> Plan:
         ready = replace(recipe, fields=tuple(_resolved(cache, field) for field in recipe.fields))
         parts = ready.parts
         groups = source_groups(ready, parts, scan)
-        sources = sources_of(cache, ready, scan, jobs=jobs, progress=reporter, listen=_length, hash_rows=_known_hash)
+        sources = sources_of(cache, ready, scan, jobs=jobs, progress=reporter, hash_music=_length, hash_rows=_rows_id)
         takes, unusable = takes_of(cache, ready.dataset, sources, jobs=jobs, progress=reporter)
         results = cut_windows(expand(takes, parts.transforms), parts.fields, parts.windows)
         results = whole(_examined(cache, results, jobs, reporter), groups)
         rejects = (*sources.rejects, *unusable, *(reject for result in results for reject in result.rejects))
         kept = [result for result in results if result.starts]
-        cached = {field.name: _in_cache(cache, field, kept) for field in parts.fields}
+        cached = {field.name: _count_cached(cache, field, kept) for field in parts.fields}
         flags = [
             {"clip": result.take.dancers[k].id, **flag}
             for result in kept
@@ -199,7 +199,7 @@ def make_plan(
         ]
         return Plan(recipe, source, sources.scan, tuple(kept), rejects, cached, tuple(flags))
 
-    return store_cache.retry_lost(run, reporter)
+    return build_cache.retry_lost(run, reporter)
 
 
 def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Progress) -> list[Result]:
@@ -209,7 +209,7 @@ def _examined(cache: Cache, results: Sequence[Result], jobs: int, progress: Prog
     return [done.get(r.take.id, r if done[r.take.origin.id].starts else r.left_out(())) for r in results]
 
 
-def _in_cache(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:
+def _count_cached(cache: Cache, field: Field, results: Sequence[Result]) -> Cached:
     """Return how many results of a field are in the cache, and how many a build needs."""
     keys = {ask.key for result in results for ask in field.asks(result.take)}
     suffixes = ("npy", "json") if field.optional else ("npy",)  # an optional field that has no rows says why
@@ -228,16 +228,16 @@ def _length(cache: Cache, path: Path) -> SignalId | Reject:
     return length if isinstance(length, Reject) else SignalId(path, "", str(path), length[1], length[0])
 
 
-def _known_hash(cache: Cache, path: Path) -> str:
+def _rows_id(cache: Cache, path: Path) -> str:
     """Return the hash of a file of rows; of one that no build has read its path."""
-    return cache.known_sha256(path) or str(path)
+    return cache.cached_sha256(path) or str(path)
 
 
 def _resolved(cache: Cache, field: Field) -> Field:
     """Return a field as a build computes it; as it is, if that depends on weights that were not read before."""
     # ImportError: a login node that plans, without the packages that compute.
     with suppress(_UnknownError, UsageError, SourceError, ImportError):
-        return field.resolved(_known(cache))
+        return field.resolved(_cached_sha256(cache))
     return field
 
 
@@ -261,9 +261,9 @@ class _UnknownError(Exception):
     pass
 
 
-def _known(cache: Cache) -> Callable[[Path], str]:
+def _cached_sha256(cache: Cache) -> Callable[[Path], str]:
     def sha256(path: Path) -> str:
-        sha256 = cache.known_sha256(path)
+        sha256 = cache.cached_sha256(path)
         if sha256 is None:
             raise _UnknownError
         return sha256

@@ -64,7 +64,7 @@ class SignalId:
             file = Cache.stat_key("signal", path)
         except FileNotFoundError:
             return None
-        entry = _known(cache, _signal_key(file))
+        entry = _cached_info(cache, _signal_key(file))
         return None if entry is None else cls.of(path, file, entry)
 
     @cached_property
@@ -137,10 +137,10 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     try:
         file = Cache.stat_key("signal", path)
         key = _signal_key(file)
-        entry = _known(cache, key)
+        entry = _cached_info(cache, key)
         if entry is None:
             with cache.lock("signals", key):
-                entry = _known(cache, key)
+                entry = _cached_info(cache, key)
                 if entry is None:
                     signal = load_audio(path)
                     by = ffmpeg_version() if any(kind == "decoded_by_ffmpeg" for kind, _ in signal.findings) else ""
@@ -157,7 +157,7 @@ def identify_audio(cache: Cache, path: Path) -> SignalId | Reject:
     return SignalId.of(path, file, entry)
 
 
-def _known(cache: Cache, key: str) -> SignalInfo | None:
+def _cached_info(cache: Cache, key: str) -> SignalInfo | None:
     """Return cached facts; None if there are none, or if another version of ffmpeg decoded the file."""
     entry = cache.json("signals", key)
     info = None if entry is None else SignalInfo(*entry)

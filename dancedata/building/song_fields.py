@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dancedata.building.compute import made
+from dancedata.building.compute import make_all
 from dancedata.building.fields.music import MusicField
 from dancedata.building.inputs import Music
 from dancedata.core.errors import UsageError, did_you_mean
@@ -56,8 +56,8 @@ def song_rows(
 ) -> dict[Music, list[Any]]:
     """Return the rows of songs, an array each or one of each slice; a Reject of each that cannot be computed."""
     asks = {song: field.song_asks(song) for song in songs}
-    by_key = made(cache, field, [ask for of_song in asks.values() for ask in of_song], jobs=jobs, progress=progress)
-    return {song: [by_key[ask.key] for ask in of_song] for song, of_song in asks.items()}
+    by_key = make_all(cache, field, [ask for asked in asks.values() for ask in asked], jobs=jobs, progress=progress)
+    return {song: [by_key[ask.key] for ask in asked] for song, asked in asks.items()}
 
 
 def stated_tempo(dataset: Store | None, sha256: str, song: Path) -> tuple[float | None, str]:

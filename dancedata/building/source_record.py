@@ -45,8 +45,8 @@ class SourceRecord:
     @classmethod
     def of_store(cls, store: Store) -> SourceRecord:
         """Return the record of a built dataset."""
-        left_out = store.info.get("source", {}).get("clips", {})
-        clips = {**left_out, **{clip.original: clip.made_of for clip in store if clip.made_of}}
+        unstored = store.info.get("source", {}).get("clips", {})
+        clips = {**unstored, **{clip.original: clip.made_of for clip in store if clip.made_of}}
         content = store.info.get("source", {}).get("content")
         return cls(
             clips=clips if clips and all(len(value) == 3 * DIGITS for value in clips.values()) else None,

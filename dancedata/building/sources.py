@@ -28,7 +28,7 @@ class SourceClip:
     ref: ClipRef
     motion_sha256: str
     signal: SignalId | None = None
-    music_problem: Reject | None = None  # of its music, or of a file of rows; its motion is examined all the same
+    input_problem: Reject | None = None  # of its music, or of a file of rows; its motion is examined all the same
     files: Mapping[str, RowsFile] = field(default_factory=dict)  # those with rows, by field
 
     def inputs(self) -> tuple[list[Any], str, str | None]:
@@ -67,7 +67,7 @@ class Sources:
     """An identified source folder."""
 
     scan: Scan
-    clips: tuple[SourceClip, ...]  # those whose motion can be read, in the order of the scan
+    clips: tuple[SourceClip, ...]  # those whose motion file could be hashed, in the order of the scan
     rejects: tuple[Reject, ...]  # also of clips without usable music
     content: Mapping[str, str]  # hashes of files that parameters name, of the dataset
     plugin_content: Mapping[str, str] = field(default_factory=dict)  # and of others
@@ -126,10 +126,10 @@ def identify(
     *,
     jobs: Jobs,
     progress: Progress,
-    listen: Callable[[Cache, Path], SignalId | Reject] = identify_audio,
+    hash_music: Callable[[Cache, Path], SignalId | Reject] = identify_audio,
     hash_rows: Callable[[Cache, Path], str] = Cache.file_sha256,
 ) -> Sources:
-    """Hash motion files, decode and hash music, hash files of rows; a plan does not `listen`, nor hash rows."""
+    """Hash motion files, music and files of rows; a plan gives functions that only look the last two up."""
     content = content_hashes(dataset, cache.file_sha256)
     named, rejects = _with_valid_names(scan.clips)
     hashes = _hash_motion(cache, named, progress)
@@ -137,9 +137,9 @@ def identify(
     refs = [(ref, sha) for ref in named if isinstance(sha := hashes[ref.motion_path], str)]
     signals: dict[Path, SignalId | Reject] | None = None
     if any(field.needs_music for field in fields):
-        signals = _identify_music(cache, [ref for ref, _ in refs], listen, jobs, progress)
+        signals = _identify_music(cache, [ref for ref, _ in refs], hash_music, jobs, progress)
     clips = [_identified(cache, fields, ref, sha, signals, hash_rows) for ref, sha in refs]
-    rejects += [clip.music_problem for clip in clips if clip.music_problem is not None]
+    rejects += [clip.input_problem for clip in clips if clip.input_problem is not None]
     return Sources(scan, tuple(clips), (*scan.rejects, *rejects), content)
 
 
@@ -160,7 +160,7 @@ def _with_valid_names(clips: Sequence[ClipRef]) -> tuple[list[ClipRef], list[Rej
 def _hash_motion(cache: Cache, refs: Sequence[ClipRef], progress: Progress) -> dict[Path, str | Reject]:
     paths = list(dict.fromkeys(ref.motion_path for ref in refs))
     calls = [(cache, path) for path in paths]
-    cached = [_known_hash(cache, path) for path in paths]
+    cached = [_cached_hash(cache, path) for path in paths]
     hashes = run_units(
         _hash_file, calls, cached=cached, jobs=1, label="hashing motion", progress=progress, exact=False
     )
@@ -174,10 +174,10 @@ def _hash_file(cache: Cache, path: Path) -> str | Reject:
         return Reject("broken_file", file=str(path), detail=f"{path}: {error}")
 
 
-def _known_hash(cache: Cache, path: Path) -> str | None:
+def _cached_hash(cache: Cache, path: Path) -> str | None:
     """Return the cached result of `_hash_file`, None if there is none."""
     try:
-        return cache.known_sha256(path)
+        return cache.cached_sha256(path)
     except OSError:
         return None
 
@@ -185,14 +185,14 @@ def _known_hash(cache: Cache, path: Path) -> str | None:
 def _identify_music(
     cache: Cache,
     refs: Sequence[ClipRef],
-    listen: Callable[[Cache, Path], SignalId | Reject],
+    hash_music: Callable[[Cache, Path], SignalId | Reject],
     jobs: Jobs,
     progress: Progress,
 ) -> dict[Path, SignalId | Reject]:
     paths = sorted({ref.audio_path for ref in refs if ref.audio_path is not None})
     cached = [SignalId.cached(cache, path) for path in paths]
     calls = [(cache, path) for path in paths]
-    signals = run_units(listen, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
+    signals = run_units(hash_music, calls, cached=cached, jobs=jobs, label="decoding music", progress=progress)
     return dict(zip(paths, signals, strict=True))
 
 
@@ -211,6 +211,6 @@ def _identified(
     files = {field.name: field.file_of(cache, ref, hash_rows) for field in fields}
     problems = [problem for problem in (signal, *files.values()) if isinstance(problem, Reject)]
     if problems:
-        return SourceClip(ref, sha256, music_problem=replace(problems[0], clip=ref.id))
+        return SourceClip(ref, sha256, input_problem=replace(problems[0], clip=ref.id))
     of_fields = {name: file for name, file in files.items() if isinstance(file, RowsFile)}
     return SourceClip(ref, sha256, signal if isinstance(signal, SignalId) else None, files=of_fields)

@@ -60,12 +60,12 @@ def _of_window(
 
 
 def _without_windows(take: Take, dancer: int, of: int, reach: Reach, windows: WindowSpec) -> Reject:
-    place = take.dancers[dancer]
+    member = take.dancers[dancer]
     of_motion = _of_motion(take)
     short, numbers = reach.short or of_motion.short, reach.numbers or of_motion.numbers
     partner = "" if of == dancer or not reach.short else f" (of partner {take.dancers[of].id})"
-    detail = f"clip {place.id}: {short}{partner}; a window is {windows.length_s:g} s"
-    return Reject(reach.clip, place.id, reach.file or str(place.ref.motion_path), detail=detail, numbers=numbers)
+    detail = f"clip {member.id}: {short}{partner}; a window is {windows.length_s:g} s"
+    return Reject(reach.clip, member.id, reach.file or str(member.ref.motion_path), detail=detail, numbers=numbers)
 
 
 def _of_motion(take: Take) -> Reach:

@@ -202,7 +202,7 @@ class Cache:
 
     def file_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, remembered as long as `stat_key` stays the same."""
-        return self.known_sha256(path) or self.hashed_sha256(path)
+        return self.cached_sha256(path) or self.hashed_sha256(path)
 
     def hashed_sha256(self, path: Path) -> str:
         """Return the SHA-256 of a file's bytes, read now, and remember it."""
@@ -212,7 +212,7 @@ class Cache:
             self.put_json("files", key, sha256)
         return sha256
 
-    def known_sha256(self, path: Path) -> str | None:
+    def cached_sha256(self, path: Path) -> str | None:
         """Return the SHA-256 that `file_sha256` has stored for a file, None if it would have to read the file."""
         sha256 = self.json("files", self.stat_key("sha256", path))
         return None if sha256 is None else str(sha256)

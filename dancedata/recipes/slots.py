@@ -94,20 +94,20 @@ def make_slots(
     if windows is not None and excerpts is not None and windows.length > excerpts.length:
         problems.append(f"windows: {windows.length_s:g} s are longer than the slices; found {excerpts.length_s:g} s")
     timed = [copy.name for copy in augment if not copy.keeps_time]
-    for job in audio:
-        if timed and job.from_files:
+    for song_field in audio:
+        if timed and song_field.from_files:
             problems.append(
-                f"audio.{job.name}: rows from files have no copies at another speed; "
+                f"audio.{song_field.name}: rows from files have no copies at another speed; "
                 f"fix: leave out augment.{timed[0]}, or the field"
             )
-        if augment and job.feature.of_motion:
+        if augment and song_field.feature.of_motion:
             problems.append(
-                f"audio.{job.name}: rows of motion from files have no copies: a copy needs files of its own; "
+                f"audio.{song_field.name}: rows of motion from files have no copies: a copy needs files of its own; "
                 f"fix: leave out augment.{augment[0].name}, or the field"
             )
-    for job in audio if grid is not None else ():
+    for song_field in audio if grid is not None else ():
         # A rate that a feature cannot compute at is an error now, not after all music was decoded.
-        problems.catch(partial(job.feature.n_rows, 1, 48_000, job.grid), f"audio.{job.name}: ")
+        problems.catch(partial(song_field.feature.n_rows, 1, 48_000, song_field.grid), f"audio.{song_field.name}: ")
     originals = problems.catch(partial(_originals, motion, fields, transforms)) or ()
     fields = (*_by_name([*motion, *originals]), *fields[len(motion) :])
     return Slots(dataset, transforms, fields, augment, annotators, rules)
@@ -129,10 +129,9 @@ def _motion_fields(slot: Any, grid: FrameGrid, problems: Problems) -> tuple[Repr
         if rule is not None and default is None:
             problems.append(f"motion.{name}.contacts: {name} has no contact columns")
         contacts = None if rule is None else single_plugin(CONTACTS, f"motion.{name}.contacts", rule, problems)
-        rate = representation.rate
-        of_rate = grid if rate is None else FrameGrid(rate)
+        row_grid = grid if representation.rate is None else FrameGrid(representation.rate)
         optional = _is_optional(f"motion.{name}", keys, problems)
-        fields.append(RepresentationField(name, of_rate, representation, contacts, optional=optional))
+        fields.append(RepresentationField(name, row_grid, representation, contacts, optional=optional))
     return _by_name(fields)
 
 
@@ -161,15 +160,15 @@ def _feature_fields(
     fields: list[FeatureField] = []
     for name, feature, keys in _instances(FEATURES, "audio", slot, problems):
         fps = keys.get("fps")
-        rows = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
-        if feature is not None and rows is not None:
-            own_rate = rows != grid
+        row_grid = grid if fps is None else problems.catch(partial(frame_grid, fps, f"audio.{name}.fps"))
+        if feature is not None and row_grid is not None:
+            own_rate = row_grid != grid
             if feature.from_files:
                 from dancedata.building.fields.files import FileField
 
-                fields.append(FileField(name, rows, cast("FileFeature", feature), own_rate=own_rate))
+                fields.append(FileField(name, row_grid, cast("FileFeature", feature), own_rate=own_rate))
             else:
-                fields.append(MusicField(name, rows, feature, own_rate, windows))
+                fields.append(MusicField(name, row_grid, feature, own_rate, windows))
     return _by_name(fields)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dancedata.building.compute import in_cache
+from dancedata.building.compute import cached_results
 from dancedata.building.signals import SignalId, identify_audio
 from dancedata.cli import command
 from dancedata.cli.app import app
@@ -103,7 +103,7 @@ def test_a_worker_that_encodes_motion_loads_no_feature(corpus: Path, tmp_path: P
     features = ("librosa35", "bailando", "stft", "beats", "jukebox", "hf", "networks", "file", "signal", "stretch")
     places = tuple(f"dancedata.audio.{feature}" for feature in features)
     assert [name for name in names if name.startswith(places)] == []
-    assert in_cache(cache, unit) is not None
+    assert cached_results(cache, unit) is not None
 
 
 def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Path):
@@ -117,7 +117,7 @@ def test_workers_import_neither_pydantic_nor_librosa(corpus: Path, tmp_path: Pat
     names = imported("-c", RUN, str(tmp_path / "units"))
     assert "soxr" in names
     assert names & {"pydantic", "librosa", "numba", "h5py", "typer", "torch"} == set()
-    assert [in_cache(cache, unit) is None for unit in units] == [False, False]
+    assert [cached_results(cache, unit) is None for unit in units] == [False, False]
 
 
 def test_no_worker_is_waited_for_when_a_command_has_ended(corpus: Path, tmp_path: Path):

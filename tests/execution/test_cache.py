@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dancedata.building import signals as audio_units
-from dancedata.building.compute import in_cache
+from dancedata.building.compute import cached_results
 from dancedata.building.fields.music import MusicField
 from dancedata.building.signals import SignalId
 from dancedata.core.audio_signal import AudioSignal
@@ -117,17 +117,17 @@ def test_another_body_model_is_another_key(own: Cache, tmp_path: Path):
 def test_hashes_of_files_are_remembered_until_the_file_changes(own: Cache, tmp_path: Path):
     path = tmp_path / "file"
     path.write_bytes(b"one")
-    assert own.known_sha256(path) is None
+    assert own.cached_sha256(path) is None
     first = own.file_sha256(path)
-    assert own.known_sha256(path) == first
+    assert own.cached_sha256(path) == first
     os.utime(path, ns=(0, 1))  # another time of change
-    assert own.known_sha256(path) is None
+    assert own.cached_sha256(path) is None
     own.file_sha256(path)
     # Of the same size and time of change, but another file.
     (tmp_path / "new").write_bytes(b"two")
     os.utime(tmp_path / "new", ns=(0, 1))
     os.replace(tmp_path / "new", path)
-    assert own.known_sha256(path) is None
+    assert own.cached_sha256(path) is None
     assert own.file_sha256(path) != first
 
 
@@ -270,12 +270,12 @@ def test_a_link_to_a_file_is_known_by_the_file(own: Cache, tmp_path: Path):
     link.symlink_to(path)
     linked.symlink_to(path.parent)
     own.file_sha256(path)
-    assert own.known_sha256(link) == own.known_sha256(linked / "file") == own.known_sha256(path) is not None
+    assert own.cached_sha256(link) == own.cached_sha256(linked / "file") == own.cached_sha256(path) is not None
     other = tmp_path / "other"
     other.write_bytes(b"two")
     link.unlink()
     link.symlink_to(other)
-    assert own.known_sha256(link) is None
+    assert own.cached_sha256(link) is None
     link.unlink()
     link.symlink_to(link)
     with pytest.raises(OSError, match="link"):  # links that go round are an error of the file
@@ -294,7 +294,7 @@ def test_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cach
     assert isinstance(found, Reject)
     assert found.reason == "changed"
     assert what == "motion" or "body_model/model.npz" in found.detail
-    assert in_cache(own, unit_of(edge151, take)) is None
+    assert cached_results(own, unit_of(edge151, take)) is None
 
 
 def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own, tmp_path, monkeypatch):
