@@ -80,9 +80,9 @@ def _versions(check: str, needed: Sequence["Requirement"], fix: str) -> Finding:
         installed.append(f"{requirement.name} {version}")
         if not requirement.specifier.contains(version, prereleases=True):
             problems.append(f"{installed[-1]} is installed, {requirement.specifier} is needed")
-    return (
-        Finding(check, status, "; ".join(problems), fix) if problems else Finding(check, "ok", ", ".join(installed))
-    )
+    if problems:
+        return Finding(check, status, "; ".join(problems), fix)
+    return Finding(check, "ok", ", ".join(installed))
 
 
 def check_cache() -> Finding:
@@ -133,9 +133,7 @@ def check_music() -> Finding:
     missing = [suffix for suffix, subtype in _FORMATS.items() if not soundfile.check_format(suffix.upper(), subtype)]
     known = ", ".join(suffix for suffix in _FORMATS if suffix not in missing)
     text = f"libsndfile {soundfile.__libsndfile_version__} reads {known}"
+    if not missing:
+        return Finding("music", "ok", text)
     fix = "pip install --upgrade soundfile, or convert such songs to wav or flac"
-    return (
-        Finding("music", "note", f"{text}, not {', '.join(missing)}", fix)
-        if missing
-        else Finding("music", "ok", text)
-    )
+    return Finding("music", "note", f"{text}, not {', '.join(missing)}", fix)

@@ -65,16 +65,8 @@ def _splits(store: Store, splits: Sequence[str]) -> str:
         copies = sum(clip.split == split and bool(clip.source) for clip in store)
         minutes = float(store.grid.seconds(sum(clip.n_frames for clip in clips)) / 60)
         songs = len({clip.music for clip in clips if clip.music})
-        rows.append(
-            (
-                _text(split),
-                len(clips),
-                copies,
-                len(store.windows(split, fields=store.required_fields)),
-                songs,
-                f"{minutes:.1f}",
-            )
-        )
+        n_windows = len(store.windows(split, fields=store.required_fields))
+        rows.append((_text(split), len(clips), copies, n_windows, songs, f"{minutes:.1f}"))
     genres = sorted({clip.genre for clip in store if clip.genre})
     windows = store.info["windows"]
     about = (
@@ -105,13 +97,8 @@ def _terms(store: Store, place: HubPlace | None) -> str:
     lines += [f"- {_text(text)}" for text in terms_text(clips_by_terms(store))]
     notes = [f"- {_text(note)}" for note in store.info.get("source", {}).get("notes", [])]
     cite = citations(store)
-    parts = [
-        "## Licence and citation",
-        "",
-        *lines,
-        "",
-        f"Dataset: {_text(str(store.info.get('licence') or 'unknown'))}",
-    ]
+    of_dataset = _text(str(store.info.get("licence") or "unknown"))
+    parts = ["## Licence and citation", "", *lines, "", f"Dataset: {of_dataset}"]
     parts += ["", "Cite:", "", *(f"> {_text(text)}\n" for text in cite)] if cite else []
     if place is not None and place.rights:
         parts += ["", "These licences do not allow the data to be passed on:", ""]

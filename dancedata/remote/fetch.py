@@ -22,7 +22,7 @@ from dancedata.kernel import DatasetFiles, Progress
 from dancedata.remote.address import Address
 from dancedata.remote.client import Client
 from dancedata.remote.hub import HubClient
-from dancedata.remote.source import Interrupted, OutOfRange, read_within, refused, steady, wrong_bytes
+from dancedata.remote.source import Interrupted, OutOfRange, read_within, refused, steady
 
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
@@ -161,7 +161,10 @@ def _fetch(source: Client, where: str, file: FileEntry, path: Path, target: Path
         report(-part.have)
         part.clear()
     path.unlink()
-    raise wrong_bytes(where, f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...")
+    raise refused("the server sends other bytes than those of the dataset, twice", where,
+                  f"sha256 {found[:12]}..., in dataset.json {file.sha256[:12]}...",
+                  "it may have been replaced or damaged there; open the address again, or ask who publishes it"
+                  )  # fmt: skip
 
 
 def _append(source: Client, where: str, file: FileEntry, part: _Part, report: Report) -> None:

@@ -71,16 +71,6 @@ def not_cached(problem: str, where: object, requested: object, found: str = "HF_
     return refused(problem, where, found, f"fetch it where there is a network: dancedata pull {requested}")
 
 
-def wrong_bytes(where: object, found: object) -> StoreError:
-    """Return the error for a server whose bytes do not have their hash, also when they are asked for again."""
-    return refused(
-        "the server sends other bytes than those of the dataset, twice",
-        where,
-        found,
-        "the dataset may have been replaced or damaged there; open the address again, or ask who publishes it",
-    )
-
-
 class NotThereError(StoreError):
     """The folder on the server does not have this file."""
 

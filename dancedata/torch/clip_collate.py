@@ -56,7 +56,11 @@ def pad_clips(
     torch.Size([1, 192, 151])
     """
     whole("pad_clips: multiple", multiple, 1)
-    fields, batch = _rows_and_rest(samples)
+    if not samples:
+        raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
+    named = {name: [sample[name] for sample in samples] for name in samples[0]}
+    fields = {n: v for n, v in named.items() if isinstance(v[0], Tensor) and (v[0].dim() == 2 or n in LABELS)}
+    batch: dict[str, Any] = {name: collate_values(v) for name, v in named.items() if name not in fields}
     lengths = {name: torch.tensor([len(rows) for rows in clips]) for name, clips in fields.items()}
     batch["mask"] = {}
     for name, clips in fields.items():
@@ -67,12 +71,9 @@ def pad_clips(
             raise UsageError(f"nothing states what codes of {name} are filled up with: 0 is a code",
                              fix="give the pad of each field: pad_clips(samples, value=dataset.blanks)")  # fmt: skip
         if length is not None and longest > length:
-            raise UsageError(
-                f"a clip does not fit into a batch of {length} rows",
-                where=f"clip {samples[int(lengths[name].argmax())]['clip']}, field {name}",
-                found=f"{longest} rows",
-                fix="give a larger length, or read crops: ClipDataset(..., crop_frames=...)",
-            )
+            where = f"clip {samples[int(lengths[name].argmax())]['clip']}, field {name}"
+            raise UsageError("a clip does not fit into a batch", where=where, found=f"{longest} rows", allowed=length,
+                             fix="give a larger length, or read crops: windows=Windows(length=...)")  # fmt: skip
         total = length if length is not None else -(-longest // multiple) * multiple
         default = 0.0 if isinstance(value, Mapping) else value
         filler = False if is_label else default if stated is None else stated
@@ -82,15 +83,3 @@ def pad_clips(
         batch[name] = padded
         batch["mask"][name] = torch.arange(total) < lengths[name][:, None]
     return {**batch, "lengths": lengths}
-
-
-def _rows_and_rest(samples: Sequence[dict[str, Any]]) -> tuple[dict[str, list[Tensor]], dict[str, Any]]:
-    if not samples:
-        raise UsageError("a batch without clips has no fields", fix="leave empty batches out")
-    fields = [name for name, value in samples[0].items() if _is_rows(name, value)]
-    rest = {name: collate_values([sample[name] for sample in samples]) for name in samples[0] if name not in fields}
-    return {name: [sample[name] for sample in samples] for name in fields}, rest
-
-
-def _is_rows(name: str, value: Any) -> bool:
-    return isinstance(value, Tensor) and (value.dim() == 2 or name in LABELS)
