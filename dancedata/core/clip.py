@@ -43,6 +43,8 @@ class ClipRef:
         Tempo from the dataset in beats per minute; None if unknown.
     lists
         Lists of the dataset (such as split files) that contain the clip.
+    notes
+        Remarks of the scan on this clip, which its own notes sum up.
     declared
         Declarations of the source about this file: (name, value), such as ("fps", "120") from a manifest. They are
         input of `load`, and part of the cache key.

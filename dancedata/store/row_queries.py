@@ -284,11 +284,11 @@ class RowQueries:
         window_fields = [self.field(name) for name in names("fields", fields or tuple(self._fields))]
         if requested == stored and not trim and not whole:
             return stored_windows(tables, split, window_fields)
-        from dancedata.store.window_cuts import cut_windows, whole_clips
+        from dancedata.store.window_cuts import list_windows, whole_clips
 
         if whole:
             return whole_clips(tables, split, self._description, window_fields, trim)
-        return cut_windows(tables, split, self._description, requested, window_fields, trim)
+        return list_windows(tables, split, self._description, requested, window_fields, trim)
 
     def _window_grid(
         self,

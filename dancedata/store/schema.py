@@ -45,8 +45,8 @@ SIDE_FILES = (STATS_FILE, REJECTS_FILE, CARD_FILE)
 
 _SHARD = re.compile(r"(.+-\d{5,}-of-\d{5,}|tables|segments)\.h5\Z")
 
-Kind = Literal["motion", "keymotion", "audio", "scene"]
-_KINDS = ("motion", "keymotion", "audio", "scene")
+Kind = Literal["motion", "keymotion", "audio"]
+_KINDS = ("motion", "keymotion", "audio")
 #: The column of beats without the others.
 _BEAT_ALONE = Columns((Group("beat", 1, "0/1"),), None)
 _DTYPES = {"real": ("float32", "float16"), "code": ("int16", "int32", "uint8")}
@@ -61,7 +61,7 @@ class Field:
     name
         Name of the dataset in a shard: /<kind>/<name>.
     kind
-        "motion" and "keymotion": clips one after another. "audio" and "scene": timelines that clips share.
+        "motion" and "keymotion": clips one after another. "audio": timelines that clips share.
     columns
         Name, width and unit of the columns, and how mirroring permutes them.
     rate

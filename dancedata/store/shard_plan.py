@@ -42,7 +42,7 @@ class ShardPlan:
     spans: dict[str, list[Span]] = field(default_factory=dict)
     #: First row and array of each timeline, by field and key.
     blocks: dict[str, dict[str, tuple[int, LazyArray]]] = field(default_factory=dict)
-    first_bytes: dict[str, int] = field(default_factory=dict)
+    first_bytes: dict[str, int] = field(default_factory=dict)  # by field; `written_shard` fills them in
 
     def __post_init__(self) -> None:
         for f in self.header.fields:

@@ -17,6 +17,78 @@ from dancedata.store.clip_columns import CLIP_COLUMNS, ClipRecord
 from dancedata.store.schema import Field, StoreHeader
 
 
+@runtime_checkable
+class LazyArray(Protocol):
+    """Anything with a shape that numpy can turn into an array: an ndarray, or a file opened on demand."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the array, known without loading it."""
+        ...
+
+    def __array__(self) -> npt.NDArray[Any]: ...
+
+
+@dataclass(frozen=True)
+class AudioBlock:
+    """A piece of audio features.
+
+    Attributes
+    ----------
+    key
+        Identity of the rows: a hash of the signal and of everything that shapes the feature. Blocks of equal key
+        are stored once per shard.
+    array
+        (A, D) rows.
+    offset
+        Row at frame 0 of the clip, negative where the rows begin later.
+    """
+
+    key: str
+    array: LazyArray
+    offset: int = 0
+
+
+class Signal(NamedTuple):
+    """A decoded song: SHA-256 of its samples, and whole numbers of its sound; () if those were not computed."""
+
+    sha256: str
+    sample_rate: int
+    n_samples: int
+    fingerprint: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredClip(ClipRecord):
+    """A clip to store: its record and its arrays, which are loaded one at a time, when they are written.
+
+    Attributes
+    ----------
+    starts
+        First frame of every window, at the store's fps, ascending multiples of the stride.
+    motion
+        Per motion and key motion field: (T, D); (0, D) of an optional field that the clip does not have.
+    audio
+        Per audio field: one block.
+    signal
+        The decoded music, for the table of songs; None if it is not recorded. Clips with one `song` have one.
+    segments
+        Spans and instants of the clip.
+    group_size
+        Dancers that the group has in the source, stored or not; 0: as many as are stored.
+    terms
+        Licence and citation of this clip; None for those of the dataset.
+    """
+
+    starts: tuple[int, ...]
+    motion: Mapping[str, LazyArray]
+    audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
+    signal: Signal | None = None
+    segments: tuple[Segment, ...] = ()
+    group_size: int = 0
+    terms: Licence | None = None
+
+
 def check_clip(header: StoreHeader, clip: StoredClip) -> None:
     """Raise StoreError, naming clip and field, for a clip that does not fit the header. Loads no array."""
     _check_attributes(clip)
@@ -105,75 +177,3 @@ def _check_end(header: StoreHeader, clip: StoredClip, f: Field, available: int, 
     if end > available:
         raise StoreError("a window ends after the last row", where=f"{where}, window {len(clip.starts) - 1}",
                          found=f"row {end} of {available}")  # fmt: skip
-
-
-@runtime_checkable
-class LazyArray(Protocol):
-    """Anything with a shape that numpy can turn into an array: an ndarray, or a file opened on demand."""
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the array, known without loading it."""
-        ...
-
-    def __array__(self) -> npt.NDArray[Any]: ...
-
-
-@dataclass(frozen=True)
-class AudioBlock:
-    """A piece of audio features.
-
-    Attributes
-    ----------
-    key
-        Identity of the rows: a hash of the signal and of everything that shapes the feature. Blocks of equal key
-        are stored once per shard.
-    array
-        (A, D) rows.
-    offset
-        Row at frame 0 of the clip, negative where the rows begin later.
-    """
-
-    key: str
-    array: LazyArray
-    offset: int = 0
-
-
-class Signal(NamedTuple):
-    """A decoded song: SHA-256 of its samples, and whole numbers of its sound; () if those were not computed."""
-
-    sha256: str
-    sample_rate: int
-    n_samples: int
-    fingerprint: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class StoredClip(ClipRecord):
-    """A clip to store: its record and its arrays, which are loaded one at a time, when they are written.
-
-    Attributes
-    ----------
-    starts
-        First frame of every window, at the store's fps, ascending multiples of the stride.
-    motion
-        Per motion and key motion field: (T, D); (0, D) of an optional field that the clip does not have.
-    audio
-        Per audio and scene field: one block.
-    signal
-        The decoded music, for the table of songs; None if it is not recorded. Clips with one `song` have one.
-    segments
-        Spans and instants of the clip.
-    group_size
-        Dancers that the group has in the source, stored or not; 0: as many as are stored.
-    terms
-        Licence and citation of this clip; None for those of the dataset.
-    """
-
-    starts: tuple[int, ...]
-    motion: Mapping[str, LazyArray]
-    audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
-    signal: Signal | None = None
-    segments: tuple[Segment, ...] = ()
-    group_size: int = 0
-    terms: Licence | None = None

@@ -13,7 +13,7 @@ from dancedata.store.tables import Tables
 from dancedata.store.window_list import IntArray, WindowList
 
 
-def cut_windows(
+def list_windows(
     tables: Tables,
     split: str,
     description: Description,
@@ -42,7 +42,7 @@ def cut_windows(
 def window_starts(
     tables: Tables, row: int, description: Description, windows: WindowGrid, fields: Sequence[Field], trim: bool
 ) -> range:
-    """Return the first frames of a clip's windows; arguments as for `cut_windows`, `row` is that of the clip."""
+    """Return the first frames of a clip's windows; arguments as for `list_windows`, `row` is that of the clip."""
     begin, end = (int(frames[0]) for frames in _spans(tables, description, fields, trim, slice(row, row + 1)))
     count = max(windows.count(end - begin), 0)
     return range(begin, begin + count * windows.stride, windows.stride)

@@ -72,7 +72,7 @@ def write_store(
     clips = [replace(c, segments=(*c.segments, *flags[c.id])) if c.id in flags else c for c in clips]
     plans = plan_shards(header, clips, shard_bytes)
     tables = TablePlan.of(header, clips)
-    document = _check_meta(header, _describe(header, plans, tables))
+    document = _with_meta(header, _describe(header, plans, tables))
     done = itertools.count(1)
 
     def advance() -> None:
@@ -145,8 +145,8 @@ def _count(header: StoreHeader, plans: Sequence[ShardPlan]) -> dict[str, dict[st
     return counts
 
 
-def _check_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
-    """Merge the caller's keys into dataset.json; StoreError if one of them is a key of the format."""
+def _with_meta(header: StoreHeader, document: dict[str, Any]) -> dict[str, Any]:
+    """Return dataset.json with the caller's keys; StoreError if one of them is a key of the format."""
     reserved = {*document, "shards", "layers", "licences", "files", "self_sha256"}
     clashing = sorted(reserved & set(header.meta))
     if clashing:

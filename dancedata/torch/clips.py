@@ -92,13 +92,13 @@ class ClipDataset(SplitDataset):
         """
         super().__init__(store, split, fields, select, scale)
         self._items.require_plain("ClipDataset")
-        place = Windows.taken(windows)
-        self.crop_frames, self.crops = self._crop(place), whole("crops", crops, 1, MAX_ROWS)
-        if place.start_at is not None:
-            raise clash(place, "ClipDataset", "crops begin anywhere; windows of a WindowDataset begin on beats")
+        cut = Windows.taken(windows)
+        self.crop_frames, self.crops = self._crop(cut), whole("crops", crops, 1, MAX_ROWS)
+        if cut.start_at is not None:
+            raise clash(cut, "ClipDataset", "crops begin anywhere; windows of a WindowDataset begin on beats")
         if self.crop_frames is None and self.crops > 1:
-            raise clash(place, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
-        chosen, least = self._choose(place, {"whole": True}), self.crop_frames or 1
+            raise clash(cut, f"crops={self.crops}", "whole clips have no crops; give Windows(length_s=...)")
+        chosen, least = self._choose(cut, {"whole": True}), self.crop_frames or 1
         details = {s.clip: f"{s.length} frames: a crop has {least}" for s in chosen.windows if s.length < least}
         self.rejects = (*chosen.rejects, *(Reject("too_short", clip, detail=d) for clip, d in details.items()))
         spans = chosen.windows.take(chosen.windows.length >= least)
@@ -140,10 +140,10 @@ class ClipDataset(SplitDataset):
         kind = "whole clips" if self.crop_frames is None else f"crops of {self.crop_frames} frames"
         return f"{len(self):,} {kind}"
 
-    def _crop(self, place: Windows) -> int | None:
-        if place.length_s is None and place.length is None:
+    def _crop(self, cut: Windows) -> int | None:
+        if cut.length_s is None and cut.length is None:
             return None
-        frames = self.store._window_grid(length_s=place.length_s, length=place.length).length
+        frames = self.store._window_grid(length_s=cut.length_s, length=cut.length).length
         if frames % self._period():
             raise UsageError("the length of a crop is not a whole number of rows of all fields",
                              found=f"{frames} frames", allowed=f"multiples of {self._period()}")  # fmt: skip

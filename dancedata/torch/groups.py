@@ -97,12 +97,12 @@ class GroupDataset(WindowDataset):
         self._items.require_plain("GroupDataset")
         if len(self.splits) > 1:
             raise UsageError("groups are read split by split", found=self.split, fix="join the readers of each split")
-        place, dancers = Windows.taken(windows), Dancers.taken(dancers)
+        cut, dancers = Windows.taken(windows), Dancers.taken(dancers)
         self.choose = dancers.choose
-        if place.start_at is not None or self._asked != Select(self._asked.where):
-            asked = self._asked if place.start_at is None else place
+        if cut.start_at is not None or self._asked != Select(self._asked.where):
+            asked = self._asked if cut.start_at is None else cut
             raise clash(asked, "GroupDataset", "groups are chosen by Select(where=...), at the stride, alone")
-        chosen = self._choose(place, place.grid)
+        chosen = self._choose(cut, cut.grid)
         self._group_windows(chosen.windows, dancers.exactly, dancers.singles, list(chosen.rejects))
         sizes = self._sizes[self._group_of]
         self.persons = dancers.persons or dancers.exactly or int(sizes.max(initial=1))

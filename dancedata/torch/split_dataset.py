@@ -89,20 +89,20 @@ class SplitDataset(EpochDataset):
         self._tempos: dict[str, float] = {}
 
     def _choose(
-        self, place: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
+        self, cut: Windows, windows: Mapping[str, Any], start_at: StartAt | None = None, also: str | None = None
     ) -> SelectedWindows:
         """Return the windows of the split whose clips have all fields, and the field `also`."""
-        if place.fps is not None and self.store.fps != place.fps:
+        if cut.fps is not None and self.store.fps != cut.fps:
             raise UsageError(
-                f"these windows are for {place.fps} frames per second", where=str(self.store.path),
+                f"these windows are for {cut.fps} frames per second", where=str(self.store.path),
                 found=f"{self.store.fps} frames per second",
-                fix=f"build with fps: {place.fps}, or give windows in seconds",
+                fix=f"build with fps: {cut.fps}, or give windows in seconds",
             )  # fmt: skip
         asked = self._asked
         self._choice = WindowQuery(
             fields=self.fields if also is None or also in self.fields else (*self.fields, also),
             windows=windows,
-            trim=place.trim,
+            trim=cut.trim,
             ignore=asked.ignore,
             protocol=asked.protocol,
             filter=window_filter(asked.filter),

@@ -123,25 +123,25 @@ class WindowDataset(SplitDataset):
         seed: int = 0,
     ) -> None:
         super().__init__(store, split, fields, select, scale)
-        place = Windows.taken(None if isinstance(windows, WindowList) else windows)
+        cut = Windows.taken(None if isinstance(windows, WindowList) else windows)
         spec = None
         if self._items.primitives is not None:
             from dancedata.torch.primitives import primitive_spec
 
-            grid = self.store._window_grid(**place.grid)
+            grid = self.store._window_grid(**cut.grid)
             length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
             spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
         self._primitives, also = spec, spec.key_motion if spec is not None else None
         if isinstance(windows, WindowList):
             selection = self._listed(windows, also)
         else:
-            selection = self._choose(place, place.grid, place.start_at, also)
+            selection = self._choose(cut, cut.grid, cut.start_at, also)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
-            raise no_window_error(self.store, self.split, self.rejects, place.start_at)
+            raise no_window_error(self.store, self.split, self.rejects, cut.start_at)
         self._prepare(augment, seed)
-        if place.start_at is not None and self._augmenter.crops:
-            raise clash(place, "the augmentation crop", "both choose where windows begin")
+        if cut.start_at is not None and self._augmenter.crops:
+            raise clash(cut, "the augmentation crop", "both choose where windows begin")
         self._draws |= spec is not None and spec.variant == "code"
         self._is_random |= self._draws
         self._roots = root_columns(self.store, self._items.relative, self._scaled)

@@ -132,7 +132,7 @@ class SampleField:
     """
 
     name: str
-    kind: Literal["motion", "keymotion", "audio", "scene"]
+    kind: Literal["motion", "keymotion", "audio"]
     columns: Columns
     grid: FrameGrid
     representation: Representation | None = None
