@@ -124,17 +124,6 @@ def test_rule_and_lists_against_all_real_names(shared: Path) -> None:
     assert all(tempo_bpm(song) for song in songs)
 
 
-def test_real_folder(shared: Path) -> None:
-    reader = AistPP(music="optional")
-    scan = reader.scan(shared / "realdata" / "aistpp")
-    assert [(clip.split, clip.tempo_bpm) for clip in scan.clips] == [
-        ("train", 100), ("train", 100), ("train", 100), ("train", 120),
-    ]  # fmt: skip
-    assert [reader.load(clip).n_frames for clip in scan.clips] == [576, 576, 576, 1919]
-    assert len(rejects(scan, "missing_motion")) == 952 + 20 + 20 - 4
-    assert len(AistPP().scan(shared / "realdata" / "aistpp").clips) == 0
-
-
 def test_split_files_alone_decide(official: Any) -> None:
     official.names("splits/crossmodal_test.txt", TRAIN)
     scan = AistPP().scan(official.root)

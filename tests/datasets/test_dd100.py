@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import dancedata
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.dd100 import DD100, is_test
-from dancedata.store import verify_store
 from tests.datasets.scans import load, notes, rejects, splits
 from tests.messages import raises_message
 
@@ -56,38 +54,20 @@ def test_the_rule_of_duolando(source: Path) -> None:
     assert {clip.split for clip in clips if "Waltz_5" in str(clip.group)} == {"train"}
 
 
-def test_files_without_partner_music_or_motion(source: Path) -> None:
+def test_files_without_partner(source: Path) -> None:
     file_of(source, "Ballet_9_0_00").unlink()
     file_of(source, "Waltz_5_0_02").write_bytes(b"")
-    songs = source / "music" / "mp3" / "all"
-    (songs / "Waltz_6_0.wav").rename(songs / "Jive_1_0.wav")
     copied = source / "motion" / "smplx" / "train"
     copied.mkdir()
     (copied / "Waltz_6_0_00.npy").write_bytes(file_of(source, "Waltz_6_0_00").read_bytes())
     scan = DD100().scan(source)
-    assert set(splits(scan)) == {"Ballet_9_0_01", "Waltz_5_0_00", "Waltz_5_0_01"}
+    assert set(splits(scan)) == {f"{name}_0{k}" for name in ("Waltz_5_0", "Waltz_6_0") for k in (0, 1)} | {
+        "Ballet_9_0_01"
+    }
     assert {clip.group_size for clip in scan.clips} == {2}
     assert rejects(scan, "missing_partner") == ["Ballet_9_0_00"]
-    assert rejects(scan, "missing_music") == ["Waltz_6_0"]
-    assert rejects(scan, "unused_music") == ["music/mp3/all/Jive_1_0.wav"]
     extra = ["motion/smplx/all/Waltz_5_0_02.npy", "motion/smplx/train/Waltz_6_0_00.npy"]
     assert rejects(scan, "extra_file") == extra
-    assert len(DD100(music="optional").scan(source).clips) == 5
-
-
-def test_one_of_a_pair_is_kept_if_the_recipe_says_so(source: Path, tmp_path: Path) -> None:
-    file_of(source, "Ballet_9_0_00").unlink()
-    recipe = {
-        "recipe": 1, "name": "duets", "dataset": {"dd100": {}}, "fps": 30,
-        "windows": {"length_s": 2, "stride_s": 1}, "motion": {"edge151": {}}, "audio": {},
-    }  # fmt: skip
-    places = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
-    whole = dancedata.build(recipe, source, tmp_path / "whole", **places).open()
-    reasons = {row["clip"]: row["reason"] for row in whole.rejects if row["clip"].startswith("Ballet")}
-    assert reasons == {"Ballet_9_0_00": "missing_partner", "Ballet_9_0_01": "incomplete_group"}
-    kept = dancedata.build(recipe | {"groups": {"incomplete": "keep"}}, source, tmp_path / "kept", **places).open()
-    assert {clip.id for clip in kept.clips()} - {clip.id for clip in whole.clips()} == {"Ballet_9_0_01"}
-    assert verify_store(tmp_path / "kept") == []
 
 
 def test_both_in_one_world_with_y_up(source: Path) -> None:

@@ -1,6 +1,5 @@
 """Joint positions as input: of any skeleton, fitted and flagged; Motion-X's, HumanML3D's and MDM's files."""
 
-import json
 import pickle
 from collections.abc import Callable
 from fractions import Fraction
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import dancedata
 from dancedata.core.bodies import MOTORICA21, SMPLX55, transfer_to
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, UsageError
@@ -282,25 +282,19 @@ def test_a_dataset_of_positions(tmp_path: Path, dance: Motion) -> None:
     motions.mkdir(parents=True)
     for k in range(2):
         np.save(motions / f"clip{k}.npy", dance.joints()[:, :22])
-    (motions / "coco.npy").write_bytes(b"")
     np.save(motions / "coco.npy", dance.joints()[:, :17])
-    recipe = tmp_path / "r.yaml"
-    recipe.write_text(
-        "recipe: 1\nname: positions\ndataset: {folder: {fps: 60, up: y, unit: m, music: optional}}\n"
-        "windows: {length_s: 2, stride_s: 1}\nmotion: {edge151: {}, joints: {}, lodge139: {}}\naudio: {}\n"
-    )
-    out = tmp_path / "out"
-    run("build", recipe, tmp_path / "source", "--out", out)
-    rejects = [json.loads(line) for line in (out / "rejects.jsonl").read_text().splitlines()]
-    assert [(row["clip"], row["reason"]) for row in rejects] == [("coco", "unknown_joints")]
-    import dancedata as package
-
-    with package.open(out) as ds:
-        assert sorted(clip.id for clip in ds) == ["clip0", "clip1"]
-        assert {flag["kind"] for flag in ds.quality} == {"fitted"}
-        joints = ds["clip0"].read("joints")
-        assert joints.shape == (N // 2, 72)
-    assert "twist unknown" in run("check", out).stdout
+    recipe = {
+        "recipe": 1, "name": "positions", "windows": {"length_s": 2, "stride_s": 1}, "audio": {},
+        "dataset": {"folder": {"fps": 60, "up": "y", "unit": "m", "music": "optional"}},
+        "motion": {"edge151": {}, "joints": {}, "lodge139": {}},
+    }  # fmt: skip
+    places = {"cache": tmp_path / "cache", "jobs": 1, "progress": False}
+    with dancedata.build(recipe, tmp_path / "source", tmp_path / "out", **places).open() as store:
+        assert [(row["clip"], row["reason"]) for row in store.rejects] == [("coco", "unknown_joints")]
+        assert sorted(clip.id for clip in store) == ["clip0", "clip1"]
+        assert {flag["kind"] for flag in store.quality} == {"fitted"}
+        assert store["clip0"].read("joints").shape == (N // 2, 72)
+    assert "twist unknown" in run("check", tmp_path / "out").stdout
 
 
 def test_the_keypoints_that_aistpp_publishes(shared: Path) -> None:

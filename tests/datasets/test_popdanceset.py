@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dancedata.building.build import build
-from dancedata.building.leaks import leaks
 from dancedata.contacts.velocity import Velocity
 from dancedata.core.errors import DataError
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.popdanceset import PopDanceSet
 from dancedata.representations.edge151 import Edge151
-from dancedata.testing.dataset_checks import recipe_with
 from tests.datasets.scans import change_pickle, load, notes, rejects, splits
 from tests.messages import raises_message
 
@@ -51,16 +48,6 @@ def test_what_the_lists_share(source: Path) -> None:
     for path in (source / "splits").iterdir():
         path.rename(source / path.name)  # lists beside the motion
     assert splits(PopDanceSet().scan(source)) == splits(scan)
-
-
-def test_check_reports_shared_videos(source: Path, tmp_path: Path) -> None:
-    (source / "splits" / "test.txt").write_text(f"{SECOND}\n{TEST}")
-    (source / "splits" / "train.txt").write_text(f"{FIRST}\n{MATRICES}")
-    recipe = recipe_with(dataset="popdanceset", skeleton=SMPL24_EDGE)
-    build(recipe, source, tmp_path / "out", cache=tmp_path / "cache", jobs=1, progress=False)
-    problems = leaks(tmp_path / "out")
-    assert {problem.severity for problem in problems} == {"note"}
-    assert any("the official train and test share 1 song: BVaaaaaaaa1a" in str(problem) for problem in problems)
 
 
 def test_motion_stands_upright_in_metres(source: Path) -> None:

@@ -120,7 +120,7 @@ def test_rotations_of_any_kind_pass(frames: int, waves: int, spins: float, swing
 
 
 def smooth_motions(seed: int, frames: int) -> dict[str, np.ndarray]:
-    """Rotation vectors (T, 24, 3) of fourteen kinds, smooth in time, as tests and generators make them."""
+    """Rotation vectors (T, 24, 3) of ten kinds, smooth in time, as tests and generators make them."""
     rng = np.random.default_rng(seed)
     t = np.pi * np.arange(frames)[:, None, None] / 30
     one, two, rest = rng.normal(0, 0.4, (3, 24, 3))
@@ -129,17 +129,13 @@ def smooth_motions(seed: int, frames: int) -> dict[str, np.ndarray]:
     noise = rng.normal(0, 1, (frames + 40, 24, 3)).cumsum(axis=0)
     share = (1 - np.cos(np.linspace(0, np.pi, frames)))[:, None, None] / 2
     return {
-        "sines": np.sin(t + phase) * one,
         "sines of one phase": np.sin(t) * one,
         "sines of all numbers": 0.4 * np.sin(t + rng.uniform(0, 6.3, (24, 3))),
-        "sines about a pose": rest + np.sin(t + phase) * one,
-        "ellipses": np.cos(t + phase) * one + np.sin(t + phase) * two,
         "ellipses about a pose": rest + np.cos(t + phase) * one + np.sin(t + phase) * two,
         "circles": np.cos(t + phase) * x + np.sin(t + phase) * z,
         "circles about a pose": rest + np.cos(t + phase) * x + np.sin(t + phase) * z,
         "circles of one phase": np.arange(1, 25)[:, None] / 12 * (np.cos(t) * x + np.sin(t) * z),
         "a wave down the body": np.sin(t - later) * x + np.cos(t - later) * z,
-        "three waves": sum(np.sin(f * t + rng.uniform(0, 6.3, (24, 1))) * one / f for f in (0.6, 1.4, 2.2)),
         "smoothed noise": 0.02 * (noise[40:] - noise[:-40]),
         "from pose to pose": rest * (1 - share) + two * share,
         "a drift": rest + 0.1 * share * one,

@@ -46,6 +46,7 @@ def test_music_that_is_missing_and_music_without_motion(name: str, source: Path)
         return
     assert {clip.id for clip in scan.clips} == {clip.id for clip in before.clips} - mine
     lacking = [reject for reject in scan.rejects if reject.reason == "missing_music"]
+    assert lacking
     assert all(reject.music and reject.file and "wav, flac, mp3 or ogg" in reject.detail for reject in lacking)
     keys = {"music": "optional"} | ({"fps": "30"} if name == "i-dancers" else {})
     assert {clip.id for clip in reader(name, **keys).scan(source).clips} == {clip.id for clip in before.clips}

@@ -4,7 +4,7 @@ import json
 import pickle
 import tempfile
 import tracemalloc
-from dataclasses import fields
+from dataclasses import fields, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -86,29 +86,19 @@ def test_one_kind_of_clip(make_store: Any) -> None:
         store.clips()[5]
 
 
-def test_unicode_ids_and_texts(tmp_path: Path) -> None:
-    field = Field("pose", "motion", random_columns(2), Fraction(30))
-    template = write_random_store(tmp_path / "template", fields=[field]).header
+def test_unicode_ids_and_texts(make_store: Any, tmp_path: Path) -> None:
+    made = make_store(clips={"train": 4})
+    texts: dict[str, Any] = {"genre": "Street Jazz é", "music": "π", "lists": ("liste é", "b, c"), "trim_start": 3}
     ids = ["ダンス 01", "breaking ñ", "🕺", "a b"]
-    clips = [
-        StoredClip(
-            id=name, split="train", n_frames=30, starts=(0,),
-            motion={"pose": np.full((30, 2), i, np.float32)},
-            genre="Street Jazz é", music="π", lists=("liste é", "b, c"), source=ids[0] if i else "", trim_start=3,
-        )
-        for i, name in enumerate(ids)
-    ]  # fmt: skip
+    clips = [replace(clip, id=name, **texts) for name, clip in zip(ids, made.clips, strict=True)]
     out = tmp_path / "ünï cödé"
     out.mkdir()
-    write_store(out, template, clips)
+    write_store(out, made.header, clips)
     store = open_store(out)
-    assert sorted(r.id for r in store) == sorted(ids)
-    for i, name in enumerate(ids):
-        view = store[name]
-        assert (view.read("pose") == i).all()
-        assert (view.genre, view.music, view.source) == ("Street Jazz é", "π", ids[0] if i else "")
-        assert view.record.lists == ("liste é", "b, c")
-        assert view.record.trim_start == 3
+    assert sorted(clip.id for clip in store) == sorted(ids)
+    for name, clip in zip(ids, made.clips, strict=True):
+        np.testing.assert_array_equal(store[name].read("pose"), clip.motion["pose"])
+        assert {key: getattr(store[name], key) for key in texts} == texts
     assert verify_store(out) == []
 
 
