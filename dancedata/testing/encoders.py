@@ -136,12 +136,10 @@ def _whisper(folder: Path, changes: dict[str, Any]) -> None:
 
 def _ast(folder: Path, changes: dict[str, Any]) -> None:
     keys = {**_BLOCKS, "max_length": 128, "num_mel_bins": 32, **changes}
-    extractor: dict[str, Any] = {
-        "sampling_rate": 16_000,
-        "num_mel_bins": keys["num_mel_bins"],
-        "max_length": keys["max_length"],
-    }
-    extractor |= {"mean": -4.2677393, "std": 4.5689974, "do_normalize": True}
+    extractor = {
+        "sampling_rate": 16_000, "num_mel_bins": keys["num_mel_bins"], "max_length": keys["max_length"],
+        "mean": -4.2677393, "std": 4.5689974, "do_normalize": True,
+    }  # fmt: skip
     _native(folder, "ASTModel", "ASTConfig", keys, extractor)
 
 
@@ -152,14 +150,10 @@ def _clap(folder: Path, changes: dict[str, Any]) -> None:
     }  # fmt: skip
     text = {"hidden_size": 16, "num_hidden_layers": 1, "num_attention_heads": 2, "intermediate_size": 16}
     keys = {"audio_config": audio, "text_config": {**text, "vocab_size": 20}, "projection_dim": 8}
-    extractor: dict[str, Any] = {
-        "sampling_rate": 48_000,
-        "feature_size": 16,
-        "hop_length": 480,
-        "fft_window_size": 1024,
-    }
-    extractor |= {"max_length_s": 2, "frequency_min": 50, "frequency_max": 14_000, "truncation": "rand_trunc"}
-    extractor |= {"padding": "repeatpad"}
+    extractor = {
+        "sampling_rate": 48_000, "feature_size": 16, "hop_length": 480, "fft_window_size": 1024, "max_length_s": 2,
+        "frequency_min": 50, "frequency_max": 14_000, "truncation": "rand_trunc", "padding": "repeatpad",
+    }  # fmt: skip
     _native(folder, "ClapModel", "ClapConfig", keys, extractor)
 
 

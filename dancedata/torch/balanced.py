@@ -5,7 +5,6 @@ from collections.abc import Hashable, Sequence, Sized
 import numpy as np
 import numpy.typing as npt
 
-from dancedata.core.arguments import whole
 from dancedata.core.errors import UsageError, did_you_mean
 from dancedata.core.hashing import sha256_bytes
 from dancedata.core.text import shown
@@ -38,7 +37,6 @@ class BalancedSampler(EpochSampler):
         data_source: SplitDataset,
         *,
         by: str | Sequence[Hashable] = "genre",
-        n_samples: int | None = None,
         seed: int = 0,
         rank: int | None = None,
         world_size: int | None = None,
@@ -52,8 +50,6 @@ class BalancedSampler(EpochSampler):
             A dataset of windows or clips.
         by
             "genre", "dancer", "music" (the song), "clip"; or a label for each sample.
-        n_samples
-            Indices of all ranks in an epoch. Default: as many as the dataset has samples.
         seed, rank, world_size, drop_last
             As for an `EpochSampler`.
 
@@ -67,8 +63,7 @@ class BalancedSampler(EpochSampler):
         self.groups = tuple(names.tolist())
         self._members = [np.flatnonzero(group == number) for number in range(len(names))]
         self.counts = tuple(len(members) for members in self._members)
-        total = len(labels) if n_samples is None else whole("n_samples", n_samples)
-        super().__init__(total, seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
+        super().__init__(len(labels), seed=seed, rank=rank, world_size=world_size, drop_last=drop_last)
         self._source, self._groups = data_source, sha256_bytes(group.astype(np.int64).data)
 
     @override
