@@ -3,7 +3,6 @@
 import os
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -139,15 +138,6 @@ def damage(folder: Path) -> int:
         data[-20] ^= 1
         path.write_bytes(data)
     return len(paths)
-
-
-def test_a_careful_cache_verifies_entries(own: Cache):
-    own.put_array("features", KEY, np.arange(3.0))
-    careful = replace(own, careful=True)
-    assert careful.array("features", KEY) is not None
-    assert damage(own.root / "features") == 1
-    assert own.array("features", KEY) is not None
-    assert careful.array("features", KEY) is None
 
 
 @pytest.mark.parametrize(

@@ -87,11 +87,6 @@ def test_json_that_cannot_be_written_touches_nothing(tmp_path: Path) -> None:
     assert (tmp_path / "x").read_text() == "1\n"
 
 
-def test_missing_folder(tmp_path: Path) -> None:
-    with pytest.raises(FileNotFoundError):
-        write_bytes(tmp_path / "no" / "x", b"")
-
-
 @pytest.mark.parametrize(
     ("what", "name"), [("report", "figures.pdf"), ("page", "page"), ("page", "p.mp4"), ("card", "card.html")]
 )

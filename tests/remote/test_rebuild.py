@@ -1,9 +1,7 @@
 """dancedata build of publications: the same bytes, which clip differs, and nothing that is executed."""
 
 import json
-import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,6 +20,7 @@ from dancedata.core.registry import DATASETS, REGISTRIES
 from dancedata.remote.pull import pull
 from dancedata.remote.push import push
 from dancedata.store.schema import LOCAL_FILE
+from tests import warm
 from tests.commands import run
 from tests.messages import raises_message
 from tests.remote.upload_hub import UploadHub
@@ -71,11 +70,9 @@ def rebuild(recipe: str | Path, source: Path, out: Path, cache: Path, **options:
     return dancedata.build(recipe, source, out, jobs=1, cache=cache, progress=False, **options)
 
 
-def in_new_process(*args: object, code: int = 0) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "dancedata", *map(str, args)], capture_output=True, text=True, env=dict(os.environ)
-    )
-    assert done.returncode == code, done.stderr
+def in_new_process(*args: object) -> str:
+    done = warm.run([sys.executable, "-m", "dancedata", *map(str, args)])
+    assert done.returncode == 0, done.stderr
     return done.stdout
 
 
