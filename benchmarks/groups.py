@@ -36,7 +36,7 @@ def build(folder: Path, n: int, grouped: bool) -> float:
     for k in range(n):
         group = k // SIZE
         clip = replace(draft.clips[k % SIZE], id=f"clip{k:06d}", music=f"song{group}")
-        key = {name: tuple(replace(b, key=f"{name}{group}") for b in blocks) for name, blocks in clip.audio.items()}
+        key = {name: replace(block, key=f"{name}{group}") for name, block in clip.audio.items()}
         shared = {"lists": (), "starts": draft.clips[0].starts}
         if grouped:
             clip = replace(clip, group=f"group{group:06d}", member=k % SIZE)

@@ -61,7 +61,7 @@ def _stored(store: Store, number: int) -> StoredClip:
     clip = store.clips()[number]
     starts = tuple(w.start for w in store.windows(clip.split) if w.clip == clip.id)
     song = np.asarray(clip.read_song("librosa35"))
-    audio = {"librosa35": (AudioBlock(clip.music, song),)}
+    audio = {"librosa35": AudioBlock(clip.music, song)}
     return StoredClip(**vars(clip.record), starts=starts, motion={"edge151": clip.read("edge151")}, audio=audio)
 
 

@@ -118,11 +118,10 @@ def arrays(clips: Any) -> Iterator[Any]:
     seen = set()
     for clip in clips:
         yield from clip.motion.values()
-        for name, blocks in clip.audio.items():
-            for block in blocks:
-                if (clip.split, name, block.key) not in seen:
-                    seen.add((clip.split, name, block.key))
-                    yield block.array
+        for name, block in clip.audio.items():
+            if (clip.split, name, block.key) not in seen:
+                seen.add((clip.split, name, block.key))
+                yield block.array
 
 
 if __name__ == "__main__":

@@ -56,7 +56,7 @@ def stored(
                         id=f"{split}{number}_p{member}", split=split, n_frames=n, group=f"{split}{number}",
                         member=member, role=f"dancer {dancer}", music=f"{split} song {number}", motion=rows,
                         starts=tuple(range(0, n - length + 1, length // 2)),
-                        audio={music: (AudioBlock(f"{split}{number}", rows_of_music, 2),)},
+                        audio={music: AudioBlock(f"{split}{number}", rows_of_music, 2)},
                     )
                 )  # fmt: skip
     if music == "librosa35":
@@ -66,7 +66,7 @@ def stored(
         StoredClip(
             id="alone", split="train", n_frames=50, starts=(0, 10), music="train song 0",
             motion={"edge151": EDGE.encode(alone, CONTACT_RULE), "joints": JOINTS.encode(alone)},
-            audio={"tune": (AudioBlock("alone", rng.normal(size=(50, 4)).astype(np.float32)),)},
+            audio={"tune": AudioBlock("alone", rng.normal(size=(50, 4)).astype(np.float32))},
         )
     )  # fmt: skip
     return clips

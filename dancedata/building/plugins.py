@@ -122,7 +122,7 @@ class Maker(ABC):
 
 
 #: Of the kinds of fields: the attribute of `StoredClip` with their rows.
-_SIDES = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
+_STORED_AS = {"motion": "motion", "keymotion": "motion", "audio": "audio"}
 
 
 class Field(RecipePart, Maker):
@@ -160,9 +160,9 @@ class Field(RecipePart, Maker):
         return f"field {self.name}"
 
     @property
-    def side(self) -> str:
-        """Where a clip has it in the dataset, key motions beside motion: an attribute of `StoredClip`."""
-        return _SIDES[self.kind]
+    def stored_as(self) -> str:
+        """Attribute of `StoredClip` with its rows; key motions are beside motion."""
+        return _STORED_AS[self.kind]
 
     @property
     def plugins(self) -> Mapping[str, Plugin]:

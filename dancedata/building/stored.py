@@ -70,9 +70,9 @@ def _clip(
     take, dancer = result.take, result.take.dancers[k]
     ref, music, is_copy = dancer.ref, dancer.music, result is not origin
     signal = music.signal if music.is_file else None
-    sides: dict[str, dict[str, Any]] = {"motion": {}, "audio": {}}
+    rows: dict[str, dict[str, Any]] = {"motion": {}, "audio": {}}
     for field in fields:
-        sides[field.side][field.name] = field.block(result.made[field.id][k], take, k, grid)
+        rows[field.stored_as][field.name] = field.block(result.made[field.id][k], take, k, grid)
     measured = {name: value for a in annotators for name, value in a.measured(result.made[a.id][k]).items()}
     return StoredClip(
         id=dancer.id,
@@ -88,8 +88,8 @@ def _clip(
         lists=ref.lists,
         n_frames=take.time.frames_on(grid),
         starts=result.starts,
-        motion=sides["motion"],
-        audio=sides["audio"],
+        motion=rows["motion"],
+        audio=rows["audio"],
         group=take.group,
         member=ref.member,
         role=ref.role,

@@ -57,8 +57,8 @@ class ShardPlan:
                 rows += sum(clip.motion[f.name].shape[0] for clip in unit)
             else:
                 blocks = self.blocks[f.name]
-                new = {b.key: b.array.shape[0] for clip in unit for b in clip.audio[f.name] if b.key not in blocks}
-                rows += sum(new.values())
+                shared = {clip.audio[f.name].key: clip.audio[f.name].array.shape[0] for clip in unit}
+                rows += sum(n for key, n in shared.items() if key not in blocks)
             total += rows * f.row_bytes
         return total
 
@@ -69,7 +69,7 @@ class ShardPlan:
                 span = Span(self.rows[f.name], clip.motion[f.name].shape[0])
                 self.rows[f.name] += span.length
             else:
-                (block,) = clip.audio[f.name]
+                block = clip.audio[f.name]
                 span = Span(self._add_block(f.name, block, clip.id), block.array.shape[0], block.offset)
             self.spans[f.name].append(span)
         self.clips.append(clip)
@@ -171,7 +171,7 @@ def _check_group(unit: Sequence[StoredClip]) -> None:
             if one != two:
                 raise StoreError(f"the dancers of a group differ in {name}", where=where,
                                  found=f"{shown(one, 60)} of {first.id}, {shown(two, 60)} of {clip.id}")  # fmt: skip
-        for name, blocks in first.audio.items():
-            if [(b.key, b.offset) for b in blocks] != [(b.key, b.offset) for b in clip.audio[name]]:
+        for name, block in first.audio.items():
+            if (block.key, block.offset) != (clip.audio[name].key, clip.audio[name].offset):
                 found = f"{first.id}, {clip.id}"
                 raise StoreError(f"the dancers of a group do not share the rows of {name}", where=where, found=found)

@@ -83,10 +83,10 @@ def _pieces(plan: ShardPlan) -> Iterator[_Piece]:
             if f.per_clip:
                 yield _Piece(number, f, plan.spans[f.name][number].start, clip.motion[f.name], where)
                 continue
-            for block in clip.audio[f.name]:
-                if block.key not in written[f.name]:
-                    written[f.name].add(block.key)
-                    yield _Piece(number, f, plan.blocks[f.name][block.key][0], block.array, where)
+            block = clip.audio[f.name]
+            if block.key not in written[f.name]:
+                written[f.name].add(block.key)
+                yield _Piece(number, f, plan.blocks[f.name][block.key][0], block.array, where)
 
 
 def _loaded_ahead(loading: Executor, pieces: Iterable[_Piece]) -> Iterator[tuple[_Piece, npt.NDArray[Any]]]:

@@ -31,7 +31,7 @@ class LazyArray(Protocol):
 
 @dataclass(frozen=True)
 class AudioBlock:
-    """A piece of audio features.
+    """Rows that are computed of music, which clips share.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class StoredClip(ClipRecord):
     motion
         Per motion and key motion field: (T, D); (0, D) of an optional field that the clip does not have.
     audio
-        Per audio field: one block.
+        Per audio field: the rows of its music.
     signal
         The decoded music, for the table of songs; None if it is not recorded. Clips with one `song` have one.
     segments
@@ -82,7 +82,7 @@ class StoredClip(ClipRecord):
 
     starts: tuple[int, ...]
     motion: Mapping[str, LazyArray]
-    audio: Mapping[str, tuple[AudioBlock, ...]] = field(default_factory=dict)
+    audio: Mapping[str, AudioBlock] = field(default_factory=dict)
     signal: Signal | None = None
     segments: tuple[Segment, ...] = ()
     group_size: int = 0
@@ -149,11 +149,9 @@ def _check_motion(header: StoreHeader, clip: StoredClip, f: Field, array: LazyAr
     _check_end(header, clip, f, shape[0], where)
 
 
-def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, blocks: tuple[AudioBlock, ...]) -> None:
+def _check_audio(header: StoreHeader, clip: StoredClip, f: Field, block: AudioBlock) -> None:
     where = f"clip {clip.id}, field {f.name}"
-    if len(blocks) != 1:
-        raise StoreError("wrong number of audio blocks", where=where, found=len(blocks), allowed="one of each clip")
-    shape, offset = tuple(blocks[0].array.shape), blocks[0].offset
+    shape, offset = tuple(block.array.shape), block.offset
     _check_columns(where, shape, f)
     _check_end(header, clip, f, shape[0] - offset, where)
     if clip.starts and header.grid.rows_down(clip.starts[0], of=f.grid) + offset < 0:

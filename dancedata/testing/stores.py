@@ -40,7 +40,7 @@ class RandomStore:
         if f.per_clip:
             values = np.asarray(clip.motion[field])[rows]
         else:
-            block = clip.audio[field][0]
+            block = clip.audio[field]
             values = np.asarray(block.array)[block.offset :][rows]
         return values.astype(f.dtype)
 
@@ -154,7 +154,7 @@ def _song(
                 starts=starts,
                 motion={f.name: _random(rng, f, (_rows(f, header, n),)) for f in header.fields if f.per_clip},
                 audio={
-                    name: (AudioBlock(f"{song}/{name}", timeline, offsets[name]),)
+                    name: AudioBlock(f"{song}/{name}", timeline, offsets[name])
                     for name, timeline in timelines.items()
                 },
                 genre=("break", "house")[number % 2],
@@ -175,12 +175,11 @@ def slices_of(header: StoreHeader, clip: StoredClip) -> Iterator[StoredClip]:
         motion = {name: np.asarray(array)[slice(*rows[name])] for name, array in clip.motion.items()}
         audio = {
             name: AudioBlock(f"{block.key}/{start}", np.asarray(block.array)[block.offset :][slice(*rows[name])])
-            for name, (block,) in clip.audio.items()
+            for name, block in clip.audio.items()
         }
         yield replace(
-            clip, id=slice_name(clip.id, number), n_frames=header.length, starts=(0,), motion=motion,
-            audio={name: (block,) for name, block in audio.items()}, audio_start=header.grid.seconds(start),
-            slice_of=clip.id, slice_start=start,
+            clip, id=slice_name(clip.id, number), n_frames=header.length, starts=(0,), motion=motion, audio=audio,
+            audio_start=header.grid.seconds(start), slice_of=clip.id, slice_start=start,
         )  # fmt: skip
 
 

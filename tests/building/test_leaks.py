@@ -86,11 +86,10 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         clips = []
         pairs = [(name, audio) for own in songs.values() for name, audio in own.items()]
         for clip, (tune, audio) in zip(made.clips, pairs, strict=True):
-            blocks = (AudioBlock(tune, audio),)
             made_of = f"{'a' * 12}{hashes[tune]}{'c' * 12}" if hashes else ""
             clips.append(
                 dataclasses.replace(clip, id=f"{name} {clip.id}", music=tune, dancer=f"{name} {clip.dancer}",
-                audio={"librosa35": blocks}, made_of=made_of)
+                audio={"librosa35": AudioBlock(tune, audio)}, made_of=made_of)
             )  # fmt: skip
         (tmp_path / name).mkdir()
         pieces = [piece for clip in clips for piece in slices_of(made.header, clip)] if slices else clips

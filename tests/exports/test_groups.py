@@ -278,7 +278,7 @@ def write_duets(out: Path, group: str = "") -> None:
     for clip in stored({"train": (2, 3), "test": (2,)}):
         rows = np.full((clip.n_frames, 54), 0.5, np.float32)
         name, id = (clip.group and f"{group}{clip.group}"), f"{group}{clip.id}"
-        clips.append(replace(clip, id=id, group=name, audio={"rows54": (AudioBlock(name or id, rows),)}))
+        clips.append(replace(clip, id=id, group=name, audio={"rows54": AudioBlock(name or id, rows)}))
     field = Field("rows54", "audio", random_columns(54, mirror=False), HEADER.fps)
     out.mkdir()
     write_store(out, replace(HEADER, fields=(*HEADER.fields[:2], field)), clips)

@@ -89,7 +89,7 @@ def beats_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
         folder / "plain", clips={"train": 5, "val": 1}, n_frames=(300, 300), length=120, stride=15, fields=fields
     )
     clips = [
-        replace(clip, audio={name: (_with_beats(name, *blocks),) for name, blocks in clip.audio.items()})
+        replace(clip, audio={name: _with_beats(name, block) for name, block in clip.audio.items()})
         for clip in made.clips
     ]
     (folder / "out").mkdir()

@@ -186,7 +186,7 @@ BAD: dict[str, Callable[[StoredClip], dict[str, Any]]] = {
     "number": lambda c: {"member": 0},
     "no number": lambda c: {"member": -1},
     "split": lambda c: {"split": "test"},
-    "offset": lambda c: {"audio": {"tune": (dataclasses.replace(c.audio["tune"][0], offset=1),)}},
+    "offset": lambda c: {"audio": {"tune": dataclasses.replace(c.audio["tune"], offset=1)}},
     "trim": lambda c: {"trim_start": 3},
 }
 

@@ -95,7 +95,7 @@ def relabelled(demo: Path, tmp_path: Path) -> Relabel:
 def _stored(store: Store, number: int) -> StoredClip:
     clip = store.clips()[number]
     starts = tuple(w.start for w in store.windows(clip.split) if w.clip == clip.id)
-    audio = {"librosa35": (AudioBlock(clip.music, np.asarray(clip.read_song("librosa35"))),)}
+    audio = {"librosa35": AudioBlock(clip.music, np.asarray(clip.read_song("librosa35")))}
     return StoredClip(**vars(clip.record), starts=starts, motion={"edge151": clip.read("edge151")}, audio=audio)
 
 

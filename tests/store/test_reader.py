@@ -120,8 +120,8 @@ def test_other_windows_end_with_the_music(out: Path, make_store: Any) -> None:
         id="c", split="train", n_frames=100, starts=(0,),
         motion={"pose": np.zeros((100, 7)), "fast": np.zeros((199, 4))},
         audio={
-            "music": (AudioBlock("m", np.arange(320.0).reshape(64, 5), 4),),
-            "layer": (AudioBlock("l", np.zeros((200, 3))),),
+            "music": AudioBlock("m", np.arange(320.0).reshape(64, 5), 4),
+            "layer": AudioBlock("l", np.zeros((200, 3))),
         },
     )  # fmt: skip
     write_store(out, made.header, [clip])

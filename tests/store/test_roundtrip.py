@@ -106,7 +106,7 @@ def test_shared_timeline_is_stored_once_a_shard(make_store: Any) -> None:
     one = make_store(clips={"train": 6}, clips_per_song=6)
     many = make_store(clips={"train": 6}, clips_per_song=6, shard_bytes=1)
     [shard] = open_store(one.path)._shards("train")
-    timeline = one.clips[0].audio["music"][0].array
+    timeline = one.clips[0].audio["music"].array
     assert shard.layout("music").n_rows == timeline.shape[0]
     shards = open_store(many.path)._shards("train")
     assert len(shards) == 6
@@ -151,7 +151,7 @@ def test_memory_of_a_write_is_that_of_a_clip(out: Path, make_store: Any) -> None
 def test_values_that_are_not_finite_are_refused(out: Path, make_store: Any, value: float, name: str) -> None:
     made = make_store(clips={"train": 2}, clips_per_song=1)
     clip = made.clips[1]
-    array = np.asarray(clip.motion["pose"] if name == "pose" else clip.audio["music"][0].array)
+    array = np.asarray(clip.motion["pose"] if name == "pose" else clip.audio["music"].array)
     array[17, 1] = value
     with raises_message(StoreError, "repair"):
         write_store(out, made.header, made.clips)
@@ -161,9 +161,9 @@ def test_values_that_are_not_finite_are_refused(out: Path, make_store: Any, valu
 def test_values_beyond_float16_are_refused(out: Path, make_store: Any) -> None:
     made = make_store(clips={"train": 2}, clips_per_song=1)
     audio = dict(made.clips[0].audio)
-    too_large = np.zeros(audio["layer"][0].array.shape, np.float32)
+    too_large = np.zeros(audio["layer"].array.shape, np.float32)
     too_large[3, 2] = -70000
-    audio["layer"] = (AudioBlock("large", too_large),)
+    audio["layer"] = AudioBlock("large", too_large)
     clip = StoredClip(**{**vars(made.clips[0]), "audio": audio})
     with raises_message(StoreError, "float16"):
         write_store(out, made.header, [clip])
@@ -178,7 +178,7 @@ def covered(made: RandomStore, field: str) -> np.ndarray:
     for c in train:
         key, array, offset = c.id, c.motion.get(field), 0
         if f.kind == "audio":
-            [block] = c.audio[field]
+            block = c.audio[field]
             key, array, offset = block.key, block.array, block.offset
         _, used = timelines.setdefault(key, (np.asarray(array), np.zeros(len(array), bool)))
         for s in c.starts:

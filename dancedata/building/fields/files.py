@@ -46,11 +46,11 @@ class FileField(FeatureField):
     feature: FileFeature
 
     @override
-    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | tuple[AudioBlock, ...]:
+    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> PlacedRows | AudioBlock:
         from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
 
         if self.kind == "audio":
-            return (AudioBlock(rows.key, rows.array, rows.offset),)
+            return AudioBlock(rows.key, rows.array, rows.offset)
         return PlacedRows(rows.array, rows.offset, take.time.frames_on(grid), grid, self)
 
     @override

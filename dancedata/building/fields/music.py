@@ -113,10 +113,10 @@ class MusicField(FeatureField):
         return "songs" if self.windows is None else "slices"
 
     @override
-    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> tuple[AudioBlock, ...]:
+    def block(self, rows: Rows, take: Take, dancer: int, grid: FrameGrid) -> AudioBlock:
         from dancedata.store.stored_clip import AudioBlock  # workers need no h5py
 
-        return (AudioBlock(rows.key, rows.array, rows.offset),)  # which clips share
+        return AudioBlock(rows.key, rows.array, rows.offset)  # which clips share
 
     @override
     def asks(self, take: Take) -> Sequence[Ask]:
