@@ -180,10 +180,7 @@ class WindowDataset(SplitDataset):
 
     @override
     def samples(self, indices: Sequence[int], epoch: int | None = None) -> list[dict[str, Any]]:
-        """Return many windows, as of an epoch that is given here instead of by `set_epoch`.
-
-        Their tensors are rows of one batch, which has its own memory.
-        """
+        """Return many windows, as of an epoch that is given here; their tensors are rows of a batch of its own."""
         plan, reader = self._plan(indices, epoch), self._batch_reader()
         if not len(plan):
             return []
