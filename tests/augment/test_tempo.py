@@ -124,14 +124,6 @@ def test_contacts_are_within_half_a_frame_of_where_they_belong(speed: Fraction) 
         assert bool(label) in stands or near[0] // 0.5 != near[1] // 0.5
 
 
-@pytest.fixture
-def built(source: Path, cache: Path, tmp_path: Path) -> tuple[Any, Any]:
-    """A recipe with copies at two speeds, and the dataset that it builds."""
-    recipe = parse_recipe(document())
-    build(recipe, source, tmp_path / "out", cache=cache)
-    return recipe, dancedata.open(tmp_path / "out")
-
-
 def document(**keys: Any) -> dict[str, Any]:
     return {
         **RECIPE, "name": "tempo", "motion": {"edge151": {}, "lodge139": {}},
@@ -139,8 +131,10 @@ def document(**keys: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def test_copies_are_those_of_faster_motion_and_music(built: tuple[Any, Any], source: Path, cache: Path) -> None:
-    recipe, store = built
+def test_copies_are_those_of_faster_motion_and_music(source: Path, cache: Path, tmp_path: Path) -> None:
+    recipe = parse_recipe(document())
+    build(recipe, source, tmp_path / "out", cache=cache)
+    store = dancedata.open(tmp_path / "out")
     assert [p for p in verify_store(store.path) if p.severity == "error"] == []
     refs = {ref.id: ref for ref in recipe.dataset.scan(source).clips}
     train = [clip for clip in store if clip.split == "train" and not clip.source]

@@ -74,10 +74,12 @@ def test_the_rate_is_told_by_the_music_of_most_or_asked_for(source: Path, share:
 
 
 def test_dancers_stay_in_one_world(tmp_path: Path) -> None:
-    dancers = load_motions(write(tmp_path / "a_smpl.pkl", content_of(DANCE, 3)), range(3), RATE)
+    content = content_of(DANCE, 3)
+    content["smpl_poses"] *= np.float32(1 + 3e-7)  # within the tolerance of rotation matrices
+    dancers = load_motions(write(tmp_path / "a_smpl.pkl", content), range(3), RATE)
     for k, dancer in enumerate(dancers):
         place = DANCE.joints() + np.array([1.2 * k, 0.0, 0.3 * k])
-        np.testing.assert_allclose(dancer.joints(), place, atol=2e-6)
+        np.testing.assert_allclose(dancer.joints(), place, atol=4e-6)
         assert (dancer.grid.rate, dancer.skeleton) == (30, SMPL24)
 
 
@@ -154,11 +156,6 @@ def test_bad_files(tmp_path: Path, name: str) -> None:
     path = write(tmp_path / "a_smpl.pkl", change(content_of(DANCE, 2)))
     with raises_message(DataError, "frames|matrix|smpl_poses|smpl_trans", reason=reason):
         load_motions(path, BOTH, RATE)
-
-
-def test_determinants_within_the_tolerance_are_read(tmp_path: Path) -> None:
-    path = write(tmp_path / "a_smpl.pkl", poses(lambda a: a * np.float32(1 + 3e-7))(content_of(DANCE, 2)))
-    np.testing.assert_allclose(load_motions(path, BOTH, RATE)[0].joints(), DANCE.joints(), atol=4e-6)
 
 
 def test_build_and_group_windows(source: Path, tmp_path: Path) -> None:

@@ -122,13 +122,12 @@ def draws(loader: Any, epochs: int = EPOCHS) -> list[dict[str, bool]]:
     ]
 
 
-def by_slow(ways: dict[str, Any]) -> list[Any]:
-    slow = ("spawn", "forkserver", "persistent", "Lightning")
-    return [pytest.param(way, marks=[SLOW] if any(word in way for word in slow) else []) for way in ways]
+def is_slow(way: str) -> bool:
+    return any(word in way for word in ("spawn", "forkserver", "persistent", "Lightning"))
 
 
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("way", by_slow(FRESH))
+@pytest.mark.parametrize("way", [pytest.param(way, marks=[SLOW] if is_slow(way) else []) for way in FRESH])
 def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_seed(train, way):
     if "Accelerate" in way:
         pytest.importorskip("accelerate")
@@ -153,15 +152,10 @@ def test_without_a_sampler_that_sets_epochs_draws_are_fresh_and_follow_torchs_se
 @pytest.mark.parametrize(
     ("way", "part"),
     [
-        pytest.param(
-            *way.values,
-            part,
-            marks=[*way.marks, *([SLOW] if "workers" in str(way.values) and part != "concat" else [])],
-        )
-        for way in by_slow(EXACT)
-        for part in ("whole", "halves", "concat")
+        pytest.param(way, part, marks=[SLOW] if is_slow(way) or ("workers" in way and part != "concat") else [])
+        for way in EXACT for part in ("whole", "halves", "concat")
     ],
-)
+)  # fmt: skip
 def test_with_an_epoch_sampler_draws_are_a_function_of_seed_epoch_and_index(train, way, part):
     if "BatchLoader" in way and part != "whole":
         pytest.skip("a BatchLoader reads a WindowDataset itself")

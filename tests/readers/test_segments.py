@@ -227,7 +227,7 @@ def test_marks_and_corrections_are_laid_over(folder: Path, tmp_path: Path, store
     assert any("corrected" in text for p in again[place]["segments"] for text in p.segment.texts)
 
 
-def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_files_of_another_dataset(folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     more = write_marks(tmp_path / "m.jsonl", {"start": 0, "end": "end", "self_sha256": "ab" * 32})
     with caplog.at_level(logging.WARNING):
         opened = dancedata.open(folder, segments=[more])
@@ -235,9 +235,6 @@ def test_a_file_for_another_dataset_is_noted(folder: Path, tmp_path: Path, caplo
     assert opened.overlay.notes[0] in caplog.text
     clip = opened["train0_p1"]
     assert opened.overlay.segments[clip.id][0].end == Fraction(clip.n_frames, FPS)
-
-
-def test_a_file_that_does_not_fit(folder: Path, tmp_path: Path) -> None:
     for row in ({"clip": "nobody", "start": 0}, {"start": 0, "other": "nobody"}):
         with raises_message(SourceError, "correct", where="m.jsonl, line 1"):
             dancedata.open(folder, segments=write_marks(tmp_path / "m.jsonl", row))

@@ -15,7 +15,7 @@ from dancedata.store.normalize import Scaler
 from dancedata.store.stored_clip import StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
-from dancedata.torch import PRESETS, BatchLoader, Primitives, Scale, Select, WindowDataset, Windows
+from dancedata.torch import PRESETS, Primitives, Scale, Select, WindowDataset, Windows
 from tests.messages import raises_message
 from tests.readers.conftest import LODGE
 
@@ -133,16 +133,6 @@ def test_explicit_arguments_override_a_preset(store: Store) -> None:
     assert _ids(other) == [f"train_c{k:02d}" for k in range(6)]
 
 
-def test_a_preset_with_primitives(store: Store) -> None:
-    select, fields = Select(ignore=("ignored",), protocol="one"), ("lodge139", "librosa35", Primitives(n=64))
-    data = WindowDataset(store, **PRESETS["lodge-local"] | {"fields": fields, "select": select})
-    assert "\n  primitives: Primitives(n=64)" in str(data)
-    batch = next(iter(BatchLoader(data, 2)))
-    assert batch["primitives"].shape == (2, 13, 8, 139)
-    assert float(batch["primitives"].abs().max()) <= 1
-    assert "train_c01" not in _ids(data)
-
-
 def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.LogCaptureFixture) -> None:
     dataset = WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), split="val")
     assert "that of the train split of protocol other, not the stored one" in caplog.text
@@ -223,7 +213,9 @@ def test_the_filter_looks_at_the_rows_of_a_field_of_another_rate(tmp_path: Path)
 
 def test_local_borders_need_no_key_motions(tmp_path: Path) -> None:
     made = write_random_store(tmp_path / "none", length=30)
-    item = WindowDataset(made.path, fields=("edge151", Primitives(n=30)), scale=None)[0]
+    data = WindowDataset(made.path, fields=("edge151", Primitives(n=30)), scale=None)
+    assert "\n  primitives: Primitives(n=30)" in str(data)
+    item = data[0]
     assert (item["primitives"][:4] == item["edge151"][:4]).all()
     assert (item["primitives"][4:] == item["edge151"][-4:]).all()
 
