@@ -111,7 +111,7 @@ class MusicPlan:
     """Where the beats of clips are, by the ids of clips; nothing is read yet, and the first that has them counts."""
 
     rule: MusicRule
-    stated: Mapping[str, ClipMusic]  # beats of the caller
+    from_caller: Mapping[str, ClipMusic]
     field: MusicField | None  # what computes the beats of `files`; None without any
     files: Mapping[str, SongPlace]
     stored: Mapping[str, StoredPlace]
@@ -127,8 +127,8 @@ def music_plan(protocol: Protocol, clip_set: ClipSet, sources: MusicSources) -> 
     rule, pieces = protocol.music, protocol.pieces(clip_set.role)
     if rule is None:
         return None
-    stated = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
-    clips = [clip for clip in clip_set.clips if clip.id not in stated]
+    from_caller = {clip: ClipMusic(_beats_of(clip, beats, protocol)) for clip, beats in sources.beats.items()}
+    clips = [clip for clip in clip_set.clips if clip.id not in from_caller]
     field = _music_field(protocol.name, rule, pieces) if sources.files else None
     files = {
         clip.id: SongPlace(sources.files[clip.music], clip.tempo_bpm if rule.tempo else None, clip.audio_start)
@@ -150,14 +150,14 @@ def music_plan(protocol: Protocol, clip_set: ClipSet, sources: MusicSources) -> 
     if field is not None and field.windows is not None and (beside := [clip for clip in files if files[clip].start]):
         problems.append(f"no beats piece by piece where music does not begin with its clip: {listed(beside)}")
         files = {clip: place for clip, place in files.items() if clip not in beside}
-    return MusicPlan(rule, stated, field, files, stored, tuple(problems))
+    return MusicPlan(rule, from_caller, field, files, stored, tuple(problems))
 
 
 def read_beats(resources: Resources, plan: MusicPlan | None) -> tuple[dict[str, ClipMusic], list[str]]:
     """Return the beats of a plan by the id of a clip, and problems in words."""
     if plan is None:
         return {}, []
-    music, problems = dict(plan.stated), list(plan.problems)
+    music, problems = dict(plan.from_caller), list(plan.problems)
     if plan.field is not None:
         computed, unreadable = song_beats(resources, plan.field, plan.files)
         music |= computed
