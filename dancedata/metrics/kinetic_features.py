@@ -27,13 +27,19 @@ _MIN_FRAMES = 3
 
 @dataclass(frozen=True)
 class KineticVariant:
-    """Kinetic features as one paper or program computes them."""
+    """Kinetic features as one paper or program computes them.
+
+    `definition`: Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`.
+    `energy`: "fixed", or "code" with the slip of the released code; of `fairmotion` only.
+    `frame_s`: Duration of a frame that is assumed; None: the clip's own.
+    `rounded`: Whether features are rounded to float32, as they are stored there.
+    """
 
     source: str
-    definition: Definition = "fairmotion"  # Formula: see `kinetic`, `kinetic_megadance`, `kinetic_flowerdance`
-    energy: Energy = "fixed"  # "fixed", or "code" with the slip of the released code; of `fairmotion` only
-    frame_s: float | None = None  # duration of a frame that is assumed; None: the clip's own
-    rounded: bool = True  # whether features are rounded to float32, as they are stored there
+    definition: Definition = "fairmotion"
+    energy: Energy = "fixed"
+    frame_s: float | None = None
+    rounded: bool = True
 
     def __call__(self, joints: Float64Array, fps: float, *, up: Up = "y") -> Float64Array:
         """Return the features (3 J,) of joints (T, J, 3)."""

@@ -131,7 +131,14 @@ class JukeboxEncoder:
     def __call__(
         self, samples: ArrayLike, sample_rate: int, fps: float = 30, *, too_long: TooLong = "error"
     ) -> Features:
-        """Embed one clip: encode, compute the layers, resample them to `fps`."""
+        """Embed one clip: encode, compute the layers, resample them to `fps`.
+
+        `samples`, `sample_rate`: As for `encode`.
+        `fps`: Frames per second.
+        `too_long`: How to treat a clip of more than `max_codes` codes (23.78 s): "error", or "truncate": the rest is
+            dropped, as the reference does silently.
+        Returns: (T, W) by layer; T = ceil(n fps / 344.53125) for n codes: 150 for 5 s at 30.
+        """
         return self.embed_batch([samples], sample_rate, fps, too_long=too_long)[0]
 
     def embed_batch(
@@ -143,7 +150,11 @@ class JukeboxEncoder:
         batch_size: int | None = None,
         too_long: TooLong = "error",
     ) -> list[Features]:
-        """Embed several clips of any lengths as `__call__` does."""
+        """Embed several clips of any lengths as `__call__` does.
+
+        `batch_size`: Most clips at once; None: from the free memory (1 on a CPU). Halved when the device runs out of
+            memory.
+        """
         prepared = [
             fitted(prepare(clip, sample_rate, self.config), self.max_codes, self.config, too_long) for clip in clips
         ]
@@ -152,7 +163,11 @@ class JukeboxEncoder:
     def embed_prepared(
         self, clips: Sequence[NDArray[np.float32]], fps: float = 30, *, batch_size: int | None = None
     ) -> list[Features]:
-        """Embed prepared clips, such as parts of a song that was prepared as a whole and has one gain."""
+        """Embed prepared clips, such as parts of a song that was prepared as a whole and has one gain.
+
+        `clips`: Each (n,) float32 at the config's sample rate, as `clips.prepare` returns it.
+        Raises DataError: "short_audio" for less than one code, "long_audio" for more than `max_codes`.
+        """
         for clip in clips:
             require_audio(len(clip), self.config)
             require_length(len(clip) // self.config.hop, self.max_codes, self.config)

@@ -50,6 +50,8 @@ def fixed_bytes(config: JukeboxConfig, precision: torch.dtype, max_codes: int) -
 def clip_bytes(config: JukeboxConfig, precision: torch.dtype, n_codes: int) -> int:
     """Size of one clip's activations at their peak."""
     codes = padded_length(config, n_codes)
+    # In a block: the residual stream, its norm and the half-precision copy of the norm; in fp32 the stream, the norm
+    # and the MLP's hidden layer. In the encoder: three tensors at half the sample rate.
     peak_columns = 10 * config.width if precision != torch.float32 else 8 * config.width + 4 * config.mlp_width
     encoder = 3 * 4 * config.conv_width * n_codes * config.hop // 2
     return max(codes * peak_columns, encoder)
