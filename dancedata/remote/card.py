@@ -16,7 +16,7 @@ from dancedata.remote.card_text import MARK, card_text
 #: Largest card, megabytes.
 _MAX_MB = 5.0
 #: Names that pictures of a card may have.
-PICTURE_FILES = ("poses.png", "map.png", "beats.png", "paths.png")
+PICTURE_FILES = ("poses.png", "map.png", "beats.png")
 #: Draws the pictures of a card, such as `dancedata.plot.card_pictures`: description and PNG by file name.
 Pictures: TypeAlias = Callable[[Store, Progress], Mapping[str, tuple[str, bytes]]]
 
