@@ -206,7 +206,7 @@ class AistPP(PairedDataset):
         if (listing.folders.root / "synthetic.json").is_file():
             yield f"Motion: {n:,} files of a synthetic corpus."
         else:
-            copies = listed(f"{count:,} ({about})" for count, about in data["copies"].items())
+            copies = listed(f"{count:,} ({origin})" for count, origin in data["copies"].items())
             yield f"Motion: {n:,} files; AIST++ has {data['sequences']:,} sequences, copies of it have {copies}."
         unknown = sorted({clip.music for clip in clips if clip.tempo_bpm is None})
         if unknown:

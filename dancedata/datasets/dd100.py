@@ -153,8 +153,8 @@ class DD100(PairedDataset):
     def load(self, ref: ClipRef) -> Motion:
         """Read one dancer: 30 FPS, metres, SMPLX55, turned to +Y up about the origin of the partners' world.
 
-        DataError: as `load_object` and `read_frames`, ``not_rotations``, ``bad_axes``; ``contradiction`` of root
-        rotations.
+        DataError: as `load_object` and `read_frames`, ``not_rotations``, ``bad_axes``;
+        ``contradiction`` if the root's two rotations differ.
         """
         path = ref.motion_path
         poses, root, places = read_frames(ValueArrays(path, load_object(path)), _SHAPES)

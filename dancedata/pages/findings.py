@@ -18,11 +18,11 @@ _UNEVEN = 5
 
 @dataclass(frozen=True)
 class Finding:
-    """A sentence."""
+    """A sentence on a dataset."""
 
     # "good": a check that passed. "bad": an error of the dataset. "look": worth a look. "note": good to know
     kind: str
-    text: str  # the sentence
+    text: str
     figure: str  # key of the figure that shows it
 
 

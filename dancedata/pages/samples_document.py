@@ -48,8 +48,7 @@ class SampleRow:
     """A sample: its song, its numbers, and the median distance of its poses to the nearest of train, metres."""
 
     clip: str
-    # is its name among the scores: of a group's dancer that of the group
-    sample: str
+    sample: str  # its name among the scores; a dancer of a group has that of the group
     song: str
     numbers: ClipNumbers
     to_train_m: float | None

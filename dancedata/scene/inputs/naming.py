@@ -22,9 +22,9 @@ from dancedata.store.dataset_json import INTERRUPTED, describe_folder
 class Named:
     """Clips with the names, tempos and seconds of their music."""
 
-    clips: tuple[ClipInput, ...]  # the clips
+    clips: tuple[ClipInput, ...]
     samples: Mapping[str, Sample] = field(default_factory=dict)  # what they are of a dataset, by their ids
-    # `by_song`, `unknown`: ids of those of which a song alone is known, and of those of which nothing is
+    # `by_song`, `unknown`: ids of clips whose song alone is known, and of those that nothing is known of
     by_song: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
 
