@@ -120,13 +120,6 @@ def test_genres_and_a_lexicon(tmp_path: Path, cache: Path) -> None:
     assert again.sha256 == recipe_hash(store.info["recipe"])
 
 
-def test_no_facts_are_asked_for_by_default() -> None:
-    plain, empty = (parse_recipe(document(**keys)) for keys in ({}, {"annotators": {"facts": False}}))
-    assert plain.sha256 == empty.sha256
-    assert plain.document["annotators"] == {"captions": {"lexicon": None}, "vitals": {}}
-    assert parse_recipe(plain.document).sha256 == plain.sha256
-
-
 @pytest.mark.parametrize("value", [
     True, {"fact": True}, {"facts": 3}, {"facts": {"turns": 90}}, {"facts": {"turn_degrees": -1}}, {"faults": True},
     {"facts": {"kinds": ["turns", "spins"]}}, {"genre": "yes"}, {"captions": {"lexicon": "nowhere.yaml"}},

@@ -122,13 +122,6 @@ def test_folders_whose_names_are_not_text(run, make_source, recipe, tmp_path, jo
     assert "the same data" in run("check", out, "--same-as", tmp_path / "out")
 
 
-def test_a_cache_in_a_folder_with_an_umlaut(run: Run, make_source: Source, recipe: Path, tmp_path: Path) -> None:
-    """joblib takes names of ASCII letters only."""
-    source = make_source(b"source")
-    shutil.copy(source / "motions" / "smpl.npz", source / "motions" / "two.npz")
-    run("build", recipe, source, "--out", tmp_path / "out", "--cache", tmp_path / "für", "--jobs", 2)
-
-
 def test_control_characters_in_lists_of_names(run: Run, corpus: Path, tmp_path: Path, out: Path) -> None:
     source = shutil.copytree(corpus, tmp_path / "source")
     for path in (source / "splits").iterdir():

@@ -11,7 +11,6 @@ from dancedata.building.part import Part, build_part
 from dancedata.core.errors import DataError, UsageError
 from dancedata.datasets.aistpp import AistPP
 from dancedata.recipes.parse import load_recipe
-from tests.commands import as_json
 from tests.messages import raises_message
 
 
@@ -71,9 +70,3 @@ def test_broken_clips_are_counted_and_stop_a_strict_part(source: Path, tmp_path:
         except DataError as error:
             stopped += error.reason == "broken_file"
     assert stopped == 1
-
-
-def test_the_command_prints_json(corpus: Path, cache: Path, out: Path):
-    about = as_json("build", "aist++", corpus, "--out", out, "--jobs", 1, "--part", "1/2")
-    assert about == {"part": "1/2", "clips": 2, "clips_in_all": 4, "songs": 1, "left_out": {}}
-    assert not out.exists()

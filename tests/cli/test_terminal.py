@@ -74,13 +74,6 @@ def test_kinds_and_numbers(text: str, shown: str, monkeypatch: pytest.MonkeyPatc
     assert terminal.getvalue() == f"{shown}\n"
 
 
-def test_a_file_gets_the_text_as_it_is(capsys: pytest.CaptureFixture[str]):
-    text = f"error: 3 {'words ' * 40}"
-    say(text)
-    say(text, err=True)
-    assert capsys.readouterr() == (f"{text}\n", f"{text}\n")
-
-
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [

@@ -1,6 +1,5 @@
 """Skeletons, SMPL's and SMPL-X's joints, and motions carried over between the bodies of the SMPL family."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -171,19 +170,6 @@ def test_smpl24() -> None:
     np.testing.assert_array_equal(SMPL24.offsets[0], [-0.00217368, -0.24078918, 0.02858379])
     np.testing.assert_array_equal(SMPL24.offsets[8], [0.01905555, -0.4200455, -0.03456167])
     assert not SMPL24.offsets.flags.writeable
-
-
-def test_mirrored_twice_is_the_same() -> None:
-    once = SMPL24.mirrored()
-    np.testing.assert_array_equal(once.offsets[1], SMPL24.offsets[2] * [-1, 1, 1])
-    np.testing.assert_array_equal(once.mirrored().offsets, SMPL24.offsets)
-
-
-def test_json_round_trip() -> None:
-    back = Skeleton.from_json(json.loads(json.dumps(SMPL24.to_json())))
-    np.testing.assert_array_equal(back.offsets, SMPL24.offsets)
-    for name in ("name", "joints", "parents", "pairs", "feet"):
-        assert getattr(back, name) == getattr(SMPL24, name)
 
 
 @pytest.mark.parametrize(

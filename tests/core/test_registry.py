@@ -6,7 +6,6 @@ import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -134,22 +133,6 @@ def test_one_file_is_one_plug_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert "plugins_here.mine" not in sys.modules
     assert registry.names() == ("new",)
     assert registry.get("new").name == "new"
-
-
-def test_two_plug_ins_of_one_name() -> None:
-    registry = Registry("thing", "x", Plugin)
-
-    @registry.register("a")
-    @dataclass(frozen=True)
-    class First(Plugin):
-        version = 1
-
-    registry.register("a")(First)  # a module imported twice is not a clash
-    with raises_message(UsageError, "thing"):
-
-        @registry.register("a")
-        class Second(Plugin):
-            version = 1
 
 
 def test_registered_classes_are_checked() -> None:

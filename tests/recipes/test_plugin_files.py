@@ -205,11 +205,3 @@ def test_the_option_of_commands(corpus: Path, tmp_path: Path) -> None:
     assert "unknown audio feature 'loudness'" in CliRunner().invoke(app, plan).output
     result = CliRunner().invoke(app, [*plan, "--plugin", str(feature(tmp_path))])
     assert json.loads(result.stdout)["result"]["recipe_sha256"] == local(tmp_path).sha256
-
-
-def test_features_take_the_option(corpus: Path, tmp_path: Path) -> None:
-    plugin = ["--plugin", str(feature(tmp_path)), "--json"]
-    song = next(p for p in sorted(corpus.rglob("*")) if p.suffix in (".wav", ".flac", ".ogg"))
-    command = ["features", str(song), "--field", "loudness", "--out", str(tmp_path / "out"), *plugin]
-    assert CliRunner().invoke(app, command).exit_code == 0
-    assert np.load(tmp_path / f"out/{song.stem}.loudness.npy").shape[1] == 1

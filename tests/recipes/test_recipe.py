@@ -12,7 +12,6 @@ import yaml
 
 import dancedata
 from dancedata.building.build import build
-from dancedata.building.plan import make_plan
 from dancedata.core.errors import RecipeError, UsageError
 from dancedata.core.registry import FEATURES, REPRESENTATIONS
 from dancedata.files.yaml import load_yaml
@@ -348,16 +347,3 @@ def test_fields_of_files_are_not_computed_for_a_song(tmp_path: Path) -> None:
     with raises_message(UsageError, "librosa35"):
         find_jobs(None, str(tmp_path / "r.yaml"))
     assert [job.name for job in find_jobs("librosa35", str(tmp_path / "r.yaml"))] == ["librosa35"]
-
-
-def test_a_plan_counts_rows_at_the_rate_of_the_field(corpus: Path, tmp_path: Path) -> None:
-    sizes = {
-        fps: make_plan(
-            recipe("transforms=[{slices: {length_s: 2}}]", audio={"librosa35": {"fps": fps}}), corpus, cache=tmp_path
-        ).to_json()
-        for fps in (30, 60)
-    }
-    motion = make_plan(recipe("transforms=[{slices: {length_s: 2}}]", audio={}), corpus, cache=tmp_path).to_json()[
-        "bytes"
-    ]
-    assert sizes[60]["bytes"] - motion == 2 * (sizes[30]["bytes"] - motion) > 0
