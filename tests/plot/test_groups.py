@@ -85,7 +85,7 @@ def test_a_video_of_a_group_and_of_one_dancer(duets: Path, tmp_path: Path) -> No
     for name in (DUET, f"{DUET}_01"):
         written = plot.write_video(duets, name, tmp_path / f"{name}.mp4", length_s=0.2, size=(192, 160))
         assert written.stat().st_size > 1000
-    assert "group.mp4" in run("view", duets, DUET, "--out", tmp_path / "group.mp4", "--at", 8).stdout
+    assert "group.mp4" in run("view", duets, f"{DUET}@240+6", "--out", tmp_path / "group.mp4").stdout
 
 
 def test_poses_of_a_group_stand_as_they_stand_together(duets: Path, tmp_path: Path) -> None:  # noqa: F811
