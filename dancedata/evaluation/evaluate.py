@@ -74,7 +74,7 @@ def _pool(
     """Return a pool that was read from a file, or measure its clips."""
     if not isinstance(pool, ClipSet):
         return pool
-    measured = measure_clips(resources, protocol, pool, numbers, music={})
+    measured, _, _ = _measured(resources, protocol, pool, numbers, None)
     return pool_of(protocol, measured.clips, pool.source, pool.scaler_sha256)
 
 
