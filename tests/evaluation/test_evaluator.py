@@ -7,6 +7,8 @@ import pytest
 
 from dancedata import Evaluator
 from dancedata.core.errors import DataError, UsageError
+from dancedata.evaluation.protocol import Pieces
+from dancedata.evaluation.protocols.dancedata import Dancedata
 from dancedata.store import Store
 from tests.messages import raises_message
 
@@ -44,6 +46,15 @@ def gathered(*ranks: Evaluator, **options: Any) -> None:
 def two(store: Store) -> tuple[Evaluator, Evaluator]:
     first, second = [Evaluator(store, "edge151", split="train", normalized=True) for _ in range(2)]
     return first, second
+
+
+def test_samples_are_cut_as_generated_dances(store: Store, batch: Any) -> None:
+    class Halves(Dancedata):
+        generated = Pieces(first=LENGTH // 2)
+
+    evaluator = Evaluator(store, "edge151", protocol=Halves(), split="train", normalized=True)
+    evaluator.update(batch[1], ids=batch[0])
+    assert evaluator.compute(intervals=False).seconds == (2.5, 2.5, 2.5)
 
 
 def test_torch_on_any_dtype(evaluator: Evaluator, batch: Any) -> None:
