@@ -29,7 +29,7 @@ class ClipSet:
     # `matched`, `warnings`: how many names matched the dataset, and what is doubtful, in words
     matched: str = ""
     warnings: tuple[str, ...] = ()
-    # the error for files of which nothing is known, where metrics take music
+    # the error for files whose songs are unknown, where metrics take music
     nothing_matched: DataError | None = None
 
     def __post_init__(self) -> None:

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 
 def joined(people: Sequence[PersonArrays]) -> tuple[PersonArrays, ...]:
-    """Return the people of a file, of whom each is one person whatever the number of its tracks."""
+    """Return the people of a file, each as one person, whatever the number of tracks."""
     after = dict(_links(people))
     if len(set(after.values())) < len(after):
         after = {a: b for a, b in after.items() if list(after.values()).count(b) == 1}

@@ -32,7 +32,7 @@ class GroupRow:
 
     group: str
     split: str
-    # `clips`, `members`, `roles`: of its dancers, of which the source has `n_source`
+    # `clips`, `members`, `roles`: of its dancers; the source has `n_source`
     clips: tuple[str, ...]
     members: tuple[int, ...]
     roles: tuple[str, ...]

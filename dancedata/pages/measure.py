@@ -111,7 +111,7 @@ class Measured:
 
     reader: ClipReader
     windows: Mapping[str, int]  # number of windows of each clip
-    # numbers of each clip that is not a copy of another one; none of slices that overlap
+    # numbers of each clip that is not a copy of another one; slices that overlap have none
     clips: dict[str, ClipNumbers] = field(default_factory=dict)
     # `joints`, `feet`: names of the joints whose speed is counted, and of foot joints with stored contacts
     joints: tuple[str, ...] = ()

@@ -91,7 +91,7 @@ def _files_of(folder: Path, songs: Iterable[str]) -> dict[str, Path]:
 
 
 def song_files(folder: Path) -> dict[str, Path]:
-    """Return the music of a folder, of its folder of music, or else below it, by name; UsageError for none."""
+    """Return the music of a folder, of its folder of music, or else below it, by name; UsageError without any."""
     for place in (folder, *(folder / name for name in MUSIC_FOLDERS)):
         by_stem = group_by_stem([place], AUDIO_SUFFIXES) if place.is_dir() else []
         if by_stem:
