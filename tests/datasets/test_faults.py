@@ -105,6 +105,8 @@ def emptied(content: Content, kind: Kind) -> Content:
     return content
 
 
+#: The first clip of an example, by dataset and parameters.
+SCANNED: dict[tuple[str, str], Any] = {}
 Change = Callable[[Content, Kind], Content]
 FAULTS: dict[str, tuple[str, Change]] = {
     "no places": ("missing_key", lambda c, k: {key: v for key, v in c.items() if key != k.places}),
@@ -127,21 +129,16 @@ CASES = [(name, fault, kind, *FAULTS[fault]) for name, kind in KINDS.items() for
 CASES += [(name, fault, kind, *OF_COLUMNS[fault]) for name, kind in COLUMNS.items() for fault in OF_COLUMNS]
 
 
-@pytest.fixture(scope="module")
-def scans() -> dict[Any, Any]:
-    return {}
-
-
 @pytest.fixture
-def first(once: Once, scans: dict[Any, Any], tmp_path: Path) -> Callable[..., tuple[Any, Any, Path]]:
+def first(once: Once, tmp_path: Path) -> Callable[..., tuple[Any, Any, Path]]:
     """A reader, the first clip of its example, and a copy of its motion file in a folder of its own."""
 
     def copy(name: str, keys: Content | None = None) -> tuple[Any, Any, Path]:
         reader: Any = DATASETS.get(name)(**keys or {})
         source = once(f"{name}-example", lambda folder: reader.make_example(folder / "source")) / "source"
-        if (name, str(keys)) not in scans:
-            scans[name, str(keys)] = reader.scan(source).clips[0]
-        ref = scans[name, str(keys)]
+        if (name, str(keys)) not in SCANNED:
+            SCANNED[name, str(keys)] = reader.scan(source).clips[0]
+        ref = SCANNED[name, str(keys)]
         return reader, ref, Path(shutil.copy(ref.motion_path, tmp_path))
 
     return copy

@@ -13,17 +13,8 @@ from scipy.spatial.transform import Rotation
 import dancedata
 from dancedata.core.bodies import SMPLX22
 from dancedata.core.errors import DataError, SourceError, StoreError
-from dancedata.datasets.infinitedance import (
-    COLUMNS_FOLDER,
-    FIRST_CODES,
-    FITS_FOLDER,
-    MUQ_FOLDER,
-    MUSIC55_FOLDER,
-    TEST_FOLDER,
-    TOKENS_FOLDER,
-    InfiniteDance,
-    load_columns,
-)
+from dancedata.datasets import infinitedance as layout
+from dancedata.datasets.infinitedance import InfiniteDance, load_columns
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import Store, verify_store
 from dancedata.torch import WindowDataset
@@ -37,7 +28,7 @@ OWN, LIVE, AIST, TEST = "video_0001", "my clip 2 (live)", "gBR_sBM_cAll_d04_mBR0
 
 
 def fit_of(source: Path, clip: str = OWN) -> dict[str, Any]:
-    content: dict[str, Any] = pickle.loads((source / FITS_FOLDER / f"{clip}.pkl").read_bytes())
+    content: dict[str, Any] = pickle.loads((source / layout.FITS_FOLDER / f"{clip}.pkl").read_bytes())
     return content
 
 
@@ -71,11 +62,11 @@ def test_scan_of_columns(source: Path) -> None:
     )
     assert "AIST Dance Video Database" in notes(scan)
     assert f"Styles: none of 1 clips, whose genre is empty: {AIST}" in notes(scan)
-    assert f"Columns: 1 clip in {TEST_FOLDER}/ as well, not read: {TEST}" in notes(scan)
-    assert next(c.motion_path for c in scan.clips if c.id == TEST) == source / COLUMNS_FOLDER / f"{TEST}.npy"
-    (source / COLUMNS_FOLDER / f"{TEST}.npy").unlink()
+    assert f"Columns: 1 clip in {layout.TEST_FOLDER}/ as well, not read: {TEST}" in notes(scan)
+    assert next(c.motion_path for c in scan.clips if c.id == TEST) == source / layout.COLUMNS_FOLDER / f"{TEST}.npy"
+    (source / layout.COLUMNS_FOLDER / f"{TEST}.npy").unlink()
     own = InfiniteDance(motion="columns", clips="own").scan(source)
-    assert next(c.motion_path for c in own.clips if c.id == TEST) == source / TEST_FOLDER / f"{TEST}.npy"
+    assert next(c.motion_path for c in own.clips if c.id == TEST) == source / layout.TEST_FOLDER / f"{TEST}.npy"
     assert "as well" not in notes(own)
     assert rejects(own, "other_dataset") == [AIST]
     assert splits(own) == {OWN: "train", LIVE: "train", TEST: "test"}
@@ -83,7 +74,7 @@ def test_scan_of_columns(source: Path) -> None:
 
 def test_origins(source: Path) -> None:
     """Lists of datasets first; then names as those datasets publish them; then an own fit; never a guess."""
-    columns = source / COLUMNS_FOLDER
+    columns = source / layout.COLUMNS_FOLDER
     others = "kthjazz_gCH_sFM_cAll_d02_mCH_ch01_x_006", "gHO_sBM_cAll_d19_mHO3_ch01"
     for name in ("042", *others, "kthmisc_x", "strange"):
         (columns / f"{name}.npy").write_bytes(b"")
@@ -119,17 +110,17 @@ def test_lists_that_cannot_be_used(source: Path) -> None:
 
 def test_songs_of_both_lists_are_named(source: Path) -> None:
     other = "gBR_sFM_cAll_d05_mBR0_ch07"
-    (source / COLUMNS_FOLDER / f"{AIST}.npy").rename(source / COLUMNS_FOLDER / f"{other}.npy")
+    (source / layout.COLUMNS_FOLDER / f"{AIST}.npy").rename(source / layout.COLUMNS_FOLDER / f"{other}.npy")
     (source / "partition" / "test_eval861.txt").write_text(f"{TEST}\n{other}\n")
     assert "songs of AIST++ in both: mBR0" in notes(InfiniteDance(motion="columns").scan(source))
 
 
 def test_names_with_an_at_sign_are_left_out(source: Path) -> None:
     """InfiniteDance's retrieval names pieces NAME@START_END."""
-    fits = source / FITS_FOLDER
+    fits = source / layout.FITS_FOLDER
     (fits / f"{OWN}@0_96.pkl").write_bytes((fits / f"{OWN}.pkl").read_bytes())
     scan = InfiniteDance().scan(source)
-    assert rejects(scan, "extra_file") == [f"{FITS_FOLDER}/{OWN}@0_96.pkl"]
+    assert rejects(scan, "extra_file") == [f"{layout.FITS_FOLDER}/{OWN}@0_96.pkl"]
     assert "separates names from frames" in scan.rejects[-1].detail
 
 
@@ -149,7 +140,7 @@ def test_styles(source: Path) -> None:
 
 def test_a_fit(source: Path) -> None:
     content = fit_of(source)
-    motion = load(InfiniteDance(), source / FITS_FOLDER / f"{OWN}.pkl")
+    motion = load(InfiniteDance(), source / layout.FITS_FOLDER / f"{OWN}.pkl")
     assert (motion.n_frames, motion.grid.rate, motion.skeleton) == (182, 30, SMPLX22)
     np.testing.assert_allclose(motion.translation, content["transl"], atol=1e-6)
     np.testing.assert_allclose(motion.rotations[:, 1:], content["body_pose"].reshape(182, 21, 3), atol=1e-6)
@@ -159,7 +150,7 @@ def test_a_fit(source: Path) -> None:
 @pytest.mark.parametrize("shape", [(182, 63), (182, 21, 3), (182, 69), (182, 23, 3)])
 @pytest.mark.parametrize("compress", [0, 3])
 def test_shapes_of_joblib_files(source: Path, shape: tuple[int, ...], compress: int) -> None:
-    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    path = source / layout.FITS_FOLDER / f"{OWN}.pkl"
     expected = load(InfiniteDance(), path)
     content = fit_of(source)
     pose = content["body_pose"].reshape(182, 63)
@@ -171,7 +162,7 @@ def test_shapes_of_joblib_files(source: Path, shape: tuple[int, ...], compress: 
 
 @pytest.mark.parametrize(("up", "turn"), [("z", [np.pi / 2, 0, 0]), ("-y", [np.pi, 0, 0]), ("y", [0, 0, 0])])
 def test_the_axis_that_is_up_is_told(source: Path, up: str, turn: list[float]) -> None:
-    path = source / FITS_FOLDER / f"{OWN}.pkl"
+    path = source / layout.FITS_FOLDER / f"{OWN}.pkl"
     expected = load(InfiniteDance(), path).joints()
     content, world = fit_of(source), Rotation.from_rotvec(turn)
     rest = SMPLX22.offsets[0]
@@ -192,7 +183,7 @@ def test_columns_against_infinitedances_code(shared: Path) -> None:
     arrays = np.load(crowd / "infinitedance" / "columns266.npz")
     inputs = crowd / "inputs" / "infinitedance"
     for clip in (OWN, LIVE):
-        motion = load_columns(inputs / COLUMNS_FOLDER / f"{clip}.npy")
+        motion = load_columns(inputs / layout.COLUMNS_FOLDER / f"{clip}.npy")
         np.testing.assert_allclose(motion.joints(), arrays[f"{clip}.recovered264"], rtol=0, atol=1e-5)
 
 
@@ -228,11 +219,11 @@ def test_the_recipe(source: Path, build: Callable[..., Store]) -> None:
     store = build()
     assert {clip.id for clip in store} == {OWN, LIVE, AIST, TEST}
     assert store[AIST].columns["origin"] == "aist++"
-    published = np.load(source / COLUMNS_FOLDER / f"{OWN}.npy")
+    published = np.load(source / layout.COLUMNS_FOLDER / f"{OWN}.npy")
     np.testing.assert_array_equal(store[OWN].read("file.columns264"), published)
-    tokens = np.load(source / TOKENS_FOLDER / f"{OWN}.npy").reshape(-1, 3) - FIRST_CODES
+    tokens = np.load(source / layout.TOKENS_FOLDER / f"{OWN}.npy").reshape(-1, 3) - layout.FIRST_CODES
     np.testing.assert_array_equal(store[OWN].read("file.tokens"), tokens)
-    music = np.load(source / MUSIC55_FOLDER / f"{OWN}.npy")
+    music = np.load(source / layout.MUSIC55_FOLDER / f"{OWN}.npy")
     np.testing.assert_array_equal(store[OWN].read("file.music55")[:181], music[:181])
     sample = WindowDataset(store, fields=("humanml264", "file.tokens", "file.music55"))[1]
     assert [tuple(sample[name].shape) for name in ("humanml264", "file.tokens", "file.music55")] == [
@@ -245,11 +236,11 @@ def test_the_recipe(source: Path, build: Callable[..., Store]) -> None:
 
 def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
     """They are published for test clips alone: others are set aside, by name."""
-    muq = {"path": f"{MUQ_FOLDER}/{{clip}}.npy", "rate": 25, "fps": 25, "columns_per_row": 1024}
+    muq = {"path": f"{layout.MUQ_FOLDER}/{{clip}}.npy", "rate": 25, "fps": 25, "columns_per_row": 1024}
     store = build(**{"file.muq": muq})
     assert [clip.id for clip in store] == [TEST]
     assert {row["clip"] for row in store.rejects if row["reason"] == "missing_feature"} == {OWN, LIVE, AIST}
-    np.testing.assert_array_equal(store[TEST].read("file.muq"), np.load(source / MUQ_FOLDER / f"{TEST}.npy"))
+    np.testing.assert_array_equal(store[TEST].read("file.muq"), np.load(source / layout.MUQ_FOLDER / f"{TEST}.npy"))
     # 25 rows per second, not the 30 that InfiniteDance's README names.
     thirty = {**muq, "rate": 30, "fps": 30}
     with pytest.raises(StoreError, match="feature_length"):
@@ -257,7 +248,7 @@ def test_rows_of_muq(source: Path, build: Callable[..., Store]) -> None:
 
 
 def test_tokens_that_are_not_of_the_codebook(source: Path, build: Callable[..., Store]) -> None:
-    tokens = source / TOKENS_FOLDER
+    tokens = source / layout.TOKENS_FOLDER
     np.save(tokens / f"{OWN}.npy", np.load(tokens / f"{OWN}.npy") + 512)
     np.save(tokens / f"{LIVE}.npy", np.load(tokens / f"{LIVE}.npy")[:-1])
     store = build()

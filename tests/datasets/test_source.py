@@ -103,18 +103,10 @@ def test_pipes_in_a_folder(example: Callable[[str], Path]) -> None:
     os.mkfifo(tmp_path / "manifest.csv")
     with raises_message(SourceError, "UTF-8", where="manifest.csv"):
         Folder().scan(tmp_path)
-
-
-def test_pipes_that_a_manifest_names(example: Callable[[str], Path]) -> None:
-    tmp_path = example("folder")
-    os.mkfifo(tmp_path / "a.npz")
-    os.mkfifo(tmp_path / "a.wav")
-    (tmp_path / "manifest.csv").write_text("motion,audio\na.npz,\nmotions/smpl.npz,a.wav\n")
+    (tmp_path / "manifest.csv").unlink()
+    (tmp_path / "manifest.csv").write_text("motion,audio\nmotions/pipe.npz,\nmotions/smpl.npz,music/pipe.wav\n")
     scan = Folder().scan(tmp_path)
-    assert [(r.reason, "not a file" in r.detail) for r in scan.rejects] == [
-        ("missing_motion", True),
-        ("missing_music", True),
-    ]
+    assert [r.reason for r in scan.rejects if "not a file" in r.detail] == ["missing_motion", "missing_music"]
 
 
 @pytest.mark.parametrize("text", ["x" * 256, "y\n" * 100_001, "z" * (1 << 23) + "\n" + "z" * 10])

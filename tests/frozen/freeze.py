@@ -48,21 +48,16 @@ def read(folder: Path) -> dict[str, Any]:
         "clips": [[c.id, c.split, int(c.n_frames), c.genre, c.music, c.dancer] for c in ds],
     }
     if find_spec("torch"):
-        answer["normalized"] = normalized(folder, min(ds.fields))
+        from dancedata.torch import WindowDataset
+
+        sample = WindowDataset(folder, fields=(min(ds.fields),), split="train")[1]  # as a trainer reads it
+        answer["normalized"] = [round(float(value), 6) for value in np.asarray(sample[min(ds.fields)])[2, :8]]
     answer["groups"] = [[clip.id, clip.group, clip.member, clip.role] for clip in ds]
     answer["segments"] = [
         [s.layer.name, str(s.start), str(s.end), s.label, list(s.texts), list(s.texts_mirrored)]
         for s in ds.segments(ds.clips()[0].id)
     ]
     return answer
-
-
-def normalized(folder: Path, field: str) -> list[float]:
-    """Return numbers of a normalised window, as a trainer reads it."""
-    from dancedata.torch import WindowDataset
-
-    sample = WindowDataset(folder, fields=(field,), split="train")[1][field]
-    return [round(float(value), 6) for value in np.asarray(sample)[2, :8]]
 
 
 def main(out: Path) -> None:
