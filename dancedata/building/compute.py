@@ -51,6 +51,12 @@ def compute(
     return [_with_made(result, makers, asks, by_key) for result in results]
 
 
+def make_all(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
+    """Return what one maker makes by key; a Reject of each that cannot be made."""
+    units = list(units_of([maker], [((maker.id, ""), asks)]))
+    return _run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
+
+
 def make(cache: Cache, unit: Unit) -> dict[str, Any]:
     """Load a source, make what is missing of it, and publish it; return all results by key."""
     source, wanted = unit.source, unit.wanted
@@ -87,6 +93,17 @@ def units_of(makers: Sequence[Maker], asks: Iterable[tuple[tuple[str, Any], Sequ
             yield Unit(source, [(maker, of) for maker, of in cut if of], number)
 
 
+def cached_results(cache: Cache, unit: Unit) -> dict[str, Any] | None:
+    """Return all that is made of a source by key; None if a part is missing."""
+    by_key = {}
+    for maker, asks in unit.wanted:
+        for ask in asks:
+            by_key[ask.key] = _look_up(cache, maker, ask.key)
+            if by_key[ask.key] is None:
+                return None
+    return by_key
+
+
 def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, progress: Progress) -> dict[str, Any]:
     """Return the results of units of one lane by key; a Reject of each that cannot be made."""
     if not units:
@@ -97,23 +114,6 @@ def _run_all(cache: Cache, units: Sequence[Unit], *, jobs: Jobs, label: str, pro
         jobs = replace(jobs, n=maker.workers(jobs.n)) if isinstance(jobs, Executor) else maker.workers(jobs)
     of_units = run_units(make, calls, cached=cached, jobs=jobs, label=label, progress=progress, exact=not maker.lane)
     return {key: result for of_unit in of_units for key, result in of_unit.items()}
-
-
-def make_all(cache: Cache, maker: Maker, asks: Sequence[Ask], *, jobs: Jobs, progress: Progress) -> dict[str, Any]:
-    """Return what one maker makes by key; a Reject of each that cannot be made."""
-    units = list(units_of([maker], [((maker.id, ""), asks)]))
-    return _run_all(cache, units, jobs=jobs, label=maker.id, progress=progress)
-
-
-def cached_results(cache: Cache, unit: Unit) -> dict[str, Any] | None:
-    """Return all that is made of a source by key; None if a part is missing."""
-    by_key = {}
-    for maker, asks in unit.wanted:
-        for ask in asks:
-            by_key[ask.key] = _look_up(cache, maker, ask.key)
-            if by_key[ask.key] is None:
-                return None
-    return by_key
 
 
 def _with_made(

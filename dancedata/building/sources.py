@@ -1,4 +1,4 @@
-"""Stage 1, scanned clips -> identified clips: hash motion files, decode and hash music."""
+"""Scanned clips -> identified clips: hash motion files, decode and hash music."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -32,7 +32,7 @@ _MAX_BYTES = 1 << 24
 
 
 class TrainingData(Protocol):
-    """A `WindowDataset` or `ClipDataset` with the scalers of its fields; a reader is what reads a source."""
+    """A `WindowDataset` or `ClipDataset` with the scalers of its fields, which training reads."""
 
     @property
     def store(self) -> Any:

@@ -45,8 +45,8 @@ from dancedata.store.schema import (
 from dancedata.store.shard_reader import ShardReader, WindowRows
 from dancedata.store.table_file import read_tables
 from dancedata.store.tables import Tables
-from dancedata.store.window_list import Whole, WindowList
-from dancedata.store.windowing import locate_view, locate_windows, stored_windows, window_frames
+from dancedata.store.window_list import Ints, WindowList
+from dancedata.store.windowing import locate_window, locate_windows, stored_windows, window_frames
 
 if TYPE_CHECKING:
     from dancedata.core.segments import Layer, Segment
@@ -339,7 +339,7 @@ class RowQueries:
     def _locate(self, window: Window, field: str) -> RowSpan:
         """Return the shard and the rows of a window; UsageError for one that the store does not have."""
         row, f, tables = self._row_of(window), self.field(field), self._tables
-        first, length = locate_view(tables, row, window, f, self.grid)
+        first, length = locate_window(tables, row, window, f, self.grid)
         return RowSpan(self._shard_readers[int(tables.shard_of(row))], first, length)
 
     def _row_of(self, window: Window) -> int:
@@ -384,7 +384,7 @@ class RowQueries:
         of_clip = self._tables.shard_of(np.arange(self._tables.n_clips)).astype(np.int32)
         return self._shard_readers, of_clip[self._rows_of(windows)]
 
-    def _rows_of(self, windows: WindowList) -> Whole:
+    def _rows_of(self, windows: WindowList) -> Ints:
         """Return the rows (W,) of the clips of windows, which may be those of another opened dataset."""
         if windows.clip_ids is self._tables.ids:
             return windows.clip

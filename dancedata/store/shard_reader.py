@@ -23,7 +23,7 @@ from dancedata.store import hdf5
 from dancedata.store.dataset_json import ShardEntry
 from dancedata.store.listed_file import FileHash, ListedFile
 from dancedata.store.schema import Field
-from dancedata.store.window_list import Whole
+from dancedata.store.window_list import Ints
 
 _log = logging.getLogger(__name__)
 _CHECK = "run dancedata check on the dataset"
@@ -33,7 +33,7 @@ class WindowRows:
     """Rows of a field for the windows of a list, (rows, D) each; any number of threads may read."""
 
     def __init__(
-        self, field: str, shards: Sequence[ShardReader], shard: Whole, first: Whole, n_rows: int, mapped: bool
+        self, field: str, shards: Sequence[ShardReader], shard: Ints, first: Ints, n_rows: int, mapped: bool
     ) -> None:
         """Map the shards, or read by position; `shard` (W,) are the numbers of the windows' shards in `shards`."""
         self._field, self._shards = field, shards

@@ -13,7 +13,7 @@ from dancedata.core.clip import Window
 
 IntArray = npt.NDArray[np.int64]
 #: Columns of a table may have 32 bits.
-Whole = npt.NDArray[np.integer[Any]]
+Ints = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -34,12 +34,12 @@ class WindowList(Sequence[Window]):
 
     split: str
     clip_ids: Sequence[str]
-    clip: Whole
-    start: Whole
-    length: Whole
+    clip: Ints
+    start: Ints
+    length: Ints
 
     @classmethod
-    def equally_long(cls, split: str, clip_ids: Sequence[str], clip: Whole, start: Whole, length: int) -> WindowList:
+    def equally_long(cls, split: str, clip_ids: Sequence[str], clip: Ints, start: Ints, length: int) -> WindowList:
         """Return windows of one length, which takes no memory."""
         return cls(split, clip_ids, clip, start, np.broadcast_to(np.int64(length), clip.shape))
 

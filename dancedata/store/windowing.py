@@ -1,4 +1,4 @@
-"""Lists the windows of a split, as stored or of another length and stride, and finds their rows."""
+"""Lists the stored windows of a split, and finds the rows of any windows."""
 
 from collections.abc import Sequence
 from fractions import Fraction
@@ -13,7 +13,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.store.columns import MAX_ROWS
 from dancedata.store.schema import Field
 from dancedata.store.tables import Tables
-from dancedata.store.window_list import Whole, WindowList
+from dancedata.store.window_list import Ints, WindowList
 
 Seconds = float | str | Fraction
 #: Windows that are located at a time.
@@ -53,7 +53,7 @@ def require_field(tables: Tables, row: int, f: Field) -> None:
         )
 
 
-def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
+def locate_window(tables: Tables, row: int, window: Window, f: Field, grid: FrameGrid) -> tuple[int, int]:
     """Return first row and number of rows of any window within its clip, which is in a row of the table of clips."""
     n_frames = int(tables.n_frames[row])
     if window.start < 0 or window.length < 1 or window.start + window.length > n_frames:
@@ -80,12 +80,12 @@ def locate_view(tables: Tables, row: int, window: Window, f: Field, grid: FrameG
 
 
 def locate_windows(
-    tables: Tables, row: Whole, windows: WindowList, f: Field, grid: FrameGrid
-) -> tuple[Whole, npt.NDArray[np.bool_]]:
+    tables: Tables, row: Ints, windows: WindowList, f: Field, grid: FrameGrid
+) -> tuple[Ints, npt.NDArray[np.bool_]]:
     """Return the first row of each window in its clip's shard, (W,), and whether the store does not have it."""
     length, spans, n_frames = int(windows.length[0]), tables.spans[f.name], tables.n_frames
     is_small = (spans.first + spans.available).max(initial=0) < 2**31  # half the memory of a million clips
-    first: Whole = np.empty(len(row), dtype=np.int32) if is_small else np.empty(len(row), dtype=np.int64)
+    first: Ints = np.empty(len(row), dtype=np.int32) if is_small else np.empty(len(row), dtype=np.int64)
     bad = np.empty(len(row), dtype=np.bool_)
     is_part, n_rows = length < 1 or not grid.is_whole(length, of=f.grid), grid.rows_down(length, of=f.grid)
     # A part at a time: arrays of millions of windows are made slower than they are computed.

@@ -102,7 +102,7 @@ class GroupDataset(WindowDataset):
         if cut.start_at is not None or self._asked != Select(self._asked.where):
             asked = self._asked if cut.start_at is None else cut
             raise clash(asked, "GroupDataset", "groups are chosen by Select(where=...), at the stride, alone")
-        chosen = self._choose(cut, cut.grid)
+        chosen = self._choose(cut, cut.length_and_stride)
         self._group_windows(chosen.windows, dancers.exactly, dancers.singles, list(chosen.rejects))
         sizes = self._sizes[self._group_of]
         self.persons = dancers.persons or dancers.exactly or int(sizes.max(initial=1))

@@ -145,8 +145,8 @@ class Windows(Value):
         self._not_both("stride_s", "stride")
 
     @property
-    def grid(self) -> dict[str, Any]:
-        """Length and stride as `Store.windows` takes them."""
+    def length_and_stride(self) -> dict[str, Any]:
+        """Arguments of `Store.windows`."""
         return {name: getattr(self, name) for name in ("length_s", "stride_s", "length", "stride")}
 
 

@@ -128,14 +128,14 @@ class WindowDataset(SplitDataset):
         if self._items.primitives is not None:
             from dancedata.torch.primitives import primitive_spec
 
-            grid = self.store._window_grid(**cut.grid)
+            grid = self.store._window_grid(**cut.length_and_stride)
             length = int(windows.length[0]) if isinstance(windows, WindowList) and len(windows) else grid.length
             spec = primitive_spec(self.store, self.fields, length, self._items.primitives, self._scaled)
         self._primitives, also = spec, spec.key_motion if spec is not None else None
         if isinstance(windows, WindowList):
             selection = self._listed(windows, also)
         else:
-            selection = self._choose(cut, cut.grid, cut.start_at, also)
+            selection = self._choose(cut, cut.length_and_stride, cut.start_at, also)
         self.windows, self.rejects = selection.windows, selection.rejects
         if not self.windows:
             raise no_window_error(self.store, self.split, self.rejects, cut.start_at)
