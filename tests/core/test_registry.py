@@ -18,9 +18,7 @@ from dancedata.building.transforms.copy import Copy
 from dancedata.core.errors import (
     DanceDataError,
     DataError,
-    RecipeError,
     SourceError,
-    StoreError,
     UsageError,
 )
 from dancedata.core.plugins import AudioFeature, Dataset, KeyMotionFinder, Plugin, Representation
@@ -154,15 +152,13 @@ def test_registered_classes_are_checked() -> None:
 ERRORS = [
     DataError("has NaN", reason="nan", where=Path("a/b.pkl"), found=3, allowed="numbers", fix="look at it"),
     UsageError("no", found="x"),
-    RecipeError("no", where="fps"),
     SourceError("empty"),
-    StoreError("old", fix="build again"),
 ]
 
 
 def test_text() -> None:
     assert str(ERRORS[0]) == "a/b.pkl: has NaN; found 3; allowed: numbers. Look at it"
-    assert str(ERRORS[3]) == "empty"
+    assert str(ERRORS[2]) == "empty"
     assert str(DataError("x", reason="r", found=0)) == "x; found 0"
 
 

@@ -113,8 +113,6 @@ def test_a_worker_with_threads_is_refused() -> None:
     ("options", "output"),
     [
         (["--cluster", "ray://:10001"], "not a complete one; found ray://:10001; allowed: ray://HOST:10001"),
-        (["--cluster", "ray"], "not a complete one; found ray; allowed: tcp://HOST:8786; ray://HOST:10001"),
-        (["--cluster", "tcp://HOST"], "not a complete one; found tcp://HOST; allowed: tcp://HOST:8786"),
         (["--cluster", "spark://HOST:7077"], "not a complete one; found spark://HOST:7077; allowed: tcp://"),
         (["--part", "5/4"], "a part is NUMBER/COUNT"),
         (["--part", "1/4", "--cluster", "ray://auto"], "--part cannot be combined"),

@@ -73,15 +73,12 @@ def test_all_problems_are_listed_at_once():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"windows": {"lenght_s": 5, "stride_s": 1}}, "windows.lenght_s: unknown key; did you mean 'length_s'?"),
-        ({"dataset": {"aist++": {"splitt": "all"}}}, "dataset.aist++.splitt: unknown key; did you mean 'split'?"),
         ({"audio": {"librosa53": {}}}, "unknown audio feature 'librosa53'. Did you mean 'librosa35'?"),
         ({"dataset": None}, "dataset: name one dataset"),
         ({"motion": None}, "motion: name at least one representation"),
         ({"name": None}, "name: missing"),
         ({"recipe": 2}, "recipe: must be 1; found 2"),
         ({"fps": "thirty"}, "rate is not a number; found 'thirty'"),
-        ({"fps": 0}, "a frame rate must be above 0"),
         ({"fps": 1e9}, "fps is too high; found 1000000000; allowed: at most 1,000"),
         ({"windows": {"length_s": 5}}, "give one of stride_s and stride_frames; found neither"),
         ({"windows": {"length_s": 5.01, "stride_s": 0.5}}, "windows.length_s is not a whole number of frames"),
@@ -93,7 +90,6 @@ def test_all_problems_are_listed_at_once():
         ),
         ({"audio": {"librosa35.low": {"fps": 10}}}, "audio.librosa35.low: librosa35 cannot be computed"),
         ({"audio": {"librosa35": [1]}}, "audio.librosa35: parameters are a mapping of keys; found [1]"),
-        ({"transforms": {"repair": {}}}, "transforms: must be a list"),
         ({"transforms": ["repair", {"repair": {}}]}, "transforms: a transform is named twice"),
         ({"transforms": [{"repair": {"gaps": "long"}}]}, "transforms.repair.gaps: must be true, false or a number"),
         ({"transforms": [{"retarget": {"scale": 0}}]}, "transforms.retarget.scale: must be auto or a number"),
