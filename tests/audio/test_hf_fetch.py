@@ -240,6 +240,7 @@ def test_the_command(hub: Hub, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "licence of the weights: cc-by-nc-4.0" in result.output
     assert "modeling_tiny.py, pytorch_model.bin" in result.output
     assert r"a\x1b[2Jb\ud800" in result.output
+    assert f"revision: {COMMIT}" in CliRunner().invoke(app, ["info", str(out)]).output
     other = tmp_path / "other"
     result = CliRunner().invoke(app, ["pull", f"hf://{NAME}@{COMMIT}", "--out", str(other), "--json"])
     assert json.loads(result.stdout)["result"]["path"] == str(other)

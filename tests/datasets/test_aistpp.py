@@ -1,5 +1,6 @@
 """The dataset reader aist++: layouts, split files, the ignore list, what is left out and why, motion files."""
 
+import pickle
 from collections import Counter
 from fractions import Fraction
 from pathlib import Path
@@ -220,4 +221,7 @@ def test_other_forms_of_the_same_motion(official: Any, scaling: Any) -> None:
 def test_bad_content(official: Any, changes: dict[str, Any], reason: str) -> None:
     path = official.motion("bad one ü", **changes)
     with raises_message(DataError, "floats|frames|smpl_poses|smpl_scaling|smpl_trans", reason=reason):
+        load(AistPP(), path)
+    path.write_bytes(pickle.dumps([1.0]))
+    with raises_message(DataError, "dict", where="bad one ü.pkl", reason="broken_file"):
         load(AistPP(), path)

@@ -13,7 +13,7 @@ from dancedata.core.errors import DataError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
 from dancedata.evaluation.pool import load_pool
-from dancedata.evaluation.protocol import PROTOCOLS, Protocol
+from dancedata.evaluation.protocol import PROTOCOLS, Pieces, Protocol
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
 from dancedata.store import Store
 from tests.messages import raises_message
@@ -98,6 +98,16 @@ def test_pools_are_keyed_by_protocol_version_and_rate(tmp_path: Path) -> None:
     object.__setattr__(later, "name", "bailando-aistpp")
     with raises_message(UsageError, r"FILE\.npz", where="pool.npz"):
         dancedata.evaluate(dances(), protocol=later, fps=60, pool=path)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [({"skip": -1}, "skip"), ({"length": 5}, "length and stride"), ({"seconds": (5, 0)}, "seconds"),
+     ({"seconds": (5, 2.5), "length": 9, "stride": 9}, "without length")],
+)  # fmt: skip
+def test_pieces_that_cannot_be(values: dict[str, Any], word: str) -> None:
+    with raises_message(UsageError, word):
+        Pieces(**values)
 
 
 def test_foreign_pools_are_not_read_and_not_replaced(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from dancedata.audio.jukebox import fetch
 from dancedata.audio.jukebox.weights.download import FILES, RemoteFile
 from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.files.locks import file_lock
+from tests.commands import as_json
 from tests.messages import raises_message
 from tests.remote.servers import Fault, Handler, Server, cut, serving, status
 
@@ -234,6 +235,15 @@ def test_licence_comes_first(server: Server, tmp_path: Path) -> None:
     assert "Noncommercial" in shown[0]
     assert server.headers == []
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(fetch.__kwdefaults__, "files", [_remote()])
+    assert "accepted" in as_json("pull", folder, "--out", tmp_path / "out", code=2)["problem"]
+    assert "weights" in as_json("pull", "nothing", "--out", tmp_path / "out", code=2)["problem"]
+    assert not (tmp_path / "out").exists()
+    fetched = as_json("pull", folder, "--out", tmp_path / "out", "--accept-licence")
+    assert fetched == {"path": str(tmp_path / "out"), "files": ["a.bin"], "bytes": len(DATA)}
 
 
 def test_two_programs_at_once(server: Server, tmp_path: Path) -> None:

@@ -101,6 +101,8 @@ def test_equal_mirrored_words_are_not_stored_twice(folder: Path) -> None:
             "mirrored: not as",
         ),
         (lambda table: table["end_s"].__setitem__(0, -5), "end_s: before start_s"),
+        (lambda table: table["first"].__setitem__(0, 1), "do not ascend from 0 to the last"),
+        (lambda table: table["first"].__setitem__(1, 99), "do not ascend from 0 to the last"),
         (lambda table: table["end"].__setitem__(0, 29), "frames are not those of the times"),
         (lambda table: table["value"].__setitem__(1, np.inf), "value: infinite, in rows 1 (clip alone)"),
     ],

@@ -1,6 +1,7 @@
 """Files of an open dataset: a file opened later is the one that dataset.json listed."""
 
 import os
+import pickle
 import shutil
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,17 @@ def test_a_dataset_that_is_removed_or_being_built(make_store: Any, gone: str) ->
         (made.path / SHARD).unlink()
     with raises_message(StoreError, "opened", where="store1"):
         read(store)
+
+
+def test_another_dataset_in_its_place(make_store: Any) -> None:
+    made, other = make_store(), make_store(seed=1)
+    store = open_store(made.path)
+    pickled = pickle.dumps(store)
+    shutil.rmtree(made.path)
+    shutil.copytree(other.path, made.path)
+    for look in (lambda: pickle.loads(pickled), lambda: store.windows("train"), lambda: store.stats):
+        with raises_message(StoreError, "opened", where="store1"):
+            look()
 
 
 @pytest.mark.parametrize("name", ["stats.json", SHARD])

@@ -310,6 +310,7 @@ def test_seconds_are_fractions(make_store: Any, text: str) -> None:
         ("songs/sample_rate", 0, 0, "/songs/sample_rate: a number is out of bounds"),
         ("songs/n_samples", 0, -1, "/songs/n_samples: a number is out of bounds"),
         ("segments/label", 0, b"", "/segments/label: a quality flag without its kind, in rows 0 (clip alone)"),
+        ("segments/data", 0, b"[", "/segments, row 0: a segment of the dataset cannot be read"),
     ],
 )  # fmt: skip
 def test_lies_in_tables(out: Path, column: str, row: int, value: Any, message: str) -> None:
@@ -321,6 +322,9 @@ def test_lies_in_tables(out: Path, column: str, row: int, value: Any, message: s
     assert verify_store(out) == []
     edit(out, column, row, value, "segments.h5" if column.startswith("segments") else TABLES)
     assert message in only_error(out)
+    if column == "segments/data":
+        with open_store(out) as store, raises_message(StoreError, "quality flags", where="out"):
+            _ = store.quality
 
 
 def test_copy_of_a_clip_of_another_split(make_store: Any, out: Path) -> None:
