@@ -12,7 +12,7 @@ import soundfile
 import dancedata
 from dancedata.building import build as build_module
 from dancedata.building.describe import describe_store
-from dancedata.core.errors import DataError, SourceError, StoreError
+from dancedata.core.errors import DataError, SourceError, StoreError, UsageError
 from dancedata.datasets.aistpp import AistPP
 from tests.messages import raises_message
 
@@ -76,6 +76,9 @@ def test_overwrite_that_fails_leaves_the_old_dataset(run_build, corpus, built_co
     monkeypatch.setattr(build_module, "write_store", fail)
     with raises_message(StoreError, "full"):
         run_build(corpus, built_copy, set=["windows.stride_s=1"], overwrite=True)
+    monkeypatch.chdir(built_copy)
+    with raises_message(UsageError, "working", where="outs/out"):
+        run_build(corpus, built_copy, overwrite=True)
     assert hashes(built_copy) == before
     assert [p.name for p in built_copy.parent.iterdir()] == ["out"]
 

@@ -10,8 +10,10 @@ import pytest
 import dancedata
 from dancedata.building.part import Part, build_part
 from dancedata.building.plan import make_plan
+from dancedata.building.spine import expand
+from dancedata.core.clip import ClipRef
 from dancedata.core.columns import Columns
-from dancedata.core.errors import DataError, RecipeError, UsageError
+from dancedata.core.errors import DataError, RecipeError, SourceError, UsageError
 from dancedata.core.motion import Motion
 from dancedata.core.plugins import CopyAugmentation
 from dancedata.core.registry import AUGMENTATIONS
@@ -19,6 +21,7 @@ from dancedata.execution.progress import Progress
 from dancedata.recipes.parse import load_recipe
 from dancedata.store import verify_store
 from tests.messages import raises_message
+from tests.takes import take_of
 
 SMALL = ("motion={edge151: {}, joints: {}}", "keymotion=lodge", "windows.length_s=3", "audio={}")
 
@@ -175,3 +178,11 @@ def test_augment_in_recipes() -> None:
         load_recipe("aist++", ("augment={shift: {metres: x}}",))
     with raises_message(RecipeError, "mapping", where="aist++"):
         load_recipe("aist++", ("augment=[mirror]",))
+
+
+def test_a_copy_with_the_id_of_a_clip_is_an_error() -> None:
+    recipe = load_recipe("aist++", ("audio={}", "augment=shift"))
+    names = ("a", "a__shift")
+    takes = [take_of(recipe, [(ClipRef(clip, Path(f"{clip}.pkl"), None, "train"), "0")]) for clip in names]
+    with raises_message(SourceError, "copies", where="clip a__shift"):
+        expand(takes, recipe.parts.transforms)

@@ -15,7 +15,7 @@ from dancedata.building.fields.music import MusicField
 from dancedata.building.signals import SignalId
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.clip import ClipRef, Reject
-from dancedata.core.errors import UsageError
+from dancedata.core.errors import DataError, UsageError
 from dancedata.execution import cache as cache_module
 from dancedata.execution.cache import Cache, EntryLostError
 from dancedata.files import cache_files
@@ -289,6 +289,19 @@ def test_motion_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cach
     assert found.reason == "changed"
     assert what == "motion" or "body_model/model.npz" in found.detail
     assert cached_results(own, unit_of(edge151, take)) is None
+
+
+def test_a_song_that_changes_during_a_build_is_set_aside(corpus: Path, own: Cache, tmp_path: Path):
+    first, second = sorted((corpus / "wavs").glob("*.wav"))[:2]
+    song = tmp_path / "song.wav"
+    song.write_bytes(first.read_bytes())
+    identified = audio_units.identify_audio(own, song)
+    assert isinstance(identified, SignalId)
+    os.utime(song, (0, 0))
+    identified.load()  # the same samples
+    song.write_bytes(second.read_bytes())
+    with raises_message(DataError, "changed", where="song.wav", reason="changed"):
+        identified.load()
 
 
 def test_a_song_that_changes_while_it_is_looked_at_is_not_remembered(corpus, own, tmp_path, monkeypatch):

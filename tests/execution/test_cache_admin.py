@@ -87,6 +87,13 @@ def test_prune_by_age_and_a_dry_run(own: Cache):
     assert left(own) == [3, 4, 5]
 
 
+def test_what_links_lead_to_stays(own: Cache):
+    outside = (own.root / "features" / "00").rename(own.root.parent / "outside")
+    (own.root / "features" / "00").symlink_to(outside)
+    prune(own.root, max_bytes=0)
+    assert len(list(outside.iterdir())) == 5
+
+
 def test_mapped_entries_stay(own: Cache):
     found = own.array("features", key(2))
     assert found is not None

@@ -257,6 +257,15 @@ def test_a_daemonic_process_computes_by_itself() -> None:
     assert done.stdout == "[1, 2]\n", done.stderr
 
 
+def test_workers_keep_the_users_settings_of_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "1000000")
+    monkeypatch.delenv("MALLOC_MMAP_THRESHOLD_", raising=False)
+    names = ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
+    code = f"import os\ndef kept(name): return os.environ.get(name)\n{RUN}\n"
+    done = script(f"{code}print(*run_units(kept, [(name,) for name in {names}], **OPTIONS))")
+    assert done.stdout == "1000000 None\n", done.stderr
+
+
 def test_relative_paths_name_the_same_files_in_workers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Workers that run already were started in another folder, which may have a file of the same name."""
     quiet = Progress(quiet=True)

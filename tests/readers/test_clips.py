@@ -25,6 +25,7 @@ from dancedata.torch import (
     Windows,
     pad_clips,
 )
+from tests.groups_store import write_groups
 from tests.messages import raises_message
 from tests.readers.batches import bits
 
@@ -161,7 +162,7 @@ def test_balanced_by_genre(made: RandomStore) -> None:
     assert (sampler.epoch, sampler.position) == (1, 0)
 
 
-def test_balanced_by_own_labels_and_on_ranks(store: Store) -> None:
+def test_balanced_by_own_labels_and_on_ranks(store: Store, tmp_path: Path) -> None:
     train = WindowDataset(store, fields=PAIR)
     labels = [k % 7 == 0 for k in range(len(train))]
     whole = BalancedSampler(train, by=labels, seed=1).order(2)
@@ -172,6 +173,9 @@ def test_balanced_by_own_labels_and_on_ranks(store: Store) -> None:
         BalancedSampler(train, by=labels[1:])
     with raises_message(UsageError, "gerne"):
         BalancedSampler(train, by="gerne")
+    write_groups(tmp_path / "groups", 60)
+    with raises_message(UsageError, "without a genre", where="clip train0_p0"):
+        BalancedSampler(WindowDataset(tmp_path / "groups", fields=("joints",)), by="genre")
 
 
 def test_buckets_have_similar_lengths(store: Store) -> None:

@@ -58,6 +58,8 @@ def test_without_weights_every_sample_comes_once(stores: dict[str, Store]) -> No
         assert sample["id"] == f"{sample['source']}={one['id']}"
         assert sample["clip"] == one["clip"]
     assert mix[-1]["id"] == samples[-1]["id"]
+    orders = [ids(Mix(parts, weights=(1, 1, 1), seed=seed).samples(range(48), 5)) for seed in (0, 0, 1)]
+    assert orders[0] == orders[1] != orders[2]
     with pytest.raises(IndexError):
         mix[48]
 

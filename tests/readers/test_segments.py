@@ -25,6 +25,7 @@ from dancedata.torch import (
     EpochSampler,
     GroupDataset,
     Segments,
+    Select,
     Text,
     WindowDataset,
 )
@@ -89,6 +90,10 @@ def test_a_window_has_the_segments_that_it_overlaps(store: Store) -> None:
         store.segments(Window("train0_p1", 0, 20), "move")
     with raises_message(UsageError, "descriptions"):
         windows(store, Text("descriptions"))
+    unmarked = WindowDataset(store, fields=("joints",), select=Select(ignore=("moves:left turn",)))
+    assert not any(store.segments(window, "moves") for window in unmarked.windows)
+    assert {(reject.reason, reject.detail) for reject in unmarked.rejects} == {("ignored", "moves: left turn")}
+    assert len(unmarked.windows) + len(unmarked.rejects) == len(windows(store, Segments()))
 
 
 def test_samples_and_batches_keep_lists(store: Store) -> None:

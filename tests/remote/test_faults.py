@@ -16,6 +16,7 @@ import dancedata
 from dancedata.core.errors import StoreError, UsageError
 from dancedata.core.hashing import json_sha256
 from dancedata.files.addresses import local_folder, require_whole
+from dancedata.kernel import DatasetFiles
 from dancedata.remote import fetch
 from dancedata.remote.pull import pull
 from tests.messages import raises_message
@@ -135,6 +136,12 @@ def test_more_bytes_than_the_file_has(server: Server, address: str, published: P
     with pytest.raises(StoreError, match="the server sends more bytes than the file has"):
         pull(address, progress=False)
     assert f"{_shard(published)}.part" not in _leftovers(local_folder(address))
+
+
+def test_a_description_that_is_too_large(server: Server, address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DatasetFiles, "MAX_BYTES", 100)
+    with raises_message(StoreError, "larger", where="dataset.json"):
+        local_folder(address)
 
 
 def test_no_server(tmp_path: Path) -> None:
