@@ -15,9 +15,11 @@ def uniform(seed: int, key: int, epoch: int, places: Sequence[int]) -> npt.NDArr
     """Return the numbers of a stream at `places`, in [0, 1), of 53 bits each."""
     stop = max(places, default=-1) + 1
     if len(places) < 4 or stop > 256 * len(places):  # a few of very many: making numpy's stream takes as long as ten
-        # Each value of numpy's counter gives four numbers.
-        streams = (np.random.Philox(key=_stream_key(seed, key, epoch), counter=place // 4) for place in places)
-        raw = np.array([s.random_raw(4)[k % 4] for s, k in zip(streams, places, strict=True)], dtype=np.uint64)
+        stream, counter = np.random.Philox(key=_stream_key(seed, key, epoch)), 0
+        raw = np.empty(len(places), dtype=np.uint64)
+        for nth, place in enumerate(map(int, places)):
+            stream.advance(place // 4 - counter)  # each value of the counter gives four numbers
+            raw[nth], counter = stream.random_raw(4)[place % 4], place // 4 + 1
     else:
         stream = np.random.Philox(np.random.SeedSequence(seed, spawn_key=(key, epoch)))
         raw = stream.random_raw(stop)[list(places)]
