@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any
@@ -11,8 +11,6 @@ from dancedata.core.columns import Columns
 from dancedata.core.errors import DanceDataError, UsageError
 from dancedata.core.plugins import ContactRule, Representation, SampleField
 from dancedata.core.registry import CONTACTS, REPRESENTATIONS
-from dancedata.core.sample_steps import Step
-from dancedata.store.normalize import Scaler
 from dancedata.store.row_queries import RowQueries
 from dancedata.store.schema import ORIGINAL
 
@@ -68,14 +66,6 @@ def sample_field(store: RowQueries, name: str) -> SampleField:
     if representation.default_contacts is not None and contacts is None:
         return plain
     return replace(plain, representation=representation, contacts=contacts)
-
-
-def covering(store: RowQueries, name: str, scaler: Scaler, steps: Iterable[Step]) -> Scaler:
-    """Return the scaler of a field whose range covers what augmentations make; UsageError for one that cannot."""
-    field, steps = sample_field(store, name), tuple(steps)
-    for step in steps:
-        step.check(field, str(store.path))
-    return scaler.covering(field, steps)
 
 
 def stored_representations(store: RowQueries) -> dict[str, Representation]:

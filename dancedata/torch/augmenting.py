@@ -81,7 +81,7 @@ class Augmenter(SampleChanges):
         about: Float64Array | None = None,
     ) -> npt.NDArray[Any]:
         sample_field = next(candidate for candidate in self.fields if candidate.name == field)
-        if sample_field.kind in ("audio", "scene"):
+        if sample_field.kind == "audio":
             return rows
         for step in self._active_steps(epoch, index):
             read_only = rows.view()

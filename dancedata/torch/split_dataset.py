@@ -243,7 +243,7 @@ class SplitDataset(EpochDataset):
         return save_samples(self.store, folder, ids, samples, field=fitting[0], scaler=scaler, overwrite=overwrite)
 
     def _read_again(self, name: str | SampleId) -> dict[str, Any]:
-        """Read the sample that an id names, with its changes and draw; UsageError if it is none of this dataset."""
+        """Read the sample that an id names, with its changes and draw; UsageError if it is not of this dataset."""
         from dancedata.samples import Samples
 
         of = replace(self._id(name), take=0, source="")
@@ -365,9 +365,9 @@ class SplitDataset(EpochDataset):
     def _covering(self, field: str, scaler: Scaler, steps: Sequence[Step]) -> Scaler:
         if not steps:
             return scaler
-        from dancedata.store.motion_fields import covering
+        from dancedata.store.motion_fields import sample_field
 
-        return covering(self.store, field, scaler, steps)
+        return scaler.covering(sample_field(self.store, field), steps)
 
     @cached_property
     def genre_ids(self) -> Mapping[str, int]:
