@@ -171,7 +171,10 @@ class Store(RowQueries):
         return {name: text for name, text in weights.items() if text}
 
     def quantiles(self, field: str, q: Sequence[float]) -> npt.NDArray[np.float64]:
-        """Return quantiles (len(q), D) of the columns of a field over the rows of train windows, linear ones."""
+        """Return quantiles of the columns of a field over the rows that train windows cover, (len(q), D).
+
+        By linear interpolation. Raises UsageError: for codes; StoreError: without rows of the field in train windows.
+        """
         f = self.field(field)
         self._require_statistics(f, "quantiles")
         from dancedata.store.train_rows import train_quantiles
@@ -204,7 +207,7 @@ class Store(RowQueries):
 
     def __getitem__(self, clip_id: str) -> Clip:
         """Return a clip by id, ``ds["ID"]["edge151"]`` are its rows of a field; UsageError with the closest id."""
-        return self._clips(range(row := self._row(clip_id), row + 1))[0]
+        return self.clips()[self._row(clip_id)]
 
     def __contains__(self, clip_id: object) -> bool:
         """Return whether there is a clip of this id."""
@@ -290,7 +293,7 @@ class Store(RowQueries):
 def reopen(path: str, sha256: str, overlay: SegmentOverlay | None = None, mapped: bool = True) -> Store:
     """Open a dataset again, in another process; StoreError if it was replaced in the meantime."""
     store = open_store(path, mapped=mapped)
-    store.overlay = overlay or store.overlay
+    store.overlay = overlay
     if store._description.self_sha256 != sha256:
         raise rebuilt_error(store.path, "dataset.json has changed")
     return store

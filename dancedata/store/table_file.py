@@ -140,10 +140,7 @@ def read_tables(listed: ListedFile, description: Description) -> Tables:
     n_clips, n_windows = int(shard_begin[-1]), sum(shard.windows for shard in shards)
     with TableFile.opened(listed) as source:
         stored = {*ALWAYS, *source.names("clips")}
-        kinds = {c.name: KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {
-            "split": "text",
-            "file": "text",
-        }
+        kinds = {c.name: KINDS[c.kind] for c in CLIP_COLUMNS if c.name in stored} | {"split": "text", "file": "text"}
         columns = {name: source.column(f"clips/{name}", n_clips, kind) for name, kind in kinds.items()}
         free = {FREE + name: source.column(f"clips/{FREE}{name}", n_clips) for name in source.names(f"clips/{FREE}")}
         spans = {}
