@@ -42,13 +42,13 @@ class SignalId:
 
     path: Path
     file: str  # its state, see `Cache.stat_key`
-    sha256: str  # of a stretched signal, of what makes it
+    sha256: str  # of the signal; of a stretched one, of what makes it
     sample_rate: int
     n_samples: int
     speed: Fraction = Fraction(1)
-    decoded_sha256: str = ""  # that of the file's
+    decoded_sha256: str = ""  # of a stretched signal: that of the file's
     skipped: int = 0  # samples at the beginning, less than a row, that are left out
-    ffmpeg: str = ""  # version of the one that decoded it
+    ffmpeg: str = ""  # version that decoded the file; "" if libsndfile did
     findings: Sequence[tuple[str, float]] = field(default=(), compare=False, repr=False)  # see `AudioSignal`
     levels: Sequence[Level] = field(default=(), compare=False, repr=False)  # see `silence.levels`
 

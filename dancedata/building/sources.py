@@ -70,7 +70,7 @@ class Sources:
     clips: tuple[SourceClip, ...]  # those whose motion file could be hashed, in the order of the scan
     rejects: tuple[Reject, ...]  # also of clips without usable music
     content: Mapping[str, str]  # hashes of files that parameters name, of the dataset
-    plugin_content: Mapping[str, str] = field(default_factory=dict)  # and of others
+    plugin_content: Mapping[str, str] = field(default_factory=dict)  # of other plug-ins
 
     @property
     def named_files(self) -> dict[str, str]:

@@ -15,7 +15,7 @@ _ROUNDS = 4
 
 
 def fitted(positions: Float64Array, skeleton: Skeleton, grid: FrameGrid, unseen: Collection[int] = ()) -> Motion:
-    """Return a motion whose joints are at positions (T, J, 3), metres; `Motion.fit_m` says how far they are apart.
+    """Return a motion whose joints are at positions (T, J, 3), metres; `Motion.fit_m` says how far off they are.
 
     Bones have their mean length over the frames, and turn about themselves as little as possible from their parent. A
     joint with several children (pelvis, chest) takes the rotation that comes closest to all of them.

@@ -44,7 +44,7 @@ class Sides:
     knees: float  # cosine of bending axis and hips' left: 0.71 to 0.99
     chest: float  # cosine of shoulders' left and hips' left: 0.91 to 1
     elbows: float  # forearm to the upper arm's front: 0.41 to 0.88
-    stance: float  # left ankle to the right one's left, in widths of hips
+    stance: float  # the left ankle's place to the left of the right one, in widths of hips
 
     @property
     def legs(self) -> float:
@@ -69,7 +69,7 @@ class Sides:
 
 
 def sides_of(joints: Float64Array, motion: Motion | None = None, *, toes: bool = True) -> Sides:
-    """Measure a body: joints (T, J, 3), SMPL's 22 first, and rotations, for elbows; `toes`: whether known."""
+    """Measure a body by joints (T, J, 3), SMPL's 22 first, elbows by rotations; `toes`: whether they are known."""
     places = sampled(joints)
     left = places[:, 1] - places[:, 2]
     width = lengths(left)

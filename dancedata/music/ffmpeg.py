@@ -29,7 +29,7 @@ _ERROR = re.compile(r"^(?:\[[^]]*\] )*\[(?:error|fatal|panic)\] (.*)$", re.MULTI
 
 
 class NotDecodedError(Exception):
-    """ffmpeg cannot decode the sound, and why; `options` write it as wav, None where it cannot."""
+    """Why ffmpeg does not decode the sound; with `options` it could write it as wav, None where it cannot."""
 
     def __init__(self, problem: str, options: str | None = None) -> None:
         super().__init__(problem)

@@ -26,7 +26,7 @@ class Restriction(NamedTuple):
 
 
 def restrictions(store: Store) -> list[Restriction]:
-    """Return the contents that no licence known to allow it lets pass on; rows of music features count as music."""
+    """Return what no licence is known to let anybody pass on; rows of audio features count as music."""
     return [*_of_dataset(store), *_of_clips(store), *_of_words(store)]
 
 

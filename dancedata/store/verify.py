@@ -51,7 +51,8 @@ def verify_store(path: str | Path) -> list[Problem]:
     Returns
     -------
     list of Problem
-        "error": the dataset is damaged, or a clip is in two splits; "note": what else should be known. None raises.
+        "error": the dataset is damaged, or a clip is in two splits; "note": what else should be known. A damaged
+        dataset never raises an error.
 
     Examples
     --------

@@ -45,7 +45,7 @@ class Trial:
 
 
 def common_clips(systems: Mapping[str, SceneList]) -> dict[str, dict[str, Item]]:
-    """Return the item of each system by what all have, from the same second where there is: an id, a clip, a song."""
+    """Return the item of each system by an id, clip or song that all have, preferably from the same second of it."""
     for name_of in (lambda item: item.id, clip_of, lambda item: item.clip.music):
         named: list[dict[str, list[Item]]] = []
         for scenes in systems.values():
