@@ -140,10 +140,18 @@ class Store(RowQueries):
     def clips(self, split: str | None = None, **where: Any) -> Clips:
         """Return the clips of a split with some values, ``ds.clips("train", genre=("gBR", "gPO"))``; default: all.
 
-        `split`: One of ``ds.splits``; default: all, split by split, in stored order.
-        `**where`: One value or several that a clip may have, by column of ``to_pandas()``; of a column of lists,
-            lists that have one of them. Free columns, ``**{"x/level": 3}``, and `clip`, the id.
-        Raises UsageError: for an unknown split or column, or values of another type.
+        Parameters
+        ----------
+        split
+            One of ``ds.splits``; default: all, split by split, in stored order.
+        **where
+            One value or several that a clip may have, by column of ``to_pandas()``; of a column of lists, lists that
+            have one of them. Free columns, ``**{"x/level": 3}``, and `clip`, the id.
+
+        Raises
+        ------
+        UsageError
+            For an unknown split or column, or values of another type.
         """
         rows = range(self._tables.n_clips)
         chosen = rows if split is None else rows[self._rows_of_split(split).clips]
@@ -216,12 +224,20 @@ class Store(RowQueries):
     def to_pandas(self, table: str = "clips") -> DataFrame:
         """Return a table as a pandas DataFrame, for filters, plots, CSV and parquet (``df.to_parquet``).
 
-        `table`: "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has
-            none; where fields are optional, with the names of those that it does not have as "without". "windows":
-            clip, split, first frame and length. "rejects": what the build left out, and why. "quality": quality
-            flags.
-        Raises UsageError: for another table.
-        Raises MissingPackageError: without pandas.
+        Parameters
+        ----------
+        table
+            "clips": a row a clip, with free columns as "x/NAME", of whole numbers as Int64 where a clip has none;
+            where fields are optional, with the names of those that it does not have as "without".
+            "windows": clip, split, first frame and length.
+            "rejects": what the build left out, and why. "quality": quality flags.
+
+        Raises
+        ------
+        UsageError
+            For another table.
+        MissingPackageError
+            Without pandas.
         """
         from dancedata.store.tables_out import table_of
 
@@ -236,12 +252,21 @@ class Store(RowQueries):
     def scaler(self, field: str, kind: Literal["minmax", "zscore", "zscore_grouped"] = "minmax") -> Scaler:
         """Return a scaler of a field, fitted on train, for readers (``scale=``), decoding and evaluation.
 
-        `field`: Name of the field.
-        `kind`: "minmax": to [-1, 1] by the range, as EDGE. "zscore": by mean and standard deviation;
-            "zscore_grouped": by one deviation for the columns of a group, such as the positions, the mean of theirs,
-            as HumanML3D's ``Std.npy`` (Guo et al. 2022, cal_mean_variance.ipynb).
-        Raises StoreError: if there are no train windows to fit it on.
-        Raises UsageError: for an unknown field or kind, or a field of codes.
+        Parameters
+        ----------
+        field
+            Name of the field.
+        kind
+            "minmax": to [-1, 1] by the range, as EDGE. "zscore": by mean and standard deviation; "zscore_grouped": by
+            one deviation for the columns of a group, such as the positions, the mean of theirs, as HumanML3D's
+            ``Std.npy`` (Guo et al. 2022, cal_mean_variance.ipynb).
+
+        Raises
+        ------
+        StoreError
+            If there are no train windows to fit it on.
+        UsageError
+            For an unknown field or kind, or a field of codes.
         """
         f = self.field(field)
         stored = self._stored_scaler(f)

@@ -203,9 +203,15 @@ class EpochSampler(Sampler[int]):
     def at(self, epoch: int, consumed: int) -> dict[str, Any]:
         """Return the state of a trainer that has consumed this many samples of an epoch; changes nothing.
 
-        `consumed`: This rank's samples since the start of the epoch, 0 to len(self), which is the start of the next
-            epoch.
-        Raises UsageError: for more samples than an epoch has, or negative numbers.
+        Parameters
+        ----------
+        consumed
+            This rank's samples since the start of the epoch, 0 to len(self), which is the start of the next epoch.
+
+        Raises
+        ------
+        UsageError
+            For more samples than an epoch has, or negative numbers.
         """
         epoch, consumed = whole("epoch", epoch), whole("consumed", consumed)
         if consumed > self._length:
@@ -233,8 +239,11 @@ class EpochSampler(Sampler[int]):
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go to a state of `state_dict` or `at`; takes effect at the next ``iter(loader)``.
 
-        Raises UsageError: if the state has other keys, a position beyond an epoch of this sampler, or one within an
-            epoch of another order: of another number of samples or ranks, or another seed.
+        Raises
+        ------
+        UsageError
+            If the state has other keys, a position beyond an epoch of this sampler, or one within an epoch of another
+            order: of another number of samples or ranks, or another seed.
         """
         if not isinstance(state, Mapping) or set(state) - {"order"} != {"epoch", "position"}:
             raise UsageError("this is not the state of an EpochSampler", found=shown(state),

@@ -95,10 +95,17 @@ class SampleLog:
     def update(self, motion: npt.ArrayLike | Tensor, batch: Mapping[str, Any]) -> None:
         """Measure a batch of samples.
 
-        `motion`: (B, L, D) columns, torch or numpy, on any device.
-        `batch`: The batch of a reader that they were generated for: it has the ids, and the lengths where it is
-            padded.
-        Raises UsageError: as `Evaluator.update`; if the batch is not one of a reader.
+        Parameters
+        ----------
+        motion
+            (B, L, D) columns, torch or numpy, on any device.
+        batch
+            The batch of a reader that they were generated for: it has the ids, and the lengths where it is padded.
+
+        Raises
+        ------
+        UsageError
+            As `Evaluator.update`; if the batch is not one of a reader.
         """
         if "id" not in batch:
             raise UsageError("this batch does not come from a reader of the dataset", found="no key 'id'",
