@@ -103,7 +103,7 @@ _DRAWN = {
 
 
 def load_ipython_extension(shell: Any) -> None:
-    """Show datasets, clips, motions and scores on the last line of a cell; import in IPython calls this."""
+    """Show datasets, clips, motions and scores on the last line of a cell; `import dancedata` calls this."""
 
     def draw(value: Any) -> str:
         from dancedata.viewer.notebook import html_of  # when the first is shown

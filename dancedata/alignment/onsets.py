@@ -12,7 +12,7 @@ from dancedata.core.audio_signal import AudioSignal
 
 #: Borders of its bands, Hz: kick and bass, snare and voices, hats and consonants.
 BANDS_HZ = (30.0, 200.0, 2000.0, 10_000.0)
-#: Of the Hann window of a spectrum, and of the step over which its rise is taken, seconds.
+#: Length of the Hann window of a spectrum, and of the step over which its rise is measured, seconds.
 _WINDOW_S, _STEP_S = 0.024, 1 / 60
 #: The logarithm of an onset's power rises before the onset is in the middle of the window: by this much, seconds
 #: (4 to 7 ms for noise that begins suddenly).
@@ -28,7 +28,7 @@ def onset_strength(signal: AudioSignal, rate: int = 240) -> NDArray[np.float64]:
 
     The power of a short spectrum is summed in each band; its logarithm's rise over 1/60 s, centred on the instant of
     the row, is the strength of an onset, and falls count as 0 (log spectral flux; Bello et al. 2005, A tutorial on
-    onset detection in music signals). No product of matrices is used, so that it is the same on every BLAS.
+    onset detection in music signals). No matrix product is used, so the result is the same with every BLAS.
     """
     power = _band_power(signal, rate)
     if not len(power):

@@ -23,7 +23,7 @@ RecipeLike = str | Path | Mapping[str, Any] | Recipe
 
 @dataclass(frozen=True)
 class BuildArguments:
-    """A recipe, the folder it reads and the folder it writes; the publication that the recipe is of, if any."""
+    """A recipe, the folder it reads and the folder it writes; the publication that the recipe comes from, if any."""
 
     recipe: Recipe
     source: Path

@@ -65,7 +65,7 @@ def source_differences(
     differences += _moved(old, new, then, now)
     differences += _spare_files(old, new, then, now)
     content = sorted(key for key in {*old.content, *new.content} if old.content.get(key) != new.content.get(key))
-    return [*differences, *([SourceDifference("other content", tuple(content))] if content else [])]
+    return [*differences, *([SourceDifference("different content", tuple(content))] if content else [])]
 
 
 def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) -> list[SourceDifference]:
@@ -75,7 +75,7 @@ def _changed_files(old: SourceRecord, new: SourceRecord, common: Sequence[str]) 
         clips = [clip for clip in common if _part(old, clip, place) != _part(new, clip, place)]
         files = dict.fromkeys(new.files[clip][place] or clip if clip in new.files else clip for clip in clips)
         if clips:
-            differences.append(SourceDifference(f"other {what} of {counted(len(clips), 'clip')}", tuple(files)))
+            differences.append(SourceDifference(f"different {what} in {counted(len(clips), 'clip')}", tuple(files)))
     return differences
 
 
@@ -92,7 +92,7 @@ def _changed_about(
     differences = []
     for key, clips in by_key.items():
         first = clips[0]
-        values = f", as {old.about[first][key]!r} {then}, {new.about[first][key]!r} {now}" if key in ABOUT else ""
+        values = f", e.g. {old.about[first][key]!r} {then}, {new.about[first][key]!r} {now}" if key in ABOUT else ""
         differences.append(SourceDifference(f"{key} of {counted(len(clips), 'clip')}{values}", tuple(clips)))
     return differences
 

@@ -46,7 +46,7 @@ def _whole(result: Result, origin: Result, members: Mapping[str, Sequence[str]])
     if not lacking or not result.stay:
         return result
     detail = f"group {origin.take.group} is incomplete without {listed(lacking)}"
-    fix = "mend the dancers that were left out, or store the others: --set groups.incomplete=keep"
+    fix = "correct the files of the dancers that were left out, or store the others: --set groups.incomplete=keep"
     dancers = [origin.take.dancers[k] for k in origin.stay if origin is result]
     rejects = [Reject("incomplete_group", d.id, str(d.ref.motion_path), detail=detail, fix=fix) for d in dancers]
     return result.left_out(rejects)

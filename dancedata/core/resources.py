@@ -16,7 +16,7 @@ def resources(kind: str) -> tuple[str, ...]:
 
 
 def resource(kind: str, name: str) -> Path:
-    """Return the path of a file of the package; for an unknown name UsageError with the closest one."""
+    """Return the path of a file of the package; UsageError for an unknown name, with the closest one."""
     path = _folder(kind) / name
     if name not in resources(kind):
         raise UsageError(f"no {name!r} among the {kind}", fix=did_you_mean(name, resources(kind)))

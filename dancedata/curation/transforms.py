@@ -20,7 +20,7 @@ from dancedata.kernel import Scene, Transform
 class Repair(Transform):
     """Repairs spikes, gaps, the floor and jitter, in this order; every frame that is changed has a quality flag.
 
-    Each repair is None, not made; True, with the limit of `curation.repair.LIMITS`; or a limit.
+    Each repair is None (not made), True (with the limit in `curation.repair.LIMITS`) or a limit.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Repair(Transform):
     @property
     def not_for_groups(self) -> str:  # type: ignore[override]
         """Why the floor of groups cannot be repaired."""
-        return "" if self.floor is None else "each dancer would get a floor of his own (floor)"
+        return "" if self.floor is None else "each dancer would get a floor of their own (floor)"
 
     @override
     def scene(self, scene: Scene) -> Scene:

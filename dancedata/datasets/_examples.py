@@ -51,7 +51,7 @@ def write_pickle(path: Path, content: Any) -> None:
 
 
 def write_array(path: Path, array: Any) -> None:
-    """Write an .npy file; of a dict as numpy.save writes it."""
+    """Write an .npy file, also of a dict, as numpy.save does."""
     path.parent.mkdir(parents=True, exist_ok=True)
     cell = np.empty((), object)
     cell[()] = array

@@ -85,7 +85,7 @@ def store_clips(
             groups.setdefault(record.group, []).append((record.role == "leader", record.member, clip))
     if not groups:
         raise UsageError(f"{protocol.name} measures groups, and the dataset has none", where=str(store.path),
-                         fix="take a protocol of single dancers, such as dancedata")  # fmt: skip
+                         fix="choose a protocol for single dancers, such as dancedata")  # fmt: skip
     dancers = {group: sorted(groups[group], key=lambda member: member[:2]) for group in sorted(groups)}
     return tuple(_group(name, [clip for *_, clip in of_group]) for name, of_group in dancers.items()), left_out
 

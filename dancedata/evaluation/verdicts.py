@@ -30,11 +30,11 @@ from dancedata.metrics.intervals import MIN_CLIPS
 
 #: Fewest recordings that a distance or diversity needs: AIST++'s test split, the smallest that tables are made of.
 LEAST_OF_SETS = 20
-#: A score that depends on fewer than 1 / HEAVY of the clips is no mean of all.
+#: A score that depends on fewer than 1 / HEAVY of the clips is not a mean of all.
 HEAVY = 3
 #: An interval whose ends differ by more than this factor says nothing.
 WIDE = 10
-#: Shares of pieces without a value that make a score weak and void.
+#: Shares of pieces without a value that make a score weak, and void.
 SOME, MOST = 0.1, 0.5
 #: Draws of real dances, and fewest recordings of a pool that is divided.
 DRAWS, LEAST_OF_POOL = 20, 4
@@ -130,7 +130,7 @@ def _of_set(score: Score, of: Circumstances) -> list[Why]:
         vectors, width = min(score.n, len(of.pool)), of.pool.shape[1]
         if vectors <= width:
             whose = "vectors" if vectors == score.n else "vectors of the pool"
-            text = f"{vectors} {whose}, {width} dimensions: compare at n = {vectors} alone"
+            text = f"{vectors} {whose}, {width} dimensions: compare only at n = {vectors}"
             why.append(Why("rank", "weak", text, vectors, width + 1))
     return why
 
@@ -148,7 +148,7 @@ def _of_interval(score: Score, of: Circumstances) -> list[Why]:
         return why
     if interval is None:
         most = of.metric.needs_pool and max(score.n, 0 if of.pool is None else len(of.pool)) > MAX_VECTORS
-        text = "no clip changes it, or too few carry it" if not most else f"of more than {MAX_VECTORS:,} vectors"
+        text = "no clip changes it, or too few carry it" if not most else f"more than {MAX_VECTORS:,} vectors"
         return [*why, Why("no_interval", "ok" if most else "weak", f"no interval: {text}")]
     if interval.clips < min(n, of.draws) / HEAVY:
         median = "" if score.median is None else f"; the median is {number_text(score.median)}"
@@ -161,7 +161,7 @@ def _of_interval(score: Score, of: Circumstances) -> list[Why]:
 
 
 def _beside_real(score: Score, of: Circumstances) -> list[Why]:
-    """Return what real dances say of the score of generated ones."""
+    """Return what real dances say about the score of generated ones."""
     value, same, truth, why = score.value, score.same_n, score.truth_interval, []
     if value is None or not of.generated:
         return []

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def _find_songs(job: ExportJob, clips: list[Clip]) -> tuple[dict[str, Clip], list[Missing]]:
-    """Return the clip with each music's longest signal, of which others must be beginnings, and what is missing."""
+    """Return the clip with the longest signal of each song, and what is missing: other signals must begin it."""
     songs: dict[str, Clip] = {}
     missing: list[Missing] = []
     by_music: dict[str, list[Clip]] = {}
@@ -87,13 +87,13 @@ ln -s {out}/data data
 sh srun.sh configs/sep_vqvae.yaml train YOUR_NODE 1  # steps 1 to 4 as in its README
 ```
 
-- `{train}/` and `{test}/`: 24 positions, metres, +Y up, 60 frames per second, with 438 columns of music. In train
-  both end together, in test the music goes on to the end of the song. Test holds the splits test and val, as there.
+- `{train}/` and `{test}/`: 24 positions, metres, +Y up, 60 frames per second, with 438 columns of music. In
+  train both end together, in test the music goes on to the end of the song. Test holds test and val, as in Bailando.
 - `{music}/` and `{music_60}/`: the music of each song at 7.5 and 60 rows per second. The loaders find it by the
   second last part of a sequence's name. At 7.5 the envelope, beats and tempogram are zero in every row, as in the
   published recipe, unless the feature has `onset_fmax: nyquist`.
-- Positions are those of the body that the dataset was built with, the published ones SMPL's male body: limbs differ
-  by up to centimetres.
+- Positions are those of the body that the dataset was built with, the published ones are SMPL's male body's:
+  limbs differ by up to a few centimetres.
 - {ignored}
 - Bailando++ reads `{train}_rotmat/` and `{test}_rotmat/` as well: 219 columns, translation and 24
   matrices.{rotations}

@@ -39,7 +39,7 @@ class HumanML3D(Export):
     Attributes
     ----------
     scaler
-        ``all``: mean and deviation over the clips of all splits, test included, as HumanML3D's. ``train``: of train.
+        ``all``: mean and deviation over all splits, test included, as in HumanML3D. ``train``: over train.
     layer
         Layer of the segments whose texts are the captions of ``texts/``.
     tokens
@@ -112,7 +112,7 @@ class HumanML3D(Export):
             else:
                 silent.append(clip.id)
         if silent and len(silent) < len(job.clips()):
-            folder.note(f"no captions of {counted(len(silent), 'clip')}, which a loader drops: {listed(silent)}")
+            folder.note(f"no captions for {counted(len(silent), 'clip')}, which a loader drops: {listed(silent)}")
 
     def _texts(self, job: ExportJob) -> str:
         if any(self._captions(job, clip) for clip in job.clips()):
@@ -122,7 +122,7 @@ class HumanML3D(Export):
             )
         return (
             "Text-to-motion loaders need `texts/<id>.txt` as well. This dataset has no captions, so there are none. "
-            "Without them such a loader drops every clip. Loaders of motion alone leave them out."
+            "Without them such a loader drops every clip. Loaders of motion alone do not need them."
         )
 
     @override

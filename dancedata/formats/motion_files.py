@@ -1,6 +1,6 @@
 """A motion as the bytes of one file, by the name of the format.
 
-AMASS's and SMPL-X's arrays have +Z up and metres. The pelvis keeps its position, so the translation differs by the
+AMASS's and SMPL-X's arrays are in metres, +Z up. The pelvis keeps its position, so the translation differs by the
 rest positions of the two bodies.
 """
 

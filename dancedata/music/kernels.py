@@ -24,7 +24,7 @@ def compiling() -> Iterator[None]:
 
 
 def _lock_file() -> Path:
-    from dancedata.execution.cache import user_cache  # here, as plug-ins are listed without it
+    from dancedata.execution.cache import user_cache  # here: listing plug-ins does not need it
 
     name = f"kernels-{hashlib.sha256(sys.prefix.encode()).hexdigest()[:16]}.lock"
     temporary = Path(tempfile.gettempdir())

@@ -13,18 +13,18 @@ def group_figures(d: FigureSpec) -> list[Figure]:
     groups = d.numbers.groups
     if not groups.groups:
         return []
-    minutes = f"{60 * groups.dancer_hours:.1f} minutes of dancers in {60 * groups.group_hours:.1f} minutes of groups"
+    minutes = f"{60 * groups.dancer_hours:.1f} dancer minutes in {60 * groups.group_hours:.1f} minutes of groups"
     figures = [bar_figure(d, "groups_by_size", lambda n: n.groups.by_size, "Groups by size", minutes, "dancers")]
     if groups.distance_m.n:
         least = min(row.distance_min_m for row in groups.groups if row.distance_min_m is not None)
         median = number(groups.distance_m.p50)
         note = f"of the roots, over pairs and frames; median {median} m, least {number(least)} m"
         figures.append(
-            histogram_figure(d, "distance_m", lambda n: n.groups.distance_m, "Distance of two dancers", note,
+            histogram_figure(d, "distance_m", lambda n: n.groups.distance_m, "Distance between two dancers", note,
                              "metres", of="pairs and frames")
         )  # fmt: skip
     if groups.facing_deg.n:
-        note = "angle between the direction that the hips face and the other dancer: 0 towards him, 180 away from him"
+        note = "angle between the direction that the hips face and the other dancer: 0 towards that dancer, 180 away"
         figures.append(
             histogram_figure(
                 d, "facing_deg", lambda n: n.groups.facing_deg, "Facing", note, "degrees", of="pairs and frames"

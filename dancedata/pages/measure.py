@@ -38,8 +38,8 @@ class ClipNumbers:
     """Numbers of one clip; None where it has no value."""
 
     seconds: float = 0.0  # length of what was measured
-    # `speed`, `speed_p95`: mean over joints of the speed of a joint, over frames: mean and 95 % quantile; metres per
-    # second
+    # `speed`, `speed_p95`: mean and 95 % quantile, over frames, of the mean speed of the joints;
+    # metres per second
     speed: float | None = None
     speed_p95: float | None = None
     still: float | None = None  # share of frames below STILL_M_S
@@ -83,7 +83,7 @@ class SongOffsets:
     period_s: float = 0.0  # sum of the beat periods of the offsets
 
     def add(self, offsets: Float64Array, piece: Piece) -> None:
-        """Count the key motions of a piece, seconds."""
+        """Count the offsets of a piece's key motions, in seconds."""
         times = piece.beat_times
         if times is None or len(times) < 2 or not len(offsets):
             return
@@ -158,7 +158,7 @@ def measure(store: Store, progress: Progress | None = None) -> Measured:
 
 
 def clip_numbers(piece: Piece) -> ClipNumbers:
-    """Measure a whole clip that is of no dataset."""
+    """Measure a whole clip that belongs to no dataset."""
     part = _Part.of(piece, piece.figure.grid, 0)
     return _numbers(part) if len(part.speed) else ClipNumbers()
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Recipe:
-    """A checked recipe, its plug-ins made."""
+    """A checked recipe and its plug-ins."""
 
     name: str
     description: str
@@ -67,7 +67,7 @@ class Recipe:
 
     @property
     def skeleton(self) -> Skeleton:
-        """The body of the motion field with most joints, that of the dataset."""
+        """The body of the motion field with the most joints, which is the dataset's."""
         return max((motion_field.representation.skeleton for motion_field in self.motion), key=lambda s: s.n_joints)
 
     def notes(self, splits: Collection[str]) -> list[str]:

@@ -14,13 +14,13 @@ from dancedata.kernel import Store
 
 #: Found in files that this module wrote, and only there.
 MARK = "<!-- written by dancedata export --to card; changes are lost when it is written again -->"
-#: Paths of a machine: absolute ones, and those of a home.
+#: Paths of a machine: absolute ones, and those in a home folder.
 _PATH = re.compile(r"(?<![\w:/.~<])(?:~|[A-Za-z]:)?[/\\](?:[^\s/\\:;,'\"()]+[/\\])+[^\s/\\:;,'\"()]*")
 _MARKDOWN = re.compile(r"([\\`*_\[\]<>|#])")
 
 
 def without_paths(text: str) -> str:
-    """Return a text with PATH in the place of the paths of a machine.
+    """Return a text with PATH in place of the paths of a machine.
 
     Examples
     --------
@@ -113,8 +113,8 @@ def _reading(splits: Sequence[str], store: Store, place: HubPlace | None) -> str
             "## How to get the data\n\nThis publication has no motion, music or features. It has the recipe, the "
             "clips with their splits and the hashes of their source files, the scaler, and the hashes of the dataset."
             f"\n\n{_command(place.address)}\n"
-            "With your own copy of the source this builds the dataset, and compares it: the same bytes, or which "
-            "clips differ.\n"
+            "With your own copy of the source this builds the dataset, and reports that its bytes are the same, or "
+            "which clips differ.\n"
         )
     where, field = "FOLDER" if place is None else place.address, next(iter(store.fields))
     return (

@@ -27,7 +27,7 @@ from dancedata.remote.source import Interrupted, OutOfRange, read_within, refuse
 #: Failures in a row, each with fewer than NEW_BYTES, after which a file is given up: a server that sends a byte a
 #: connection would otherwise be asked for years. Seconds to wait after the first failure, doubled each time.
 ATTEMPTS, NEW_BYTES, WAIT_S = 6, 1000, 0.5
-#: Seconds of a wait that is shown.
+#: Waits longer than this are shown, seconds.
 _SHOWN_S = 5.0
 Report = Callable[[int], None]
 T = TypeVar("T")
@@ -39,7 +39,7 @@ def source_of(address: Address) -> Client:
 
 
 def resolved(address: Address) -> Address:
-    """Return the address whose content does not change: of a branch, that of its commit."""
+    """Return the address whose content does not change: for a branch, that of its commit."""
     return _persist(lambda: source_of(address).resolve(), str(address))
 
 
@@ -75,7 +75,7 @@ def read_small(source: Client, name: str, where: str) -> bytes:
 
 
 def fetch_file(source: Client, address: Address, file: FileEntry, folder: Path, report: Report) -> None:
-    """Bring a file into `folder`, unless it is there; a part that is killed is kept as FOLDER.parts/NAME.part."""
+    """Bring a file into `folder`, unless it is there; if killed, it leaves the part FOLDER.parts/NAME.part."""
     target, parts = folder / file.file, folder.with_name(f"{folder.name}.parts")
     with written(target, file.size):
         parts.mkdir(parents=True, exist_ok=True)

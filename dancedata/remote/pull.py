@@ -1,4 +1,4 @@
-"""dancedata pull: the files of a dataset at an address, before they are needed."""
+"""dancedata pull: fetches the files of a dataset at an address before they are needed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -100,7 +100,7 @@ def push(
         If a licence does not allow it and `rights` is None, naming the clause; for an address that is not valid or
         cannot be written, and if something else is there.
     StoreError
-        If the dataset is damaged, or the server fails; nothing half is visible there.
+        If the dataset is damaged, or the server fails; no part of the upload is visible there.
 
     Examples
     --------

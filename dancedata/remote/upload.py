@@ -199,7 +199,7 @@ class HubUpload:
             utils.disable_progress_bars()
         try:
             with warnings.catch_warnings():
-                # Of the client's own calls of its HTTP library.
+                # Warnings about the client's own calls to its HTTP library.
                 warnings.simplefilter("ignore", DeprecationWarning)
                 yield
         except DanceDataError:
@@ -225,11 +225,11 @@ class HubUpload:
             return refused("the token may not do this in the repository", str(self.address), found, _LOGIN)
         if status in (409, 412):
             return refused("the repository was changed during the upload", str(self.address), found, _AGAIN)
-        return refused("the hub failed; nothing half is visible there", str(self.address), found, _AGAIN)
+        return refused("the hub failed; no part of the upload is visible there", str(self.address), found, _AGAIN)
 
 
 def without_secrets(text: str) -> str:
-    """Return a text of a server without the token and without signatures of addresses."""
+    """Return a server's text without the token and without signatures in addresses."""
     from huggingface_hub import get_token
 
     token = get_token()

@@ -47,7 +47,7 @@ class MusicFiles:
         named = named_clips(clips, sources, like).clips
         music = {clip.id: sources.files[clip.music] for clip in named if clip.music in sources.files}
         if not music:
-            raise UsageError("no file of this music is named as a clip", where=path,
+            raise UsageError("no file of this music is named after a clip", where=path,
                              found=listed(sorted(sources.files), 5),
                              allowed=listed([clip.id for clip in clips], 5),
                              fix="name one file, or a CSV file with the columns sample,song")  # fmt: skip

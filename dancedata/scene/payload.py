@@ -1,7 +1,7 @@
 """Scenes as JSON data for the page that plays them.
 
 Joints are whole millimetres from an origin, as differences in time, joint by joint; the low bytes of all numbers come
-before the high ones, so that gzip finds them alike: about 70 kB for 30 s of 24 joints. The page undoes it.
+before the high ones, so that gzip finds repetitions: about 70 kB for 30 s of 24 joints. The page undoes this.
 """
 
 import base64
@@ -62,7 +62,7 @@ def scene_payload(scene: Scene, *, turns: bool = False) -> Json:
 
 
 def _group_payload(scene: Scene, turns: bool) -> Json:
-    """Return the scene of a group: that of a clip, with what dancers share, and one entry for each of them."""
+    """Return the scene of a group: as for a clip, with what the dancers share, and one entry for each dancer."""
     dancers, together = [], scene.together
     for member in scene.members:
         payload = scene_payload(member, turns=turns)
@@ -154,7 +154,7 @@ def _in_time(steps: npt.NDArray[np.int16]) -> str:
 
 
 def curve(values: Float64Array, rate: float, delay: float = 0.0) -> Json:
-    """Return a curve of at least 0: 16 bits a value, and the largest value. NaN is 0."""
+    """Return a non-negative curve: 16 bits per value, and the largest value. NaN becomes 0."""
     finite = np.nan_to_num(np.maximum(values, 0.0), nan=0.0, posinf=0.0)
     # Rounded, as the last bit of a sum depends on where numpy's memory begins: equal clips have equal pages.
     top = float(f"{finite.max(initial=0.0):.9g}")
@@ -199,7 +199,7 @@ def link(
     item: Item, *, at: float = 0.0, loop: tuple[int, int] | None = None, field: str = "", compared: str = "",
     mirrored: bool = False, overlay: bool = False,
 ) -> str:  # fmt: skip
-    """Return the fragment of the page's address that shows an item at a time; of a dancer, him alone in his group."""
+    """Return the fragment of the page's address that shows an item at a time; a dancer is shown without the group."""
     parts = [f"{'group' if item.members else 'clip'}={quote(item.name, safe='')}"]
     parts += [f"window={item.start}"] if item.window is not None else []
     parts += [f"t={at:.3f}"] if at else []

@@ -11,12 +11,12 @@ from dancedata.scene.figure import Figure
 from dancedata.scene.limbs import Limbs, chest_looks
 from dancedata.scene.pose_space import frontal
 
-#: Shape of a still, and its margin, units of the drawing.
+#: Size of a still, and its margin, in units of the drawing.
 _WIDTH, _HEIGHT, _MARGIN = 90.0, 120.0, 4.0
 #: Colours of the trunk, left and right limbs and the face, at the edge and lit; readable on light and dark pages.
 _TONES = (("#596169", "#8b959f"), ("#176ca5", "#2f9ce8"), ("#944f00", "#d07a12"), ("#30363c", "#454d55"))
 _FACE = 3
-#: By edge and lit part: share of the width, and shift towards the light, up and to the right, in radii.
+#: For the edge and the lit part: share of the width, and shift towards the light, up and to the right, in radii.
 _PARTS = ((1.0, 0.0), (0.7, 0.16))
 
 
@@ -28,7 +28,7 @@ def middle_still(figure: Figure, label: str, height: float = _HEIGHT) -> str:
 
 
 def still(pose: Float64Array, skeleton: Skeleton, label: str, height: float = _HEIGHT) -> str:
-    """Return a pose (J, 3) that faces the front as an SVG image of `height`; the left side is on the right of it."""
+    """Return a pose (J, 3) that faces the front as an SVG image of `height`; the body's left is on its right."""
     look = chest_looks(pose[None], skeleton)
     cones = Limbs.of(pose, skeleton).cones(pose, None if look is None else look[0])
     ends = np.stack([cones.begin, cones.end], axis=1)
@@ -53,7 +53,7 @@ def still(pose: Float64Array, skeleton: Skeleton, label: str, height: float = _H
 
 
 def _hull(places: Float64Array, radii: Float64Array) -> str:
-    """Return the way around two circles, (2, 2) and (2,), and the tangents between them."""
+    """Return the SVG path around two circles, (2, 2) and (2,), and the tangents between them."""
     across, down = places[1] - places[0]
     distance = float(np.hypot(across, down))
     turn = np.arctan2(down, across)

@@ -1,6 +1,6 @@
 """CLIP_COLUMNS: the columns of the table /clips, which writer, reader, check, diff and reports loop over.
 
-Another attribute takes a field of `ClipRecord` and a row of `CLIP_COLUMNS`. Older readers show and ignore it.
+A new attribute needs a field of `ClipRecord` and a row of `CLIP_COLUMNS`. Older readers show and ignore it.
 """
 
 import math
@@ -17,7 +17,7 @@ from dancedata.store.columns import problem as problem_of
 from dancedata.store.columns import text_problem, whole_problem
 
 _FRACTION = re.compile(r"-?[0-9]{1,40}(/[1-9][0-9]{0,39})?")
-#: Largest tempo and height: values in wrong units of a source are stored, damaged numbers are not.
+#: Largest tempo and height: a source's values in wrong units are stored, damaged numbers are not.
 _MOST = 1_000_000
 
 
@@ -47,7 +47,7 @@ class ClipRecord:
     song
         Id of the decoded signal in the table of songs; "" if none is recorded.
     slice_of, slice_start
-        Of a slice, whose rows were computed from it alone: name of its clip, and the slice's first frame in it.
+        For a slice, whose rows were computed from it alone: name of its clip, and the slice's first frame in it.
     licence
         Number of its terms in `Store.licences`; -1 for those of the dataset.
     made_of
@@ -85,12 +85,12 @@ class ClipRecord:
 
     @property
     def original(self) -> str:
-        """Id of the clip of the source: of the one that this one is a copy or a slice of."""
+        """Id of the source's clip: the one that this is a copy or a slice of, or this one."""
         return self.slice_of or self.source or self.id
 
     @property
     def recording(self) -> str:
-        """What counts once in intervals: the clip, which is no copy, or what slices or parts of a file share."""
+        """What counts once in intervals: this clip (not a copy), or what slices or parts of a file share."""
         if self.slice_of:
             return self.slice_of
         is_part = self.source_start is not None or self.source_end is not None
@@ -206,5 +206,5 @@ CLIP_COLUMNS = (
 )
 #: Columns that every dataset has.
 ALWAYS = ("id", "n_frames")
-#: Before the name of a free column.
+#: Prefix of the name of a free column.
 FREE = "x/"

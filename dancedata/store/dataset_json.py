@@ -29,10 +29,10 @@ REBUILD = "build the dataset again"
 MAX_BYTES = 1 << 26
 #: Largest recipe with all its defaults, characters.
 MAX_RECIPE = 1 << 17
-#: Larger whole numbers, and larger others, are refused.
+#: Largest whole number, and largest number of any kind, that are accepted.
 _LARGEST = 1 << 53
 _LARGE = 1e300
-#: Frames after which frames and rows coincide, at most: this multiple of a frame number fits into 64 bits.
+#: Most frames after which frames and rows may coincide: this multiple of a frame number fits into 64 bits.
 _MAX_PERIOD = 1 << 31
 #: Largest rejects.jsonl, bytes.
 MAX_LINES_BYTES = 1 << 28

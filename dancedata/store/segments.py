@@ -82,13 +82,13 @@ def _stored_s(seconds: Fraction) -> float:
 def quality_segments(
     flags: Sequence[Mapping[str, Any]], clips: Mapping[str, int], grid: FrameGrid
 ) -> dict[str, list[Segment]]:
-    """Return quality flags as segments, by clip; `clips` are the numbers of frames."""
+    """Return quality flags as segments, by clip; `clips` has the number of frames of each."""
     segments: dict[str, list[Segment]] = {}
     for flag in flags:
         clip = flag["clip"]
         if clip not in clips:
             raise StoreError(
-                "a quality flag of a clip that is not stored", where=f"clip {clip}", found=flag.get("kind")
+                "a quality flag names a clip that is not stored", where=f"clip {clip}", found=flag.get("kind")
             )
         data = {key: value for key, value in flag.items() if key not in ("clip", "kind", "value")}
         if "frame" in flag:

@@ -1,4 +1,4 @@
-"""Windows of another length and stride than the stored ones, and of whole clips."""
+"""Windows with a length and stride other than the stored ones, and windows of whole clips."""
 
 import math
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ def window_starts(
 def whole_clips(
     tables: Tables, split: str, description: Description, fields: Sequence[Field], trim: bool = False
 ) -> WindowList:
-    """Return one window per clip: all its frames that are whole rows of every one of `fields`; none without such."""
+    """Return one window per clip: all its frames that fill whole rows of every field; clips without any have none."""
     period, rows = whole_period(description, fields), tables.splits[split].clips
     begin, end = _spans(tables, description, fields, trim, rows)
     length = (end - begin) // period * period

@@ -12,7 +12,7 @@ from dancedata.testing.stores import random_fields, write_random_store
 
 
 def check_export(cls: type[Export], folder: Path) -> None:
-    """Check an export in an empty folder: its recipe suffices, equal bytes, no other files in listed folders."""
+    """Check an export in an empty folder: its recipe suffices, bytes repeat, listed folders have no other files."""
     check_plugin(cls)
     plugin, folder = cls(), folder.absolute()
     source, store = _build_for_export(plugin, folder)

@@ -12,7 +12,7 @@ from dancedata.store.schema import Field
 
 #: Beats at which a window or crop may begin.
 StartAt = Literal["beat", "downbeat"]
-#: Labels of samples, and the column groups that they are from.
+#: Labels of samples, and of the column groups that they come from.
 LABELS: tuple[str, ...] = get_args(StartAt)
 
 
@@ -39,6 +39,6 @@ def beat_labels(store: Store, fields: Sequence[str]) -> BeatLabels | None:
 
 
 def preferred(candidates: Sequence[Field], fields: Sequence[str]) -> list[Field]:
-    """Return fields, those that are read first and in that order."""
+    """Return the candidates, sorted: those of `fields` come first, in that order."""
     order = {name: place for place, name in enumerate(fields)}
     return sorted(candidates, key=lambda field: order.get(field.name, len(order)))

@@ -183,7 +183,7 @@ def test_a_build_notices_that_a_file_of_a_transform_has_changed(tmp_path: Path) 
     (name,) = built.info["source"]["content"]
     dancedata.build(recipe, progress=False, **places)  # nothing to do
     (tmp_path / "number.txt").write_text("2")
-    with raises_message(StoreError, f"other content: {name}", where=str(tmp_path / "out")):
+    with raises_message(StoreError, f"different content: {name}", where=str(tmp_path / "out")):
         dancedata.build(recipe, progress=False, **places)
 
 

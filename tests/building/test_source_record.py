@@ -60,13 +60,13 @@ def spare(source: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "lines"),
     [
-        (motion, [f"other motion of 1 clip: motions/{TRAIN}.pkl"]),
-        (song, ["other music of 2 clips: wavs/mHO3.wav"]),
+        (motion, [f"different motion in 1 clip: motions/{TRAIN}.pkl"]),
+        (song, ["different music in 2 clips: wavs/mHO3.wav"]),
         (
             split,
             [
-                f"split of 1 clip, as 'val' there, 'train' now: {VAL}",
-                f"lists of 1 clip, as ('crossmodal_val',) there, ('crossmodal_train',) now: {VAL}",
+                f"split of 1 clip, e.g. 'val' there, 'train' now: {VAL}",
+                f"lists of 1 clip, e.g. ('crossmodal_val',) there, ('crossmodal_train',) now: {VAL}",
             ],
         ),
         (no_song, [f"2 clips used there, left out (missing_music) now: {TRAIN}, {OTHER}"]),
@@ -88,7 +88,7 @@ def test_another_source_is_shown(run_build, source, built_copy, hashes, change, 
 def test_diff_shows_it_too(run_build: Any, source: Path, built: Path, out: Path):
     song(source)
     run_build(source, out)
-    (found,) = [d for d in diff(built, out) if d.message == "other music of 2 clips"]
+    (found,) = [d for d in diff(built, out) if d.message == "different music in 2 clips"]
     assert (found.kind, found.names) == ("source", (TRAIN, OTHER))
 
 

@@ -373,7 +373,7 @@ def test_a_split_by_music_keeps_equal_samples_together(source: Path) -> None:
     assert clips["c0"].split == clips["c1"].split == rule.split(first)
     assert clips["c2"].split == rule.split(third)
     assert [clips[name].music for name in ("c0", "c1", "c2")] == [first, other, third]
-    assert f"One song by its samples, grouped as {first}: {other}." in scan.notes
+    assert f"The same song by its samples, grouped as {first}: {other}." in scan.notes
 
 
 @pytest.mark.parametrize("name", ["manifest.csv", "manifest.jsonl"])

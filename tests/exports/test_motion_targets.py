@@ -248,7 +248,7 @@ def test_captions_as_humanml3ds_loader_reads_them(worded: Path, tmp_path: Path) 
     with raises_message(StoreError, "amass_poses__mirror", where="out"):
         dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False)
     result = dancedata.export(worded, "humanml3d", tmp_path / "out", progress=False, tokens="plain")
-    assert "no captions of" in result.summary
+    assert "no captions for" in result.summary
     texts = {path.stem: path.read_text().splitlines() for path in (tmp_path / "out" / "texts").iterdir()}
     assert texts == {
         "own": [

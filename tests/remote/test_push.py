@@ -300,7 +300,7 @@ def test_a_hub_that_says_it_has_files_that_it_does_not_have(uploads: UploadHub, 
         return true
 
     uploads.lies = lie
-    with pytest.raises(StoreError, match="the hub failed; nothing half is visible there"):
+    with pytest.raises(StoreError, match="the hub failed; no part of the upload is visible there"):
         push(published)
     assert "dataset.json" not in uploads.files()
 

@@ -106,7 +106,7 @@ def test_which_clip_differs(published_fine, fine_source, tmp_path, cache, capsys
     result = run(
         "build", WHERE, source, "--out", tmp_path / "again", "--jobs", 1, "--cache", cache, code=1
     )  # fmt: skip
-    assert "another source than that of the publication: other motion of 1 clip: motion/001.npy" in result.output
+    assert "another source than that of the publication: different motion in 1 clip: motion/001.npy" in result.output
     assert f"other bytes than {WHERE}@" in result.output
     again = json.loads(
         run("build", WHERE, source, "--out", tmp_path / "again", "--json", "--cache", cache, code=1).stdout

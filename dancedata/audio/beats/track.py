@@ -56,7 +56,7 @@ def _intervals(seconds: Floats, instants: Floats) -> npt.NDArray[np.int64]:
 def _tempos(seconds: Floats) -> Floats:
     """Return the tempo (B - 1,) at each interval between beats, in beats per minute.
 
-    It is the mean over up to seven intervals, as one of them is known to a frame only. An interval of about k times
+    It is the mean over up to seven intervals, as one alone is known only to a frame. An interval of about k times
     the median counts as k beats, so that a beat that was missed does not change it.
     """
     lengths = np.diff(seconds)
@@ -68,7 +68,7 @@ def _tempos(seconds: Floats) -> Floats:
 
 
 def _phases(seconds: Floats, downbeats: npt.NDArray[np.bool_], instants: Floats) -> npt.NDArray[np.float32]:
-    """Return the part of its bar, [0, 1), that has passed at each instant: linear from beat to beat and beyond."""
+    """Return the share of the bar, [0, 1), that has passed at each instant: linear from beat to beat and beyond."""
     positions = bar_positions(downbeats)
     interval = _intervals(seconds, instants)
     begin, end = seconds[interval], seconds[interval + 1]

@@ -237,7 +237,7 @@ def contexts_of(
     """Cut a song's codes into contexts that overlap by at least `overlap_s`.
 
     Each begins at an instant of both a code and a row. Except in the song's first context, the first rows are warm-up
-    and dropped; except in its last one, so is a short tail. The rows that are kept join without a gap.
+    and dropped; except in its last one, a short tail is dropped too. The rows that are kept join without a gap.
 
     Raises UsageError: if a context is too short for the overlap, or for one unit of codes and rows.
     """

@@ -141,9 +141,9 @@ def window_tempos(envelopes: Floats, rate: int, start_bpm: float) -> NDArray[np.
     """Return the most likely tempo around `start_bpm` of each envelope (W, T), in beats per minute.
 
     The autocorrelation of eight seconds around every frame, scaled to 1 at lag 0, is averaged over frames and
-    weighted by the distance of its tempo from the expected one. The transform back to lags is linear, so only the
-    mean of power spectra is transformed back. In float32, and in double precision again where the two best tempos are
-    closer than the rounding.
+    weighted by how far each lag's tempo is from the expected one. The transform back to lags is linear, so only the
+    mean of power spectra is transformed back. This is done in float32, and again in double precision
+    where the two best tempos are closer than the rounding error.
     """
     tempos, log_prior = _tempos_and_prior(rate, start_bpm)
     single = _mean_autocorrelations(envelopes, len(tempos), np.dtype(np.float32))
@@ -168,7 +168,7 @@ def _tempos_and_prior(rate: int, start_bpm: float) -> tuple[NDArray[np.float64],
 
 
 def _score(autocorrelation: NDArray[np.float64], log_prior: NDArray[np.float64]) -> NDArray[np.float64]:
-    # Envelopes are not negative, so below zero is rounding.
+    # Envelopes are not negative, so a value below zero is a rounding error.
     score: NDArray[np.float64] = np.log1p(1e6 * np.maximum(autocorrelation, 0.0)) + log_prior
     return score
 

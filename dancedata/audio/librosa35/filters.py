@@ -27,9 +27,9 @@ from dancedata.audio.librosa35.tuning import BINS_PER_OCTAVE, N_TUNINGS, tuning_
 
 N_OCTAVES = 7
 _C1_HZ = 440.0 * 2.0 ** ((24 - 69) / 12)
-# librosa drops the weakest spectral values of a filter, which add up to this part of the sum.
+# librosa drops the weakest spectral values of a filter, which add up to this fraction of the sum.
 _DROPPED = 0.01
-# A Hann window extends a filter beyond its frequency by half of this part of the bandwidth (librosa).
+# A Hann window extends a filter beyond its frequency by half its bandwidth times this factor (librosa).
 _HANN_BANDWIDTH = 1.50018310546875
 
 
@@ -49,7 +49,7 @@ class FilterBank:
 def has_one_bank(rate: int) -> bool:
     """Return whether librosa's seven banks are the same at this sample rate, for every tuning.
 
-    They are from 8,300 to about 32,000 Hz: above, librosa lowers the rate first. If the length of a filter were a
+    They agree from 8,300 to about 32,000 Hz: above, librosa lowers the rate first. If the length of a filter were a
     whole number to the last digit, rounding might differ between octaves.
     """
     for tuning in range(N_TUNINGS):

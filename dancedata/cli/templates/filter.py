@@ -28,7 +28,7 @@ class TemplateName(WindowFilter):
         Motion or key motion field that is inspected.
     """
 
-    version: ClassVar[int] = 1  # raise it whenever other windows are kept, and build with --overwrite
+    version: ClassVar[int] = 1  # raise it whenever different windows are kept, and build with --overwrite
 
     limit: float = 100.0
     field: str = "edge151"

@@ -24,7 +24,7 @@ class TemplateName(WindowRule):
         Label of the segments; "" for all.
     """
 
-    version: ClassVar[int] = 1  # raise it whenever other windows are kept
+    version: ClassVar[int] = 1  # raise it whenever different windows are kept
 
     layer: str = "unsure"
     label: str = ""

@@ -1,4 +1,4 @@
-"""The person of a file that is read, and the frames of the video in which it was not seen."""
+"""The person of a file that is read, and the frames of the video in which the person was not seen."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -83,7 +83,7 @@ def _missing(path: Path, person: str | None, found: str) -> DataError:
 
 @dataclass(frozen=True)
 class Seen:
-    """Frames of the video in which a person is seen: the first, one after the last, and how many between are not."""
+    """Frames of the video in which a person is seen: the first, one after the last, and the number missing."""
 
     first: int
     stop: int
@@ -96,7 +96,7 @@ class Seen:
 
 
 def seen_in(arrays: ArrayFile) -> tuple[Seen, NDArray[np.int64]] | None:
-    """Return when the person is seen, and the numbers of its frames; None without. DataError: ``missing_frames``."""
+    """Return when the person is seen, and in which frames; None if not stated. DataError: ``missing_frames``."""
     frames = arrays.frames if isinstance(arrays, PersonArrays) else None
     if frames is None or not len(frames):
         return None

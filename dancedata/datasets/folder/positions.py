@@ -1,9 +1,9 @@
 """Joint positions (T, J, 3) on SMPL's 24 joints: rotations are fitted, twists of bones are unknown.
 
-Which joint is which follows from names: the file's own (an array ``joint_names``, or ``joints``), those of the recipe
-(``joints``), or by their number SMPL's order, where bones have a body's proportions. Names of BVH's producers are
-known. What a set of joints lacks is put where it usually is: the pelvis between the hips, the neck between the
-shoulders, the spine and the collars along straight lines. Toes and hands that it lacks do not turn.
+Which joint is which follows from names: the file's own (an array ``joint_names``, or ``joints``) or the recipe's
+(``joints``). Without names, 22 or 24 joints are in SMPL's order if bones have a body's proportions. Names of BVH's
+producers are known. What a set of joints lacks is put where it usually is: the pelvis between the hips, the neck
+between the shoulders, the spine and the collars along straight lines. Toes and hands that it lacks do not turn.
 """
 
 import hashlib
@@ -58,7 +58,7 @@ JOINT_SETS: Mapping[str, tuple[str, ...]] = {
 }
 _COUNTS = {22: "smpl22", 24: "smpl"}
 _LIKE_SPINE = ("spine", "chest", "thorax", "torso", "abdomen", "upperback", "lowerback")
-#: A bone of the limbs, or the trunk, is longer than this part of the body.
+#: A bone of the limbs, or the trunk, is longer than this fraction of the body's height.
 _LEAST_BONE = 0.01
 _FRAMES = 300
 #: Range of the height of HumanML3D's pelvis above its floor in the median of a clip; normalised columns are near 0.
@@ -115,7 +115,7 @@ def _has_proportions(arrays: ArrayFile, name: str, joints: Sequence[str]) -> boo
 
 
 def map_names(path: Path, names: Sequence[str], joint_map: Mapping[str, str] | str | None) -> dict[int, int]:
-    """Return index in SMPL24 -> index of a joint, by names of SMPL, of producers, `joint_map`; DataError."""
+    """Return index in SMPL24 -> index in `names`, by SMPL's or a producer's names and `joint_map`; DataError."""
     chosen, declared = (joint_map, {}) if isinstance(joint_map, str) else ("", dict(joint_map or {}))
     declared = {joint: name for joint, name in declared.items() if not name or name in names}
     of = {SMPL24.index(joint): names.index(name) for joint, name in declared.items() if name}
@@ -168,7 +168,7 @@ def _body_positions(points: Floats, names: Sequence[str], of: Mapping[int, int])
 
 
 def _fill_spine(points: Floats, names: Sequence[str], at: Floats, known: set[int]) -> None:
-    """Put the spine's joints: those that a producer has between pelvis and neck, else on straight lines."""
+    """Place the spine's joints: at those of `names` between pelvis and neck, else on straight lines."""
     chain = [0, 3, 6, 9, 12]
     if not known & {3, 6, 9}:
         between = [k for k, name in enumerate(names) if plain(name).startswith(_LIKE_SPINE)]

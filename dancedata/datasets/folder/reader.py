@@ -70,12 +70,12 @@ class Folder(Dataset):
         "wham", "phalp", "gvhmr", "mdm", "motionx", "humanml3d", "positions".
     joint_map
         SMPL joint -> name in the BVH files, for unknown names; "" excludes a joint. Or the name of a producer, such
-        as "mixamo", whose names all BVH files have. Without it the producer of each file is found by its names.
+        as "mixamo", whose names all BVH files use. Without it the producer of each file is found by its names.
     body_model
         SMPL-X, SMPL-H or SMPL model (.npz, .pkl), or a folder of them, for the bones of arrays. Betas and gender are
         those in the file. Without it bones are those of the mean body.
     gender
-        "neutral", "male" or "female", for a body model, of files without a gender.
+        "neutral", "male" or "female": gender of the body model for files that state none.
     split
         Split of clips without one in the manifest: a name, or a rule such as
         ``{val: 0.1, test: 0.1, by: music, seed: 0}`` that keeps clips of the same music (dancer, genre) together, see
@@ -93,13 +93,13 @@ class Folder(Dataset):
         "split" makes a clip of each person in files that are divided by people, ``NAME-personID``; "one" reads
         files of one person, and sets others aside.
     language
-        BCP 47 tag of the words in ``texts/`` and in ``segments.csv`` where a row has none, such as "en": mirrored
-        words are made of it.
+        BCP 47 tag of the words in ``texts/`` and in ``segments.csv`` where a row has none, such as "en", whose
+        rules mirror them.
     music
         "required" leaves out clips without music; "optional" keeps them, for recipes without audio features. With
         audio features it is an error if there are such clips.
     music_dir
-        Folder of the music, where it is not in the source: files by the same names, which come before the source's.
+        Folder of the music, where it is not in the source: files with the same names, which take precedence.
     """
 
     fps: float | str | None = None
@@ -143,7 +143,7 @@ class Folder(Dataset):
         _check_keys(self.keys)
         if isinstance(self.joints, str) and self.joints not in JOINT_SETS:
             raise UsageError(
-                f"folder: joints is no set of joints: {self.joints!r}",
+                f"folder: joints is not a known set of joints: {self.joints!r}",
                 allowed=f"{did_you_mean(self.joints, tuple(JOINT_SETS))}; or a list of names",
             )
         if isinstance(self.joint_map, str) and self.joint_map not in producers():
@@ -168,7 +168,7 @@ class Folder(Dataset):
     def scan(self, source: Path) -> Scan:
         """List the clips; reads the headers of motion files for the notes (pickles completely: they have no header).
 
-        Clips are by id. Rejects, each by name: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
+        Clips are sorted by id. Reasons of rejects: ``missing_motion``, ``missing_music``, ``ambiguous_name``,
         ``unused_music``, ``unused_segments``, ``bad_segment``, ``extra_file``. Notes describe what was matched,
         declared, read and assumed.
 
@@ -319,7 +319,7 @@ class Folder(Dataset):
             rule = SplitRule.of(self.split)
             songs = same_songs(clips) if rule.by == "music" else {}
             assigned, notes = rule.apply([replace(clip, music=songs.get(clip.music, clip.music)) for clip in clips])
-            notes += [f"One song by its samples, grouped as {first}: {name}." for name, first in songs.items()]
+            notes += [f"The same song by its samples, grouped as {first}: {name}." for name, first in songs.items()]
             return [replace(clip, split=chosen.split) for clip, chosen in zip(clips, assigned, strict=True)], notes
         return clips, [_split_note(clips, self.split, stated)]
 
@@ -358,7 +358,7 @@ def _file_notes(
         counts.update(notes)
         for note in notes:
             first.setdefault(note, clip.motion_path.name)
-        # Such bones had no direction before.
+        # Earlier revisions gave such bones no direction.
         revision = int(any(note.startswith(NO_LENGTH) for note in notes))
         described.append(replace(clip, notes=notes, body=body, revision=revision))
     kinds = counts.most_common()

@@ -275,7 +275,7 @@ def _no_group(path: Path, found: str) -> DataError:
     return DataError(
         "the file is not of a group", reason="bad_shape", where=str(path), found=found,
         allowed="positions (P, T, J, 3), columns (P, T, D), or transl (P, T, 3), global_orient and body_pose",
-        fix="save all dancers of a group in one file, or take a protocol of single dancers",
+        fix="save all dancers of a group in one file, or choose a protocol for single dancers",
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What motion is named as: samples of a dataset, or dances to a song; with its music, from the right second on."""
+"""What the names of motion refer to, a dataset's samples or songs; with its music, from the right second on."""
 
 import glob
 from collections.abc import Mapping, Sequence
@@ -23,20 +23,20 @@ class Named:
     """Clips with the names, tempos and seconds of their music."""
 
     clips: tuple[ClipInput, ...]
-    samples: Mapping[str, Sample] = field(default_factory=dict)  # what they are of a dataset, by their ids
-    # `by_song`, `unknown`: ids of clips whose song alone is known, and of those that nothing is known of
+    samples: Mapping[str, Sample] = field(default_factory=dict)  # those that are samples of a dataset, by id
+    # `by_song`, `unknown`: ids of clips of which only the song is known, and of those about which nothing is known
     by_song: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
 
     def found(self, name: str, like: Store) -> str:
-        """Return what was found of a folder or file, in words: the first line of every command."""
+        """Return what was found in a folder or file, in words: the first line of every command."""
         n, clips = len(self.clips), {of.clip.id for of in self.samples.values()}
         splits = listed(sorted({of.clip.split for of in self.samples.values()}))
         windows = sum(of.id.start is not None for of in self.samples.values())
         what = counted(len(clips), "clip")
         what = f"{counted(len(self.samples), 'window')} of {what}" if windows else what
         sources = sorted({of.id.source for of in self.samples.values()})
-        mixed = f", of its sources {listed(sources)} alike" if len(sources) > 1 else ""
+        mixed = f", from its sources {listed(sources)} together" if len(sources) > 1 else ""
         parts = [f"{what} of {like.path.name} ({splits}){mixed}"] if self.samples else []
         at_begin = not any(clip.audio_start for clip in self.clips if clip.id in self.by_song)
         second = "its second 0" if at_begin else "the second that the list of songs names"
@@ -50,7 +50,7 @@ class Named:
             return None
         example = like.clips()[0].id
         return DataError(
-            f"none of {counted(len(self.clips), 'file')} is named as a clip, window or song of {like.path.name}",
+            f"none of {counted(len(self.clips), 'file')} is named after a clip, window or song of {like.path.name}",
             reason="nothing_matched", where=where, found=listed(self.unknown),
             allowed=f"CLIP or CLIP@START+LENGTH, such as {example} and {SampleId(example, 0, 150)}",
             fix="write samples with save_samples; or name their songs in a list, music=FILE.csv; or choose metrics "
@@ -60,13 +60,13 @@ class Named:
 
 
 def named_clips(clips: Sequence[ClipInput], sources: MusicSources, like: Store | None) -> Named:
-    """Find out of what clips of a dataset, and to which music, motion is: every command does it by this function.
+    """Find out which clips of a dataset motion belongs to, and which music: every command uses this function.
 
-    The sample is what the entry ``id`` of a file, or else its name, is of `like`: with its music, from the right
-    second on. The song is from the sources, the clip itself, the sample, or the name, which then is that of a song
-    or has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
+    The entry ``id`` of a file, or else its name, names the sample of `like`: with its music, from the right second
+    on. The song is from the sources, the clip itself, the sample, or the name, which then is that of a song or
+    has AIST++'s form; such a clip begins with the song. The tempo is that of this song.
 
-    Raises DataError: "two_ids" and "two_samples" for names that contradict; "no_clip", "outside" for windows that
+    Raises DataError: "two_ids" and "two_samples" for names that conflict; "no_clip", "outside" for windows that
         the dataset does not have.
     Raises UsageError: for a window whose song is named without the second, or that dances to another one.
     """
@@ -107,13 +107,13 @@ def named_clips(clips: Sequence[ClipInput], sources: MusicSources, like: Store |
 
 
 def _require_all_dancers(clip: ClipInput, sample: Sample) -> None:
-    """Raise UsageError if files of the dancers of a group, named by ids, are not those of all."""
+    """Raise UsageError if the files of a group's dancers, named by ids, do not cover all of them."""
     files = clip.dancer_files
     if files and len(files) < len(sample.clips) and all(SampleId.parse(f.stem).dancer is not None for f in files):
         raise UsageError("not all dancers of a group are here", reason="group_dancer", where=clip.id,
                          found=listed([f.stem for f in files]),
                          allowed=listed([f"{clip.id}~p{dancer.member}" for dancer in sample.clips]),
-                         fix="write all, or take a protocol of single dancers")  # fmt: skip
+                         fix="write all of them, or choose a protocol for single dancers")  # fmt: skip
 
 
 def of_sample(clip: ClipInput, sample: Sample) -> ClipInput:
@@ -123,7 +123,7 @@ def of_sample(clip: ClipInput, sample: Sample) -> ClipInput:
 
 
 def _sample(finder: Samples, clip: ClipInput) -> Sample | None:
-    """Return what the entry ``id`` of a file is of a dataset, or else its name."""
+    """Return the sample of a dataset that the entry ``id`` of a file, or else its name, names."""
     of_name = finder.find(clip.id)
     if not clip.stated_id:
         if of_name is None and SampleId.parse(clip.id).start is not None:
@@ -169,7 +169,7 @@ def _begin(clip: ClipInput, sample: Sample | None, song: Song | None, music: str
 
 
 def _song_of_all(song: str, sample: Sample | None) -> Song:
-    """Return the song of all clips, of a window from its second on; UsageError if it has other music."""
+    """Return the song of all clips, for a window from its second on; UsageError if that has other music."""
     if sample is None or sample.id.start is None:
         return Song.of(song)
     if sample.clip.music not in ("", song):

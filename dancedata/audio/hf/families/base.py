@@ -20,7 +20,7 @@ from dancedata.core.text import quoted
 if TYPE_CHECKING:
     import torch
 
-    #: Frames (B, K, D) by layer; of an output without layers by 0.
+    #: Frames (B, K, D) by layer; an output without layers has the key 0.
     Frames = dict[int, torch.Tensor]
 
 
@@ -46,7 +46,7 @@ class Timing:
 class Chunk:
     """A part of a signal that the encoder processes at once.
 
-    `keep_from`, `keep_to`: Between these times, in samples of the signal, its frames count; None: no limit.
+    `keep_from`, `keep_to`: Its frames between these times, in samples of the signal, are kept; None: no limit.
     """
 
     start: int
@@ -58,8 +58,8 @@ class Chunk:
 def chunks_of(n_samples: int, *, length: int, overlap: int, unit: int, timing: Timing) -> list[Chunk]:
     """Cut a signal into chunks of `length` samples that overlap by at least `overlap`.
 
-    All begin at a multiple of `unit` samples. The last one ends with the signal and has as much before it as the
-    others, so that all of its frames see enough of their past; it is up to `unit` - 1 samples shorter. In the
+    All begin at a multiple of `unit` samples. The last one ends with the signal and is as long as the others, or up
+    to `unit` - 1 samples shorter, so that all of its frames see enough of their past. In the
     middle of an overlap the earlier chunk's frames end and the later one's begin, at the border of two frames.
 
     `length`, `overlap`: Multiples of `unit`.
@@ -87,8 +87,8 @@ def hidden_states(
     """Run a network, and return the hidden states of some layers.
 
     Layer 0 is what enters the first block, layer k what leaves block k, and layer `n_layers` the network's last
-    hidden state, after a final norm where it has one. Captured here, as what ``output_hidden_states`` returns last
-    differs between versions of transformers.
+    hidden state, after a final norm where it has one. They are captured here because what
+    ``output_hidden_states`` returns last differs between versions of transformers.
     """
     states: Frames = {}
 
@@ -113,7 +113,7 @@ def hidden_states(
     return states
 
 
-#: Larger sizes and more blocks than any model has: a config of a few bytes could take all memory.
+#: Limits that no model reaches: without them a config of a few bytes could take all memory.
 MAX_SIZE, MAX_BLOCKS = 1 << 20, 1000
 Output = Literal["hidden", "embedding", "codes"]
 Samples = npt.NDArray[np.float32]
@@ -125,7 +125,7 @@ class NetworkSpec:
 
     `config`: Name of its config class, and the keys for it.
     `missing`, `unexpected`: Regular expressions of weights that the features do not need: those may be missing, or
-        present without use.
+        present but unused.
     `renamed`: Regular expressions of names in the files, with what they are in the class.
     """
 
@@ -136,7 +136,7 @@ class NetworkSpec:
     renamed: Mapping[str, str] = field(default_factory=dict)
 
 
-#: What the network is given for a chunk, of its first sample and its length: an array without a batch axis.
+#: Returns what the network is given for a chunk, from its first sample and length: an array without a batch axis.
 Prepared = Callable[[int, int], npt.NDArray[np.float32]]
 
 
@@ -235,7 +235,7 @@ class Family(ABC):
         return range(self.n_layers + 1)
 
     def prepared(self, samples: Samples, *, normalize: bool) -> Prepared:
-        """Return a signal (n,) at `sample_rate`, normalised as the extractor does, for chunks to be cut from."""
+        """Return what cuts chunks from a signal (n,) at `sample_rate`, normalised as the extractor does it."""
         return waveform(samples)
 
     @abstractmethod
@@ -247,7 +247,7 @@ class Family(ABC):
         return {k: v for k, v in self.encoder_config.items() if k != "model_type"} | changed
 
     def above(self, top: int, blocks: str) -> tuple[str, ...]:
-        """Return regular expressions of the weights of blocks above layer `top`; `blocks` is that of all blocks."""
+        """Return regular expressions of the weights of blocks above layer `top`; `blocks` matches all blocks."""
         return tuple(rf"{blocks}\.{k}\..*" for k in range(max(top, 1), self.n_layers))
 
     def slimmed(self, network: Any, output: Output) -> Any:
@@ -259,7 +259,7 @@ class Family(ABC):
         return network.encoder.layers
 
     def frames(self, network: Any, inputs: torch.Tensor, output: Output, layers: tuple[int, ...]) -> Frames:
-        """Return the frames of inputs that are stacked to a batch; the network is never given a mask."""
+        """Return the frames of inputs that are stacked into a batch; the network is never given a mask."""
         return hidden_states(network, inputs, self.blocks(network), layers, self.n_layers)
 
     def number(
@@ -290,7 +290,7 @@ def conv_length(n: int, kernels: tuple[int, ...], strides: tuple[int, ...]) -> i
 
 
 def conv_field(kernels: tuple[int, ...], strides: tuple[int, ...]) -> tuple[int, int]:
-    """Return the samples that one position of a stack of convolutions depends on, and those to the next one."""
+    """Return the samples that one position of a stack of convolutions depends on, and the stride."""
     field_size, hop = 1, 1
     for kernel, stride in zip(kernels, strides, strict=True):
         field_size += (kernel - 1) * hop

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Codec(Family):
-    """A codec: one frame for each hop of samples, stamped with the hop's middle, as it is what rebuilds the hop."""
+    """A codec: one frame for each hop of samples, stamped with the middle of the hop that it rebuilds."""
 
     outputs: ClassVar[tuple[Output, ...]] = ("embedding", "codes")
     overlap_s: ClassVar[float] = 2.0

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PeAudio(Family):
-    """The audio encoder of PE-AV (Meta 2025), aligned with text by frames; transformers 5 has it."""
+    """The audio encoder of PE-AV (Meta 2025), aligned with text frame by frame; it needs transformers 5."""
 
     name: ClassVar[str] = "pe-audio"
     model_types: ClassVar[tuple[str, ...]] = ("pe_audio", "pe_audio_encoder")

@@ -37,7 +37,7 @@ class Prior:
 
         `codes`: (B, T) int64 on the device; shorter clips are padded at their end with any code, which has no effect
             by causality.
-        Yields: Layer from 1; h (B, T, W) float32, a view that the next block changes; the largest key so far in fp16.
+        Yields: Layer, from 1; h (B, T, W) float32, a view that the next block changes; in fp16 the largest key yet.
         """
         n_clips, n_codes = codes.shape
         h = self._embed(codes)
