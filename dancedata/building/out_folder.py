@@ -11,6 +11,7 @@ from pathlib import Path
 
 from dancedata.core.errors import StoreError
 from dancedata.core.hashing import self_hash
+from dancedata.files.atomic import is_temporary
 from dancedata.files.locks import writing_lock
 from dancedata.files.publish import (
     MARKER,
@@ -118,8 +119,9 @@ def _erase(folder: Path) -> None:
         discard(folder, _LAYOUT)
         return
     with suppress(OSError):
-        for name in names & set(os.listdir(folder)) - {DATASET_FILE}:
-            (folder / name).unlink()
+        for name in set(os.listdir(folder)) - {DATASET_FILE}:
+            if name in names or is_temporary(name):
+                (folder / name).unlink()
         if os.listdir(folder) == [DATASET_FILE]:  # otherwise keep it as proof of ownership
             (folder / DATASET_FILE).unlink()
             folder.rmdir()

@@ -10,7 +10,7 @@ from dancedata.evaluation.clips import ClipSet
 from dancedata.evaluation.measuring import MeasuredClip, MeasuredSet, measure_clips
 from dancedata.evaluation.music import ClipMusic, MusicPlan, MusicPlans, Resources, read_beats
 from dancedata.evaluation.options import EvaluationOptions, Inputs
-from dancedata.evaluation.pool import Pool, pool_of, save_pool
+from dancedata.evaluation.pool import Pool, pool_of
 from dancedata.evaluation.protocol import Protocol
 from dancedata.evaluation.report import Report, report_of
 from dancedata.kernel import Cache, Executor, Progress, start_workers
@@ -42,19 +42,17 @@ def _report(resources: Resources, inputs: Inputs, music: MusicPlans) -> Report:
     measured, beats, problems = _measured(resources, protocol, clip_set, numbers, music[0])
     if clip_set.nothing_matched is not None:
         raise clip_set.nothing_matched
-    pool = _pool(resources, protocol, inputs.pool, inputs.pool_numbers)
-    if inputs.save_pool is not None and pool is not None:
-        save_pool(inputs.save_pool, protocol, pool)
     if music[0] is not None and not any(clip.fps for clip in measured.clips):
         raise UsageError("no clip could be measured", where=clip_set.source, found="; ".join(problems))
     of_truth: list[MeasuredClip] = []
     if truth is not None:
         of_truth = _measured(resources, protocol, truth, numbers, music[1])[0].clips
+    pool = _pool(resources, protocol, inputs.pool, inputs.pool_numbers)
     report = report_of(
         protocol, measured.clips, pool, role=clip_set.role, source=clip_set.source, draws=inputs.draws,
         numbers=numbers, left_out=[*clip_set.left_out, *((r.clip, r.detail) for r in measured.rejects)],
         warnings=[*clip_set.warnings, *problems, *_short_music(measured.clips, beats)], matched=clip_set.matched,
-        truth=of_truth, truth_source="" if truth is None else truth.source, in_pool=_in_pool(inputs),
+        truth=of_truth, truth_source="" if truth is None else truth.source, in_pool=inputs.in_pool,
         dataset=inputs.dataset, cache=resources.cache,
     )  # fmt: skip
     return replace(report, inputs=clip_set.clips, music=beats)
@@ -85,17 +83,6 @@ def pool_for(request: EvaluationOptions, root: Cache, *, jobs: int = 1) -> Pool 
     return root.retry_lost(
         lambda cache: _pool(Resources(cache, Executor(jobs), progress), request.protocol, pool, numbers), progress
     )
-
-
-def _in_pool(inputs: Inputs) -> int:
-    """Return how many of the clips that are judged are in the pool that they are compared with."""
-    pool, judged = inputs.pool, inputs.clip_set
-    if not isinstance(pool, ClipSet) or pool.store is None or judged.store is None:
-        return 0
-    if pool.store.info.get("self_sha256") != judged.store.info.get("self_sha256"):
-        return 0
-    ids = {clip.clip for clip in judged.clips}
-    return sum(clip.clip in ids for clip in pool.clips)
 
 
 def _short_music(measured: Sequence[MeasuredClip], music: Mapping[str, ClipMusic]) -> list[str]:

@@ -50,8 +50,18 @@ class Inputs:
     # the dances of the dataset that generated ones are of, or to the same songs; None without a dataset
     truth: ClipSet | None = None
     draws: int = DRAWS
-    save_pool: Path | None = None
     dataset: str = ""  # the reader of the real dances, "" without any; only its published figures compare
+
+    @property
+    def in_pool(self) -> int:
+        """How many of the clips that are judged are in the pool that they are compared with."""
+        pool, judged = self.pool, self.clip_set
+        if not isinstance(pool, ClipSet) or pool.store is None or judged.store is None:
+            return 0
+        if pool.store.info.get("self_sha256") != judged.store.info.get("self_sha256"):
+            return 0
+        ids = {clip.clip for clip in judged.clips}
+        return sum(clip.clip in ids for clip in pool.clips)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,7 +140,7 @@ class EvaluationOptions:
         clip_set, real = self._named(clip_set), store or self.like
         return Inputs(
             protocol=self.protocol, clip_set=clip_set, numbers=numbers, pool=pool, pool_numbers=pool_numbers,
-            truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0, save_pool=self.save_pool,
+            truth=self._truth(clip_set), draws=DRAWS if self.intervals else 0,
             dataset="" if real is None else real.reader_name,
         )  # fmt: skip
 

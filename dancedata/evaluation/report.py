@@ -67,7 +67,7 @@ class Report:
     pieces: int
     fps: str
     seconds: tuple[float, float, float]
-    pool: Mapping[str, Any] | None
+    pool: Pool | None
     left_out: tuple[tuple[str, str], ...]
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
@@ -170,7 +170,7 @@ class Report:
             "pieces": self.pieces,
             "fps": self.fps,
             "seconds": dict(zip(("min", "median", "max"), self.seconds, strict=True)),
-            "pool": self.pool,
+            "pool": None if self.pool is None else self.pool.to_json(),
             "left_out": [{"clip": clip, "reason": reason} for clip, reason in self.left_out],
             "not_computable": dict(self.protocol.not_computable),
             "warnings": list(self.warnings),
@@ -248,7 +248,7 @@ def _pool_text(report: Report) -> str:
     if report.pool is None:
         return "none"
     pool = report.pool
-    return f"{shown(pool['source'])}, {counted(pool['clips'], 'clip')}, {counted(pool['vectors'], 'vector')}"
+    return f"{shown(pool.source)}, {counted(len(pool.ids), 'clip')}, {counted(pool.n, 'vector')}"
 
 
 def _undefined_lines(scores: Sequence[Score]) -> list[str]:
@@ -287,6 +287,7 @@ def report_of(
     or the pool is of another protocol, version or rate.
     """
     ordered = sorted(measured, key=lambda m: m.id)
+    per_clip = per_clip_rows(protocol, ordered)
     fps = one_rate(ordered, source)
     if pool is not None:
         pool.require(protocol, fps)
@@ -306,11 +307,11 @@ def report_of(
         pieces=sum(len(m.cuts) for m in ordered),
         fps=fps,
         seconds=lengths_of([s for m in ordered for s in m.seconds]),
-        pool=None if pool is None else pool.to_json(),
+        pool=pool,
         left_out=tuple(left_out),
         warnings=(*warnings, *of_scores, *_same_as(ordered, truth)),
         notes=(*sorted({note for m in ordered for note in m.notes}), *protocol.notes),
-        per_clip=tuple(per_clip_rows(protocol, ordered)),
+        per_clip=tuple(per_clip),
         versions={"dancedata": __version__, **{name: package_version(name) for name in ("numpy", "scipy")}},
     )
 

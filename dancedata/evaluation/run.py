@@ -12,6 +12,7 @@ from dancedata.core.arguments import folder_of
 from dancedata.core.grid import Number
 from dancedata.evaluation.evaluate import evaluate_inputs
 from dancedata.evaluation.options import EvaluationOptions
+from dancedata.evaluation.pool import save_pool as write_pool
 from dancedata.evaluation.protocol import Protocol, protocol_named, with_metrics
 from dancedata.evaluation.report import Report
 from dancedata.kernel import Progress, Store, jobs_of, saved_samples
@@ -137,7 +138,10 @@ def evaluate(
         intervals=intervals, save_pool=folder_of(save_pool),
     )  # fmt: skip
     inputs = request.inputs()
-    return evaluate_inputs(
+    report = evaluate_inputs(
         inputs, request.music_plans(inputs), jobs=jobs_of(jobs), cache=folder_of(cache), backend=backend,
         scheduler=scheduler, progress=Progress(quiet=not progress),
     )  # fmt: skip
+    if request.save_pool is not None and report.pool is not None:
+        write_pool(request.save_pool, report.protocol, report.pool)
+    return report

@@ -145,6 +145,7 @@ def scores_of(
             Score(name, None, len(rows.rows), undefined=missing, better=metric.better.get(name, "closer"))
             for name in names
         ], []
+    warnings = _pool_warnings(metric, pool, values)
     intervals = _intervals(metric, rows, pool, draws)
     scores = [
         Score(
@@ -161,7 +162,7 @@ def scores_of(
         for name, value in values.items()
         if not _is_beside(name)
     ]
-    return scores, _pool_warnings(metric, pool, values)
+    return scores, warnings
 
 
 def summary_of(metric: Metric, rows: Float64Array, pool: Float64Array | None) -> dict[str, float]:

@@ -46,7 +46,7 @@ class SelfTest:
                 rows.append({
                     "protocol": report.protocol.name, "score": name, "measured": value, "published": figure,
                     "difference": None if value is None else value - figure, "clips": len(report.clips),
-                    "pool": None if report.pool is None else report.pool["clips"],
+                    "pool": None if report.pool is None else len(report.pool.ids),
                 })  # fmt: skip
         return rows
 

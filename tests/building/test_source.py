@@ -134,7 +134,7 @@ def test_parts_of_recipes_and_inputs_travel_little() -> None:
         assert 0 < len(trip.stays) <= stays, f"{name}: {trip}"
         assert trip.returns <= returns, f"{name}: {trip}"
     most = {
-        "a batch": 8, "the input of an evaluation": 40, "the music of an evaluation": 43,
+        "a batch": 8, "the input of an evaluation": 35, "the music of an evaluation": 43,
         "a store into the report": 3, "a source into a scan": 1,
     }  # fmt: skip
     assert {name: trip for name, trip in walk.ways().items() if len(trip.stays) > most[name]} == {}
