@@ -235,7 +235,7 @@ def _clips(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]], atol: fl
                 changed.setdefault(key, []).append(ours.id)
                 example.setdefault(key, f"{old!r}, {new!r}")
     for key, ids in changed.items():
-        yield Difference("clips", f"{key} of {counted(len(ids), 'clip')}, as {example[key]}", tuple(ids))
+        yield Difference("clips", f"{key} of {counted(len(ids), 'clip')}, e.g. {example[key]}", tuple(ids))
 
 
 def _segments(one: Store, two: Store, common: Sequence[tuple[Clip, Clip]]) -> Iterator[Difference]:

@@ -14,7 +14,7 @@ _MIRROR_STREAM, _BIAS_STREAM, _CROP_STREAM = 2, 3, 5
 def uniform(seed: int, key: int, epoch: int, places: Sequence[int]) -> npt.NDArray[np.float64]:
     """Return the numbers of a stream at `places`, in [0, 1), of 53 bits each."""
     stop = max(places, default=-1) + 1
-    if len(places) < 4 or stop > 256 * len(places):  # a few of very many: making numpy's stream takes as long as ten
+    if len(places) < 4 or stop > 256 * len(places):  # a few of very many: cheaper than numpy's stream
         stream, counter = np.random.Philox(key=_stream_key(seed, key, epoch)), 0
         raw = np.empty(len(places), dtype=np.uint64)
         for nth, place in enumerate(map(int, places)):

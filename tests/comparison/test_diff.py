@@ -99,7 +99,7 @@ def test_a_clips_metadata_are_compared(run_build: Any, built: Path, source: Path
     train.write_text("".join(f"{line}\n" for line in train.read_text().split() if line != TRAIN))
     run_build(source, out)
     (clips,) = [d for d in of(diff(built, out), "clips") if d.message.startswith("split")]
-    assert clips.message == "split of 1 clip, as 'train', 'val'"
+    assert clips.message == "split of 1 clip, e.g. 'train', 'val'"
     assert clips.names == (TRAIN,)
 
     output = run("check", built, "--same-as", out, code=1).stdout
