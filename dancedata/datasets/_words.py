@@ -9,8 +9,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import DataError, SourceError, did_you_mean
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import counted, listed, quoted
-from dancedata.datasets.files import files_by_stem
-from dancedata.files.listing import relative
+from dancedata.datasets.files import files_by_stem, relative
 from dancedata.files.segment_files import SEGMENT_FILES, SegmentRow, read_segment_file
 from dancedata.formats.humanml_texts import read_texts
 

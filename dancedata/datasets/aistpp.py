@@ -21,9 +21,9 @@ from dancedata.core.resources import manifest
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.core.text import counted, listed, shown
 from dancedata.core.typing import override
-from dancedata.datasets.files import ALL, SPLITS, list_audio, read_names
+from dancedata.datasets.files import ALL, SPLITS, describe, list_audio, read_names, relative
 from dancedata.datasets.published import Folders, Layout, LeftOut, Listing, PairedDataset, Splits
-from dancedata.files.listing import describe, list_folder, relative
+from dancedata.files.listing import list_folder
 from dancedata.formats.aist_names import SONG, SequenceName, parse_name, tempo_bpm
 
 #: The split that a rule over the names defines.

@@ -22,9 +22,8 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, read_frames, require_rotations, spine_of, up_axis, upright
-from dancedata.datasets.files import Files, extra_file, files_by_stem, list_audio, with_music_dir
+from dancedata.datasets.files import Files, describe, extra_file, files_by_stem, list_audio, relative, with_music_dir
 from dancedata.datasets.published import OFFICIAL, Layout, Listing, PairedDataset, Splits
-from dancedata.files.listing import describe, relative
 from dancedata.formats.stated import UPRIGHT
 from dancedata.formats.values import ValueArrays, load_object
 

@@ -11,7 +11,7 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError, UsageError, did_you_mean
 from dancedata.core.plugins import Dataset
 from dancedata.core.text import listed, quoted
-from dancedata.files.listing import best_audio, describe, list_folder, relative, stem_of
+from dancedata.files.listing import best_audio, list_folder, stem_of
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
@@ -37,11 +37,27 @@ class Files:
 NO_FILES = Files({}, ())
 
 
-def require_folder(dataset: str, source: Path, looked_for: str) -> None:
-    """Raise SourceError, with the expected and the existing files, unless `source` is a folder with an entry."""
+def relative(path: Path, source: Path) -> str:
+    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
+    try:
+        return path.relative_to(source).as_posix()
+    except ValueError:
+        return f"{path.parent.name}/{path.name}"
+
+
+def describe(folder: Path) -> str:
+    """Return a short list of a folder's entries: folders with a slash, then files, then how many more."""
+    entries = list_folder(folder)
+    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
+    files = [entry.name for entry in entries if not entry.is_dir()]
+    return listed([*folders, *files]) if entries else "nothing"
+
+
+def require_folder(dataset: str, source: Path, looked_for: str) -> list[Path]:
+    """Return the entries of a source; SourceError, with the expected and the existing files, if it has none."""
     if source.is_dir():
-        if list_folder(source):
-            return
+        if entries := list_folder(source):
+            return entries
         problem, found = f"{dataset}: the source folder is empty", "nothing"
     elif source.exists():
         problem, found = f"{dataset}: the source is not a folder", "a file"

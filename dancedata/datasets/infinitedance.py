@@ -22,9 +22,9 @@ from dancedata.core.skeleton import Skeleton
 from dancedata.core.text import counted, listed, quoted
 from dancedata.core.typing import override
 from dancedata.datasets import checks
-from dancedata.datasets.files import ALL, MAX_LIST_BYTES, NO_FILES, files_by_stem, read_names
+from dancedata.datasets.files import ALL, MAX_LIST_BYTES, NO_FILES, files_by_stem, read_names, relative
 from dancedata.datasets.published import Labels, Layout, LeftOut, Listing, PublishedDataset, Splits
-from dancedata.files.listing import list_folder, relative
+from dancedata.files.listing import list_folder
 from dancedata.files.strict_json import read_json
 from dancedata.formats.values import open_arrays
 

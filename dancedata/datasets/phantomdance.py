@@ -22,9 +22,9 @@ from dancedata.core.skeleton import SMPL24_EDGE, Skeleton
 from dancedata.core.text import listed, quoted
 from dancedata.core.typing import override
 from dancedata.datasets.checks import DOWNLOAD_AGAIN, bad_shape, read_frames, require_keys, require_upright
-from dancedata.datasets.files import files_by_stem, list_audio, require_folder
+from dancedata.datasets.files import describe, files_by_stem, list_audio, relative, require_folder
 from dancedata.datasets.published import Folders, Layout, Listing, PairedDataset
-from dancedata.files.listing import describe, list_folder, relative
+from dancedata.files.listing import list_folder
 from dancedata.files.strict_json import read_json
 from dancedata.formats.values import ValueArrays
 

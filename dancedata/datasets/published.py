@@ -22,13 +22,14 @@ from dancedata.datasets.files import (
     SPLITS,
     Files,
     clips_note,
+    describe,
     files_by_stem,
     list_audio,
     read_lists,
+    relative,
     require_choices,
     require_folder,
 )
-from dancedata.files.listing import describe, list_folder, relative
 
 OFFICIAL = "official"
 _ARCHIVES = (".zip", ".tgz", ".gz", ".tar", ".rar", ".7z")
@@ -88,10 +89,10 @@ class Layout:
 
     def find(self, source: Path) -> Folders:
         """Return the folder that holds the motion folder, the source or one in it; SourceError for several."""
-        require_folder(self.dataset, source, self.expected)
+        entries = require_folder(self.dataset, source, self.expected)
         if (source / self.motions).is_dir():
             return Folders(source, source, (source,))
-        below = [entry for entry in list_folder(source) if (entry / self.motions).is_dir()]
+        below = [entry for entry in entries if (entry / self.motions).is_dir()]
         known = [entry for entry in below if any(name in entry.name.lower() for name in self.folder_names)]
         chosen = below if len(below) == 1 else known
         if len(chosen) == 1:
@@ -102,7 +103,7 @@ class Layout:
                               found=listed(f"{entry.name}/{self.motions}/" for entry in below),
                               fix="set SOURCE to one of them")  # fmt: skip
         raise SourceError(f"{self.dataset}: no {self.title} motion found", where=str(source), found=describe(source),
-                          allowed=self.expected, fix=self._advice(list_folder(source)))  # fmt: skip
+                          allowed=self.expected, fix=self._advice(entries))  # fmt: skip
 
     def list_music(self, folders: Folders, names: Sequence[str], music_dir: Path | None) -> Files:
         """List the music in folders of these names, beside the motion folder, by the name of the sequence."""

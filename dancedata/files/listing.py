@@ -1,4 +1,4 @@
-"""Entries of folders: listed, by name and suffix, and named in messages."""
+"""Entries of folders: listed, by name and by suffix."""
 
 import glob
 import unicodedata
@@ -8,7 +8,6 @@ from pathlib import Path
 
 from dancedata.core.audio_signal import AUDIO_SUFFIXES
 from dancedata.core.errors import DataError, SourceError
-from dancedata.core.text import listed
 
 #: What a folder to build from has: folders of motion, or a manifest.
 MOTION_FOLDERS, MANIFESTS = ("motions", "motion"), ("manifest.csv", "manifest.jsonl")
@@ -36,22 +35,6 @@ def list_folder(folder: Path) -> list[Path]:
 def stem_of(path: Path) -> str:
     """Return the name without its last suffix, in Unicode's form NFC: archives of macOS have names in NFD."""
     return unicodedata.normalize("NFC", path.stem)
-
-
-def relative(path: Path, source: Path) -> str:
-    """Return the path below the source with forward slashes; of another file, FOLDER/NAME: no absolute paths."""
-    try:
-        return path.relative_to(source).as_posix()
-    except ValueError:
-        return f"{path.parent.name}/{path.name}"
-
-
-def describe(folder: Path) -> str:
-    """Return a short list of a folder's entries: folders with a slash, then files, then how many more."""
-    entries = list_folder(folder)
-    folders = [f"{entry.name}/" for entry in entries if entry.is_dir()]
-    files = [entry.name for entry in entries if not entry.is_dir()]
-    return listed([*folders, *files]) if entries else "nothing"
 
 
 def named_files(paths: Sequence[Path], suffixes: Sequence[str]) -> list[Path]:

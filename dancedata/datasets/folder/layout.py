@@ -8,8 +8,8 @@ from dancedata.core.clip import ClipRef, Reject
 from dancedata.core.errors import SourceError
 from dancedata.core.text import counted, listed
 from dancedata.datasets._words import words_of
-from dancedata.datasets.files import Files, extra_file, file_problem, with_music_dir
-from dancedata.files.listing import MOTION_FOLDERS, best_audio, describe, group_by_stem, list_folder, relative
+from dancedata.datasets.files import Files, describe, extra_file, file_problem, relative, with_music_dir
+from dancedata.files.listing import MOTION_FOLDERS, best_audio, group_by_stem, list_folder
 from dancedata.formats.values import MOTION_SUFFIXES
 
 LOOKED_FOR = (

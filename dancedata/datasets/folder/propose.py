@@ -22,13 +22,13 @@ from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.tables import csv_cell
 from dancedata.core.text import counted, listed, shown
-from dancedata.datasets.files import require_folder
+from dancedata.datasets.files import relative, require_folder
 from dancedata.datasets.folder.facts import GUESS, Declared
 from dancedata.datasets.folder.load import Reading, bvh_facts, describe, load_motion
 from dancedata.datasets.folder.manifest import id_problem
 from dancedata.datasets.folder.people import open_person
 from dancedata.datasets.folder.up import judge_up
-from dancedata.files.listing import best_audio, relative, stem_of
+from dancedata.files.listing import best_audio, stem_of
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.parse import read_bvh_header
 from dancedata.formats.stated import UPRIGHT

@@ -20,7 +20,7 @@ from dancedata.core.text import counted
 from dancedata.core.typing import override
 from dancedata.datasets._split_rule import SplitRule, same_songs
 from dancedata.datasets._words import stated_words
-from dancedata.datasets.files import absence, require_folder
+from dancedata.datasets.files import absence, relative, require_folder
 from dancedata.datasets.folder.facts import Declared
 from dancedata.datasets.folder.layout import LOOKED_FOR, match_names, points_note
 from dancedata.datasets.folder.load import NO_LENGTH, Reading, describe, load_motion, motion_of, stated_time
@@ -40,7 +40,7 @@ from dancedata.datasets.folder.manifest import (
 from dancedata.datasets.folder.people import split_people
 from dancedata.datasets.folder.positions import JOINT_SETS
 from dancedata.datasets.folder.up import judge_up
-from dancedata.files.listing import MANIFESTS, relative, stem_of
+from dancedata.files.listing import MANIFESTS, stem_of
 from dancedata.formats.arrays import ArrayFile
 from dancedata.formats.bvh.producers import producers
 

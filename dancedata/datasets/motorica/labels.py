@@ -21,8 +21,9 @@ from dancedata.core.clip import Reject
 from dancedata.core.errors import DataError, SourceError
 from dancedata.core.segments import Layer, Segment
 from dancedata.core.text import counted, listed, quoted, shown
+from dancedata.datasets.files import describe, relative
 from dancedata.datasets.published import Labels
-from dancedata.files.listing import describe, list_folder, relative
+from dancedata.files.listing import list_folder
 from dancedata.files.regular_file import read_regular
 from dancedata.files.strict_json import parse_json
 
