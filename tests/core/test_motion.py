@@ -20,9 +20,10 @@ from tests.messages import raises_message
 SIXTY, THIRTY = FrameGrid.of(60), FrameGrid.of(30)
 
 
-def make(n: int = 10, rate: Any = 60, seed: int = 0, size: float = 1.0) -> Motion:
+def make(n: int, rate: Any = 60, seed: int = 0, skeleton: Skeleton = SMPL24, trim: int = 0) -> Motion:
     rng = np.random.default_rng(seed)
-    return Motion(rng.normal(size=(n, 3)), rng.normal(size=(n, 24, 3)) * size, FrameGrid.of(rate), SMPL24)
+    translation, rotations = rng.normal(size=(n, 3)), rng.normal(size=(n, skeleton.n_joints, 3))
+    return Motion(translation, rotations, FrameGrid.of(rate), skeleton, trim)
 
 
 def angles(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -144,9 +145,6 @@ def test_parts_of_a_motion_that_remembers_are_those_of_one_that_does_not() -> No
         kept.part(5, 5)
 
 
-THIRTY = FrameGrid.of(30)
-
-
 def feet(left: float, right: float) -> np.ndarray:
     """Joints (1, 24, 3) at y = -5 (including ankles and hands), except the two toes."""
     joints = np.full((1, 24, 3), -5.0)
@@ -170,16 +168,10 @@ def test_mean_of_level_toes_else_the_lower(left: float, right: float, floor: flo
     assert ground_height(feet(left, right), SMPL24) == pytest.approx(floor, abs=1e-12)
 
 
-def random_motion(seed: int, skeleton: Skeleton, trim: int = 0) -> Motion:
-    rng = np.random.default_rng(seed)
-    rotations = rng.normal(0, 0.4, (6, skeleton.n_joints, 3))
-    return Motion(rng.normal(size=(6, 3)), rotations, THIRTY, skeleton, trim)
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 9999), st.integers(0, 5), st.sampled_from([SMPL24, SMPLX22, SMPLX52]))
 def test_the_lower_toe_is_on_the_floor_once_the_beginning_is_cut(seed: int, trim: int, skeleton: Skeleton) -> None:
-    motion = random_motion(seed, skeleton, trim)
+    motion = make(6, 30, seed, skeleton, trim)
     found = grounded(motion)
     toes = found.joints()[trim, [10, 11], 1]
     level = abs(toes[0] - toes[1]) < 0.02
