@@ -13,19 +13,10 @@ import soundfile
 import dancedata
 from dancedata.core.errors import StoreError
 from dancedata.store import verify_store
+from tests.formats.test_safe_pickle import Call
 
 GOOD = "gHO_sBM_cAll_d19_mHO3_ch03"
 RATE = 48_000
-
-
-class Attack:
-    """Runs a command when it is unpickled unsafely."""
-
-    def __init__(self, command: str) -> None:
-        self.command = command
-
-    def __reduce__(self) -> tuple[Any, tuple[str]]:
-        return os.system, (self.command,)
 
 
 def name_of(number: int) -> str:
@@ -71,7 +62,7 @@ def bad_pickle(kind: str, good: bytes, marker: Path) -> bytes:
         "no frames": {"smpl_poses": poses[:0], "smpl_trans": content["smpl_trans"][:0]},
         "lengths": {"smpl_trans": content["smpl_trans"][:-1]},
         "short": {"smpl_poses": poses[:120], "smpl_trans": content["smpl_trans"][:120]},
-        "attack": {"smpl_loss": Attack(f"touch '{marker}'")},
+        "attack": {"smpl_loss": Call(os.system, f"touch '{marker}'")},
     }
     content.update(changes.get(kind, {}))
     if kind == "no scaling":

@@ -79,7 +79,11 @@ def test_strict_stops_before_and_after_the_build(source: Path, tmp_path: Path) -
         build(made, source, tmp_path / "root", cache=tmp_path / "cache", strict=True)
 
 
-def test_many_clips_are_counted() -> None:
-    lines = describe_implausible({"clip": f"take{k}", "kind": "implausible_root", "value": 9} for k in range(6))
-    assert lines[0].startswith("  implausible: 6 clips; correct the unit")
+@pytest.mark.parametrize(
+    ("kind", "line"),
+    [("root", "implausible: 6 clips; correct the unit"), ("elbows", "left and right in question: 6 clips; correct")],
+)
+def test_many_clips_are_counted(kind: str, line: str) -> None:
+    lines = describe_implausible({"clip": f"take{k}", "kind": f"implausible_{kind}", "value": 9} for k in range(6))
+    assert lines[0].startswith(f"  {line}")
     assert ["take2" in lines[3], lines[4:]] == [True, ["    ... 3 more"]]

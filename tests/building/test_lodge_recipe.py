@@ -1,4 +1,4 @@
-"""The recipe aist++-lodge, key motions, the movement filter, mirrored copies and fields at 60 a second."""
+"""The recipe aist++-lodge, key motions, the movement filter and fields at 60 a second."""
 
 import pickle
 import shutil
@@ -84,25 +84,6 @@ def test_the_filter_of_slices(corpus: Path, run_build, names: list[str], tmp_pat
     assert mine
     for clip in mine:
         assert clip.read("lodge139").std(axis=0).mean() > 0.07
-
-
-def test_mirrored_copies(corpus: Path, run_build, tmp_path: Path) -> None:
-    recipe = ("augment.mirror=true", "motion={edge151: {}, lodge139: {}}", "keymotion=lodge", "windows.length_s=3")
-    run_build(corpus, tmp_path / "out", "aist++", recipe)
-    store = dancedata.open(tmp_path / "out")
-    assert [p for p in verify_store(tmp_path / "out") if p.severity == "error"] == []
-    train = {c.id: c for c in store if c.split == "train"}
-    plain = [c for c in train.values() if not c.source]
-    assert sorted(train) == sorted([c.id for c in plain] + [f"{c.id}__mirror" for c in plain])
-    assert all(not c.source for c in store if c.split != "train")
-    for record in plain:
-        one, two = store[record.id], store[f"{record.id}__mirror"]
-        assert two.record.source == record.id
-        for field in ("edge151", "lodge139", "lodge"):
-            mirror = store.fields[field].mirror
-            assert mirror is not None
-            np.testing.assert_array_equal(two.read(field), mirror.apply(one.read(field)))
-        np.testing.assert_array_equal(two.read("librosa35"), one.read("librosa35"))
 
 
 def test_windows_lost_to_a_slower_field_are_named(run_build, corpus: Path, tmp_path: Path) -> None:

@@ -116,16 +116,6 @@ def test_a_direct_read_of_a_missing_field_is_an_error(mixed: Path) -> None:
     assert ds["bvh_1"].joints().shape == (120, 24, 3)
 
 
-@pytest.mark.parametrize("options", [{}, {"length": 45}, {"stride": 10}, {"whole": True}])
-def test_windows_are_of_clips_that_have_their_fields(mixed: Path, options: dict[str, Any]) -> None:
-    ds = open_store(mixed)
-    for split in ds.splits:
-        every = {w.clip for w in ds.windows(split, fields=("edge151",), **options)}
-        assert len(every) == 2
-        for fields in (None, (FIELD,), ("edge151", FIELD)):
-            assert {w.clip for w in ds.windows(split, fields=fields, **options)} == every - WITHOUT
-
-
 def test_readers_leave_such_clips_out_with_a_reason(mixed: Path) -> None:
     with_field = WindowDataset(mixed, "train", [FIELD, "librosa35"])
     assert {window.clip for window in with_field.windows} == {"hands_1"}

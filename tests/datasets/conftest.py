@@ -1,6 +1,7 @@
 """Fixtures for the dataset readers: a tiny AIST++ copy that tests then bend."""
 
 import json
+import os
 import pickle
 import shutil
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from dancedata.core.audio_signal import wav_bytes
 from dancedata.core.registry import DATASETS
 from tests.conftest import Once
 from tests.datasets.scans import IGNORED, TEST, TRAIN, UNASSIGNED, VAL
+from tests.formats.test_safe_pickle import Call
 
 SEED = 7
 
@@ -99,14 +101,7 @@ def official(empty_copy: AistCopy) -> AistCopy:
 def unpickled_marker(tmp_path: Path) -> tuple[Path, Callable[[], bytes]]:
     """A file that must never appear, and a pickle that makes it when it is loaded without care."""
     marker = tmp_path / "executed"
-
-    class Attack:
-        def __reduce__(self) -> tuple[Any, tuple[str]]:
-            import os
-
-            return os.system, (f"touch '{marker}'",)
-
-    return marker, lambda: pickle.dumps({"smpl_poses": Attack()})
+    return marker, lambda: pickle.dumps({"smpl_poses": Call(os.system, f"touch '{marker}'")})
 
 
 class FineCopy(Copy):

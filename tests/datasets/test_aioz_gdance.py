@@ -152,8 +152,7 @@ def test_files_that_cannot_be_used(source: Path, reason: str, changes: dict[str,
     assert DASH not in {clip.group for clip in scan.clips}
 
 
-@pytest.mark.parametrize("numpy_2", [False, True])
-def test_columns_of_gcd(shared: Path, tmp_path: Path, numpy_2: bool) -> None:
+def test_columns_of_gcd(shared: Path) -> None:
     crowd = shared / "golden" / "crowd"
     wanted = np.load(crowd / "gcd" / "whole_clips.npz")
     facts = json.loads((crowd / "gcd" / "facts.json").read_text())
@@ -162,11 +161,6 @@ def test_columns_of_gcd(shared: Path, tmp_path: Path, numpy_2: bool) -> None:
     scan = reader.scan(crowd / "inputs" / "aioz_gdance")
     for name in {clip.group for clip in scan.clips}:
         path = next(clip.motion_path for clip in scan.clips if clip.group == name)
-        if numpy_2:
-            path = tmp_path / path.name
-            path.write_bytes(
-                pickle.dumps(pickle.loads((crowd / "inputs/aioz_gdance/motions_smpl" / path.name).read_bytes()))
-            )
         sizes = read_sizes(path)
         motions = load_dancers(path, range(sizes.dancers))
         columns = np.stack([Gcd151().encode(motion, Velocity(max_speed_m_s=0.3)) for motion in motions])

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from dancedata.building.build import build
 from dancedata.core.bodies import SMPLH52, SMPLX52, SMPLX55
 from dancedata.core.clip import ClipRef
 from dancedata.core.errors import DataError, SourceError, UsageError
@@ -15,8 +14,6 @@ from dancedata.core.motion import Motion
 from dancedata.core.skeleton import SMPL24, Skeleton
 from dancedata.datasets.folder import Folder
 from dancedata.formats.body_model import body_model_skeleton, find_model, gender_of
-from dancedata.recipes.parse import parse_recipe
-from dancedata.store import open_store
 from tests.body_models import body_model, body_model_arrays
 from tests.messages import raises_message
 from tests.video_files import smpl_pickle
@@ -197,23 +194,3 @@ def test_no_model(tmp_path: Path) -> None:
     np.save(tmp_path / "source" / "a.npy", np.zeros((3, 315)))
     with raises_message(SourceError, "correct", where="gone.npz"):
         Folder(body_model=tmp_path / "gone.npz", music="optional").scan(tmp_path / "source")
-
-
-def test_the_content_of_a_model_is_part_of_the_key(tmp_path: Path) -> None:
-    """One cache, one path: another body in the model file is another motion."""
-    source = tmp_path / "source"
-    source.mkdir()
-    np.savez(source / "one.npz", poses=np.zeros((90, 165)), trans=np.zeros((90, 3)), mocap_frame_rate=30.0)
-    (source / "manifest.csv").write_text("motion\none.npz\n")
-    dataset = {"folder": {"music": "optional", "body_model": str(tmp_path / "SMPLX_NEUTRAL.npz")}}
-    document = {"recipe": 1, "name": "own", "dataset": dataset, "motion": {"joints": {"body": "smplx55"}}}
-    document["windows"] = {"length_s": 2, "stride_s": 1}
-    heights = []
-    for number, taller in enumerate((0.0, 0.1)):
-        model(tmp_path / "SMPLX_NEUTRAL.npz", SMPLX55, taller=taller)
-        build(parse_recipe(document), source, tmp_path / f"out{number}", cache=tmp_path / "cache")
-        with open_store(tmp_path / f"out{number}") as store:
-            (clip,) = store.clips()
-            assert clip.height_m is not None
-            heights.append(clip.height_m)
-    assert heights[1] == pytest.approx(1.1 * heights[0], abs=1e-3)
