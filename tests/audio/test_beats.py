@@ -17,11 +17,14 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from dancedata.audio.beats import Beats
+from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
 from dancedata.audio.beats.track import BeatTrack, bar_positions
+from dancedata.audio.beats.weights import load_network
 from dancedata.core.audio_signal import AudioSignal
 from dancedata.core.errors import DataError, SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.files.regular_file import sha256_file
+from dancedata.music.samples import resample
 from dancedata.synthetic import synthesise_song
 from dancedata.testing import conformance
 from tests.conftest import DATA
@@ -306,10 +309,6 @@ def reference():
 
 
 def test_the_outputs_of_the_package(reference):
-    from dancedata.audio.beats.by_network import beats_of, log_mel, song_logits
-    from dancedata.audio.beats.weights import load_network
-    from dancedata.music.samples import resample
-
     song = synthesise_song("mLO3", length_s=34.0).signal
     spectrum = log_mel(torch.from_numpy(resample(song.samples, song.sample_rate, 22050).copy()))
     assert np.abs(spectrum[100:200].numpy() - reference["log_mel"]).max() < 1e-4
@@ -322,8 +321,6 @@ def test_the_outputs_of_the_package(reference):
 
 
 def test_neighbouring_peaks_are_one_beat_between_them():
-    from dancedata.audio.beats.by_network import beats_of
-
     logits = np.full((100, 2), -5.0, dtype=np.float32)
     logits[[10, 11, 40, 60, 63], 0] = [2, 2, 3, 1, 4]
     logits[[38, 90], 1] = 1

@@ -11,6 +11,7 @@ import dancedata
 from dancedata.core.errors import SourceError, UsageError
 from dancedata.core.grid import FrameGrid
 from dancedata.core.motion import Motion
+from dancedata.core.registry import FEATURES
 from dancedata.core.skeleton import SMPL24
 from dancedata.evaluation.self_test import self_test
 from dancedata.store import Store
@@ -93,8 +94,6 @@ def test_beats_of_windows_are_computed_each_by_itself(store: Store, folder: Path
 
 
 def test_a_missing_feature(store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from dancedata.core.registry import FEATURES
-
     monkeypatch.setattr(FEATURES, "names", lambda: ("librosa35",))
     wavs = folder / "small-source" / "wavs"
     np.save(tmp_path / "a.npy", np.random.default_rng(0).normal(size=(200, 24, 3)))

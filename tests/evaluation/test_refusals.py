@@ -15,6 +15,7 @@ from dancedata.core.motion import Motion
 from dancedata.evaluation.pool import load_pool
 from dancedata.evaluation.protocol import PROTOCOLS, Pieces, Protocol
 from dancedata.evaluation.protocols.aistpp import BailandoAistpp
+from dancedata.metrics import MusicBeats
 from dancedata.store import Store
 from tests.messages import raises_message
 
@@ -169,8 +170,6 @@ def test_still_and_short_clips_are_named_outcomes(store: Store) -> None:
 
 
 def beats_of_music() -> Any:
-    from dancedata.metrics import MusicBeats
-
     return MusicBeats.of([10, 70, 130, 190, 250], FrameGrid.of(30))
 
 

@@ -14,7 +14,6 @@ pytest.importorskip("accelerate")
 import subprocess
 import sys
 
-import pytest
 import scipy.signal
 import torch
 from hypothesis import given, settings
@@ -274,8 +273,6 @@ def test_guard_sums_half_precision_in_fp32() -> None:
 
 @pytest.mark.parametrize("place", ["attn_c_attn_b", "attn_c_attn_b of keys", "mlp_c_fc_b", "attn_c_proj_b"])
 def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
-    from dancedata.audio.jukebox import JukeboxEncoder
-
     def encoder(precision: str) -> Any:
         options = {"layers": (2, 6), "device": "cpu", "precision": precision}
         made = JukeboxEncoder(tiny.folder, **options)
@@ -298,8 +295,6 @@ def test_overflow_in_fp16_is_an_error_with_a_fix(tiny: Any, place: str) -> None:
 
 
 def test_weights_that_are_not_numbers_are_an_error_too(tiny: Any) -> None:
-    from dancedata.audio.jukebox import JukeboxEncoder
-
     encoder = JukeboxEncoder(tiny.folder, layers=(6,), device="cpu")
     encoder._prior.stream.blocks[1].ln_0_bias[0] = torch.nan
     with raises_message(JukeboxOverflowError, "activations"):

@@ -14,7 +14,7 @@ from dancedata.core.errors import DanceDataError, SourceError, UsageError
 from dancedata.files.locks import file_lock
 from tests.commands import as_json
 from tests.messages import raises_message
-from tests.remote.servers import Fault, Handler, Server, cut, serving, status
+from tests.remote.servers import Fault, Handler, Server, cut, raw, serving, status
 
 DATA = np.random.default_rng(0).bytes(3_000_000)
 OK = b"HTTP/1.1 200 OK\r\n"
@@ -25,17 +25,6 @@ def _remote(name: str = "a.bin", size: int | None = len(DATA), **more: Any) -> R
 
 
 UNKNOWN = _remote(size=None, max_size=4_000_000)
-
-
-def raw(data: bytes) -> Fault:
-    """Send these bytes in place of an answer, and close."""
-
-    def answer(handler: Handler, _: bytes) -> bool:
-        handler.wfile.write(data)
-        handler.close_connection = True
-        return True
-
-    return answer
 
 
 def without_end(handler: Handler, _: bytes) -> bool:

@@ -20,7 +20,6 @@ pytest.importorskip("accelerate")
 
 import subprocess
 
-import pytest
 import torch
 
 from dancedata.audio.jukebox import JukeboxEncoder, checkpoint_sha256

@@ -17,7 +17,6 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 import torch
 
 from dancedata.audio.jukebox import JukeboxConfig

@@ -1,5 +1,6 @@
 """Properties that the formulas have, and a Frechet distance in exact arithmetic."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -90,8 +91,6 @@ def test_what_changes_a_metric(name: str, joints: np.ndarray) -> None:
 
 @pytest.mark.parametrize("name", [name for name, metric in ALL.items() if hasattr(metric, "up")])
 def test_z_up(name: str, joints: np.ndarray) -> None:
-    from dataclasses import replace
-
     metric: Any = ALL[name]
     z_up = joints[..., (0, 2, 1)] * (1, -1, 1)
     np.testing.assert_allclose(_rows(replace(metric, up="z"), z_up), _rows(metric, joints), rtol=1e-6, atol=1e-12)

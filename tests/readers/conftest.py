@@ -1,8 +1,10 @@
 """Stores that the readers' tests read."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from dancedata.core.columns import Columns, Group, Mirror
 from dancedata.core.grid import FrameGrid
 from dancedata.store.dataset import Store, open_store
 from dancedata.store.schema import Field
-from dancedata.store.stored_clip import AudioBlock
+from dancedata.store.stored_clip import AudioBlock, StoredClip
 from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 from tests.groups_store import HEADER, SIZES, stored
@@ -33,6 +35,15 @@ def _lodge_fields() -> tuple[Field, ...]:
 
 #: Lodge's columns and key motions, and librosa35.
 LODGE = _lodge_fields()
+
+
+def rewritten(folder: Path, change: Callable[[StoredClip], StoredClip], **options: Any) -> Store:
+    """A store in FOLDER/out: train clips of 90 frames, windows of 30, each clip changed before it is stored."""
+    options = {"clips": {"train": 4}, "n_frames": (90, 90), "length": 30, "stride": 30, **options}
+    made = write_random_store(folder / "plain", **options)
+    (folder / "out").mkdir()
+    write_store(folder / "out", made.header, list(map(change, made.clips)), shard_bytes=1 << 19)
+    return open_store(folder / "out")
 
 
 @pytest.fixture(scope="session")
@@ -63,17 +74,14 @@ def mixed_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
     (half,) = random_fields({}, {"half": 64})
     lodge, key, music = LODGE
     fields = (lodge, replace(fast, dtype="float16"), key, music, replace(half, dtype="float16"))
-    made = write_random_store(
-        folder / "plain", clips={"train": 5, "val": 1}, n_frames=(200, 200), length=40, stride=10, fields=fields
-    )
-    clips = []
-    for clip in made.clips:
+
+    def change(clip: StoredClip) -> StoredClip:
         rows = {name: np.array(array) for name, array in clip.motion.items()}
         rows["lodge"][:, 1] = np.arange(len(rows["lodge"])) % 9 == 4
-        clips.append(replace(clip, motion=rows))
-    (folder / "out").mkdir()
-    write_store(folder / "out", made.header, clips, shard_bytes=1 << 19)
-    return open_store(folder / "out")
+        return replace(clip, motion=rows)
+
+    clips = {"train": 5, "val": 1}
+    return rewritten(folder, change, clips=clips, n_frames=(200, 200), length=40, stride=10, fields=fields)
 
 
 @pytest.fixture(scope="session")
@@ -85,16 +93,12 @@ def beats_store(tmp_path_factory: pytest.TempPathFactory) -> Store:
         *(motion, fast, replace(librosa35, columns=Librosa35().columns)),
         Field("beats", "audio", Beats().columns, Fraction(30)),
     )
-    made = write_random_store(
-        folder / "plain", clips={"train": 5, "val": 1}, n_frames=(300, 300), length=120, stride=15, fields=fields
-    )
-    clips = [
-        replace(clip, audio={name: _with_beats(name, block) for name, block in clip.audio.items()})
-        for clip in made.clips
-    ]
-    (folder / "out").mkdir()
-    write_store(folder / "out", made.header, clips, shard_bytes=1 << 19)
-    return open_store(folder / "out")
+
+    def change(clip: StoredClip) -> StoredClip:
+        return replace(clip, audio={name: _with_beats(name, block) for name, block in clip.audio.items()})
+
+    clips = {"train": 5, "val": 1}
+    return rewritten(folder, change, clips=clips, n_frames=(300, 300), length=120, stride=15, fields=fields)
 
 
 def _with_beats(field: str, block: AudioBlock) -> AudioBlock:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from torch.utils.data import DataLoader, Subset, default_collate
+from torch.utils.data import DataLoader, default_collate
 
 from dancedata.store.dataset import Store
 from dancedata.torch import BatchLoader, ClipDataset, Scale, WindowDataset
@@ -92,18 +92,6 @@ def test_keys_added_to_samples_are_in_the_batch(mixed_store: Store) -> None:
     del items[1]["half"]
     with pytest.raises(KeyError, match="half"):
         default_collate(items)
-
-
-@pytest.mark.filterwarnings("ignore:.*multi-threaded, use of fork:DeprecationWarning")
-@pytest.mark.filterwarnings("ignore:This DataLoader will create:UserWarning")
-def test_workers_subsets_and_collate_by_name(mixed_store: Store) -> None:
-    dataset = dataset_of(mixed_store, "mirrored and normalised")
-    wanted = [default_collate([dataset[k] for k in range(n, min(n + 4, 30))]) for n in range(0, 30, 4)]
-    subset = Subset(dataset, range(30))
-    for options in ({}, {"num_workers": 2}, {"collate_fn": WindowDataset.collate, "num_workers": 1}):
-        loader: DataLoader[Any] = DataLoader(subset, 4, **options)
-        for found, batch in zip(loader, wanted, strict=True):
-            assert_equal(found, batch)
 
 
 LARGE = (1 << 19, 3)

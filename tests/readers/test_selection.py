@@ -1,9 +1,7 @@
 """Selection of windows: lists, protocols, trims, movement, presets; and the reported rejects."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +15,7 @@ from dancedata.store.writer import write_store
 from dancedata.testing.stores import random_fields, write_random_store
 from dancedata.torch import PRESETS, Primitives, Scale, Select, WindowDataset, Windows
 from tests.messages import raises_message
-from tests.readers.conftest import LODGE
+from tests.readers.conftest import LODGE, rewritten
 
 N, LENGTH = 600, 120
 
@@ -152,24 +150,15 @@ def test_a_scaler_of_the_protocols_own_train_clips(store: Store, caplog: pytest.
         WindowDataset(store, fields=("lodge139",), select=Select(protocol="other"), scale=Scale("zscore"))
 
 
-def _written(folder: Path, change: Callable[[StoredClip], StoredClip], **options: Any) -> Store:
-    """Train clips of 90 frames, windows of 30, each clip changed before it is stored."""
-    options = {"clips": {"train": 4}, "n_frames": (90, 90), "length": 30, "stride": 30, **options}
-    made = write_random_store(folder / "plain", **options)
-    (folder / "out").mkdir()
-    write_store(folder / "out", made.header, list(map(change, made.clips)))
-    return open_store(folder / "out")
-
-
 def test_mirrored_copies_are_for_training_under_every_protocol(tmp_path: Path) -> None:
     lists = {f"train_c{k:02d}": (f"p.{split}",) for k, split in enumerate(("train", "train", "val", "val"))}
     copies = {"train_c01", "train_c02"}
-    made = _written(tmp_path, lambda c: replace(c, lists=lists[c.id], source="train_c00" if c.id in copies else ""))
+    made = rewritten(tmp_path, lambda c: replace(c, lists=lists[c.id], source="train_c00" if c.id in copies else ""))
     options = {"fields": ("edge151",), "select": Select(protocol="p"), "scale": None}
     assert _ids(WindowDataset(made, **options)) == ["train_c00", "train_c01"]  # type: ignore[arg-type]
     assert _ids(WindowDataset(made, "val", **options)) == ["train_c03"]  # type: ignore[arg-type]
     (tmp_path / "other").mkdir()
-    made = _written(tmp_path / "other", lambda c: replace(c, lists=() if c.id == "train_c02" else ("p.train",)))
+    made = rewritten(tmp_path / "other", lambda c: replace(c, lists=() if c.id == "train_c02" else ("p.train",)))
     dataset = WindowDataset(made, **options)  # type: ignore[arg-type]
     assert [(r.reason, r.clip, r.detail) for r in dataset.rejects] == [("unassigned", "train_c02", "on no list of p")]
 
@@ -188,7 +177,7 @@ def test_an_invalid_movement_filter(store: Store, given: object) -> None:
 
 def test_a_trim_is_rounded_up_to_a_row_of_every_field(tmp_path: Path) -> None:
     fields = random_fields({"fast": 6, "slow": 6}, {}, fast=30, slow=15)
-    store = _written(tmp_path, lambda c: replace(c, trim_start=7), length=20, stride=10, fields=fields)
+    store = rewritten(tmp_path, lambda c: replace(c, trim_start=7), length=20, stride=10, fields=fields)
     both = store.windows("train", fields=("fast", "slow"), trim=True, length=20, stride=10)
     assert [w.start for w in both][:6] == [8, 18, 28, 38, 48, 58]
     alone = store.windows("train", fields=("fast",), trim=True, length=20, stride=10)
@@ -205,7 +194,7 @@ def test_the_filter_looks_at_the_rows_of_a_field_of_another_rate(tmp_path: Path)
         rows["fast"][60:120] = rows["fast"][60]  # frames 30 .. 59
         return replace(clip, motion=rows)
 
-    store = _written(tmp_path, still, clips={"train": 1}, fields=fields)
+    store = rewritten(tmp_path, still, clips={"train": 1}, fields=fields)
     dataset = _read(store, fields=("edge151",), select=Select(filter={"movement": {"field": "fast"}}))
     assert [w.start for w in dataset.windows] == [0, 60]
     assert [r.window for r in dataset.rejects] == [30]

@@ -128,17 +128,6 @@ def test_without_the_usual_fields_all_are_read(tmp_path: Path, names: tuple[str,
         assert clips[0][name].shape[1] == windows.store.fields[name].width
 
 
-def test_normalising_spans_train_and_comes_back(store: Store) -> None:
-    raw = WindowDataset(store, windows=Windows(length=150, stride=50), scale=None)
-    dataset = WindowDataset(store, windows=Windows(length=150, stride=50))
-    normal = torch.cat([item[MOTION] for item in dataset.__getitems__(range(len(dataset)))])
-    plain = torch.cat([item[MOTION] for item in raw.__getitems__(range(len(raw)))])
-    assert float(normal.min()) == pytest.approx(-1.0, abs=1e-6)
-    assert float(normal.max()) == pytest.approx(1.0, abs=1e-6)
-    back = dataset.scaler(MOTION).unnormalize(normal)
-    torch.testing.assert_close(back.to(torch.float32), plain, atol=1e-5, rtol=1e-5)
-
-
 def test_mirrored_before_normalised_in_a_range_that_covers_both(store: Store) -> None:
     mirror = store.field(MOTION).columns.mirror
     assert mirror is not None
@@ -165,23 +154,6 @@ def test_edges_clip_is_selected_by_name(store: Store) -> None:
     np.testing.assert_allclose(whole[7][MOTION].numpy(), expected, atol=1e-6)
     np.testing.assert_allclose(cut[7][MOTION].numpy(), expected.clip(-1, 1), atol=1e-6)
     assert WindowDataset(store, **PRESETS["edge"], augment={"mirror": 0.5}).clamp  # as EDGE does, mirrored or not
-
-
-def test_val_has_the_scaler_of_train(store: Store) -> None:
-    probe = np.linspace(-3, 3, 151)
-    plain = store.scaler(MOTION).normalize(probe)
-    train, val = WindowDataset(store, augment={"mirror": 0.5}), WindowDataset(store, split="val")
-    for reader in (train, val):
-        np.testing.assert_array_equal(reader.scaler(MOTION).normalize(probe), plain)
-    val.load_state_dict(train.state_dict())
-    wide = WindowDataset(store, scale=Scale(covers=["mirror"]), augment={"mirror": 0.5})
-    assert not np.array_equal(wide.scaler(MOTION).normalize(probe), plain)
-    with pytest.raises(UsageError, match=f"found edge151 {wide.scaler(MOTION).sha256}"):
-        WindowDataset(store, split="val").load_state_dict(wide.state_dict())
-    val = WindowDataset(store, scale=wide, split="val")
-    np.testing.assert_array_equal(val.scaler(MOTION).data_max, wide.scaler(MOTION).data_max)
-    val.load_state_dict(wide.state_dict())
-    assert not val[0]["mirrored"]
 
 
 def mirrored(dataset: WindowDataset) -> list[bool]:

@@ -18,6 +18,17 @@ from urllib.parse import unquote, urlsplit
 Fault = Callable[["Handler", bytes], bool]
 
 
+def raw(data: bytes) -> Fault:
+    """Send these bytes in place of an answer, and close."""
+
+    def answer(handler: "Handler", _: bytes) -> bool:
+        handler.wfile.write(data)
+        handler.close_connection = True
+        return True
+
+    return answer
+
+
 class Server(ThreadingHTTPServer):
     daemon_threads = True
 

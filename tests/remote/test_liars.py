@@ -17,7 +17,7 @@ from dancedata.core.hashing import json_sha256
 from dancedata.files.addresses import local_folder
 from dancedata.remote import client, fetch, source
 from dancedata.remote.pull import pull
-from tests.remote.servers import S3, Fault, Handler, Hub, Server, cut, other, serving, status
+from tests.remote.servers import S3, Fault, Handler, Hub, Server, cut, other, raw, serving, status
 
 Way = Callable[[str], object]
 
@@ -66,15 +66,6 @@ def _endless(handler: Handler, chunk: bytes, pause: float = 0.0) -> bool:
         handler.wfile.flush()
         time.sleep(pause)
     return True
-
-
-def _raw(data: bytes) -> Fault:
-    def answer(handler: Handler, _: bytes) -> bool:
-        handler.wfile.write(data)
-        handler.close_connection = True
-        return True
-
-    return answer
 
 
 def _with(body: Callable[[bytes], bytes], **headers: str) -> Fault:
@@ -129,10 +120,10 @@ LIES: dict[str, Fault] = {
     "a length that is not a number": _with(lambda data: data[:-9], Content_Length="many"),
     "gzip": _with(gzip.compress, Content_Encoding="gzip"),
     "other bytes": other(lambda data: bytes(len(data))),
-    "nothing": _raw(b""),
-    "no HTTP": _raw(b"SSH-2.0-OpenSSH_9.6\r\n"),
-    "a status that is not a number": _raw(b"HTTP/1.1 two hundred OK\r\n\r\n"),
-    "ten thousand headers": _raw(b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 10_000 + b"\r\n"),
+    "nothing": raw(b""),
+    "no HTTP": raw(b"SSH-2.0-OpenSSH_9.6\r\n"),
+    "a status that is not a number": raw(b"HTTP/1.1 two hundred OK\r\n\r\n"),
+    "ten thousand headers": raw(b"HTTP/1.1 200 OK\r\n" + b"A: b\r\n" * 10_000 + b"\r\n"),
     "a head that does not end": lambda handler, _: _endless(handler, b"HTTP/1.1 200 OK" + b"\r\nA: b" * 50, 0.01),
     "a head byte by byte": lambda handler, _: _endless(handler, b"H", 0.02),
     "continue, continue": lambda handler, _: _endless(handler, b"HTTP/1.1 100 Continue\r\n\r\n" * 100),

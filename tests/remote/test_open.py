@@ -107,11 +107,6 @@ def test_a_branch_is_resolved_once(hub: Hub, published: Path, capsys: pytest.Cap
     assert [name for name in hub.requests if not name.endswith(".h5")] == []
 
 
-def test_a_folder_of_a_repository(hub: Hub, published: Path) -> None:
-    hub.commits["a" * 40] = published.parent
-    assert len(dancedata.open("hf://datasets/org/name@main/store")) == len(dancedata.open(published))
-
-
 @pytest.mark.parametrize(
     "text",
     [

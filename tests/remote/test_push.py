@@ -14,6 +14,7 @@ import yaml
 
 import dancedata
 from dancedata.core.errors import DanceDataError, StoreError, UsageError
+from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.licence import Licence
 from dancedata.core.packages import MissingPackageError
 from dancedata.core.registry import DATASETS
@@ -369,8 +370,6 @@ def test_a_damaged_dataset_is_not_published(uploads, random_store, tmp_path):
 
 def test_names_that_lead_out_of_the_folder(uploads, random_store, tmp_path):
     """dataset.json of others that names a file of this machine: it is not uploaded."""
-    from dancedata.core.hashing import json_sha256, sha256_bytes
-
     secret = tmp_path / "id_rsa"
     secret.write_text("private key")
     out = random_store(tmp_path / "store").path

@@ -15,7 +15,7 @@ from dancedata import comparison
 from dancedata.building.rebuild import Publication
 from dancedata.core import plugin_files
 from dancedata.core.errors import RecipeError, StoreError, UsageError
-from dancedata.core.hashing import json_sha256
+from dancedata.core.hashing import json_sha256, sha256_bytes
 from dancedata.core.registry import DATASETS, REGISTRIES
 from dancedata.remote.pull import pull
 from dancedata.remote.push import push
@@ -249,8 +249,6 @@ def test_publications_that_lie(as_folder: Path, lie: Callable[[Any], Any], fine_
 
 @pytest.mark.parametrize("content", [b"[", b"{}\n", b"\xff", b'{"id": [], "made_of": {}, "lists": 3}\n'])
 def test_clips_that_are_damaged(as_folder, fine_source, tmp_path, cache, content):
-    from dancedata.core.hashing import sha256_bytes
-
     (as_folder / "clips.jsonl").write_bytes(content)
     with edited(as_folder) as document:
         document["files"]["clips.jsonl"] = {"size": len(content), "sha256": sha256_bytes(content)}

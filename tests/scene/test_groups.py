@@ -265,8 +265,6 @@ def test_downbeats_are_marked() -> None:
 
 
 def test_words_are_drawn_and_said(browser, tmp_path: Path, worded: Scenes) -> None:  # noqa: ANN001
-    from dancedata.scene.page import clip_page
-
     page = tmp_path / "words.html"
     page.write_text(clip_page(worded, [worded.find("train0"), worded.find("train1")]))
     browser.open(f"file://{page}#group=train0&t=0.5")

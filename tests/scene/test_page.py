@@ -57,10 +57,6 @@ def test_its_policy_allows_its_own_script_and_style_only(page: str) -> None:
     assert not inline  # attributes that the policy would refuse
 
 
-def test_equal_pages_have_equal_bytes(scenes, page: str) -> None:
-    assert clip_page(scenes("thirty"), scenes("thirty").items[:2]) == page
-
-
 def test_names_are_data(scenes) -> None:
     dataset = scenes("thirty")
     item = dataset.items[0]

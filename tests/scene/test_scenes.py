@@ -2,6 +2,8 @@
 
 import base64
 import gzip
+import shutil
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -114,8 +116,6 @@ def test_slices_are_items(scenes) -> None:
 
 
 def test_links_escape_names(scenes) -> None:
-    from dataclasses import replace
-
     item = scenes("thirty").items[0]
     hostile = replace(item, clip=replace(item.clip, id='a"b<script>#&%?+ \u202e'))
     assert link(hostile, at=5.8, loop=(90, 240), field="edge151.second") == (
@@ -167,8 +167,6 @@ def test_a_copy_at_another_tempo_has_stretched_music(scenes, dances: Path) -> No
 
 
 def test_other_music_is_used_with_a_note(scenes, dances: Path, tmp_path: Path) -> None:
-    import shutil
-
     dataset, other = scenes("slices"), tmp_path / "other"
     shutil.copytree(dances, other)
     songs = sorted((other / "wavs").iterdir())
@@ -189,19 +187,6 @@ def test_the_original_is_the_source_of_the_build(scenes, dances: Path) -> None:
     for item in dataset.items[:4]:
         scene = dataset.scene(item)
         assert np.nanmax(scene.figure.distance_mm(clip_source.original(scene, item))) < 0.001
-
-
-def test_files_are_compared_with_their_clips(scenes, tmp_path: Path) -> None:
-    dataset = scenes("thirty")
-    item = dataset.items[0]
-    scene = dataset.scene(item)
-    np.save(tmp_path / f"{item.id}.npy", scene.figure.joints + np.array((0.003, 0.0, 0.004)))
-    comparison = comparison_of(tmp_path, dataset, file_format(dataset.store))
-    payload = comparison_payload(comparison, scene)
-    assert payload["mean"] == pytest.approx(5.0, abs=1e-3)
-    assert "no file for this clip" in comparison_payload(comparison, dataset.scene(dataset.items[1]))["note"]
-    single = comparison_of(tmp_path / f"{item.id}.npy", dataset, file_format(dataset.store))
-    assert single.figure(scene).n_frames == scene.figure.n_frames
 
 
 def test_generated_columns_are_compared(scenes, tmp_path: Path) -> None:
