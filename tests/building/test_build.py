@@ -1,6 +1,5 @@
 """Builds: equal bytes in every way of building, nothing computed twice, foreign files untouched."""
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -41,18 +40,6 @@ def test_another_recipe_is_refused_with_the_difference(run_build, corpus, built_
     with raises_message(StoreError, "different", where="outs/out"):
         run_build(corpus, built_copy, set=["windows.stride_s=1", "audio.librosa35.tightness=50"])
     assert hashes(built_copy) == before
-
-
-def test_a_song_that_another_one_was_unpacked_over_is_noticed(run_build: Any, source: Path, out: Path):
-    """`tar xf` of another song of the same size and time: the file keeps its path, size, time of change and inode."""
-    run_build(source, out)
-    song = source / "wavs" / "mHO3.wav"
-    before, sound = song.stat(), song.read_bytes()
-    song.write_bytes(sound[:1000] + sound[:999:-1])
-    os.utime(song, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert (song.stat().st_ino, song.stat().st_size) == (before.st_ino, before.st_size)
-    with raises_message(StoreError, "rebuild", where="outs/out"):
-        run_build(source, out)
 
 
 @pytest.mark.parametrize("through_a_link", [False, True])

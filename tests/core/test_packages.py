@@ -5,7 +5,6 @@ import sys
 import tomllib
 from collections.abc import Callable
 from importlib.abc import MetaPathFinder
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -99,8 +98,6 @@ def without(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Callable[[str], 
 
 @pytest.mark.parametrize(("extra", "missing"), [(e, m) for e in COMMANDS for m in MODULES[e]])
 def test_commands_name_what_is_missing(without, source, extra, missing):
-    if extra == "spark" and not all(find_spec(name) for name in MODULES[extra]):
-        pytest.skip("the extra spark is not installed")
     without(missing)
     for arguments in COMMANDS[extra]:
         words = [

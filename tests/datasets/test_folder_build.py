@@ -102,10 +102,7 @@ def test_audio_features_of_clips_that_are_kept_without_music(source: Path, tmp_p
     assert left["left_out"]["missing_music"] == 1
 
 
-RECIPE = {
-    "recipe": 1, "name": "words", "dataset": {"folder": {"fps": 30, "unit": "m", "up": "y", "language": "en"}},
-    "windows": {"length_s": 2, "stride_s": 1}, "motion": {"joints": {}}, "audio": {}, "augment": {"mirror": True},
-}  # fmt: skip
+RECIPE = document({"fps": 30, "unit": "m", "up": "y", "language": "en"}, audio={}, augment={"mirror": True})
 
 
 def ids(source: Path) -> list[str]:
