@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -44,14 +45,10 @@ SONG = SignalId(Path("wavs/mBR0.wav"), "file", "a" * 64, 48_000, 10**6)
 def keys_of(name: str) -> dict[str, Any]:
     """Return the hash of a recipe and the keys of its units, for one clip and song, with versions left out."""
     recipe = load_recipe(name)
-    patches = [mock.patch.object(module, what, return_value="1") for module, what in (
-        (audio_units, "package_version"), (plugins, "package_version"), (audio_units, "expected"),
-        (plugins, "expected"), (music_fields, "package_version"),
-        (music_fields, "expected"),
-    )]  # fmt: skip
-    for patch in patches:
-        patch.start()
-    try:
+    with ExitStack() as stack:
+        for module in (audio_units, plugins, music_fields):
+            for what in ("package_version", "expected"):
+                stack.enter_context(mock.patch.object(module, what, return_value="1"))
         of_motion = replace(recipe, fields=tuple(field for field in recipe.fields if field not in recipe.audio))
         take = take_of(of_motion, [(CLIP, "c" * 64)], {"body_model/SMPL.npz": "b" * 64})
         music = [field for field in recipe.audio if isinstance(field, MusicField)]
@@ -60,9 +57,6 @@ def keys_of(name: str) -> dict[str, Any]:
             "tracks": {field.name: field.song_key(80.0, SONG.sha256) for field in music},
             "windows": {field.name: field.slice_key(80.0, SONG, 3) for field in music if field.windows},
         }  # fmt: skip
-    finally:
-        for patch in patches:
-            patch.stop()
 
 
 def demo_shards(folder: Path) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Names of the tiny AIST++ copy, and what a scan says."""
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,10 @@ def change_pickle(path: Path, **changes: Any) -> None:
     """Replace values of a pickle; None removes a key."""
     content = {**pickle.loads(path.read_bytes()), **changes}
     path.write_bytes(pickle.dumps({key: value for key, value in content.items() if value is not None}))
+
+
+def replaced(key: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    return lambda content: {**content, key: change(content[key])}
 
 
 def load(reader: Any, path: Path, clip: str = TRAIN) -> Motion:

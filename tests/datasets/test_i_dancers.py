@@ -19,7 +19,7 @@ from dancedata.core.skeleton import SMPL24
 from dancedata.datasets.i_dancers import IDancers, content_of, load_motions
 from dancedata.synthetic import synthesise_motion
 from dancedata.torch import GroupDataset
-from tests.datasets.scans import notes, rejects, splits
+from tests.datasets.scans import notes, rejects, replaced, splits
 from tests.messages import raises_message
 
 READER = IDancers
@@ -128,25 +128,23 @@ def test_one_dancer_with_nan_leaves_the_others(tmp_path: Path) -> None:
             load_motions(path, members, RATE)
 
 
-def poses(change: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], Any]:
-    return lambda content: {**content, "smpl_poses": change(content["smpl_poses"].copy())}
-
-
-def places(change: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any]], Any]:
-    return lambda content: {**content, "smpl_trans": change(content["smpl_trans"].copy())}
-
-
 def put(array: np.ndarray, at: Any, value: Any) -> np.ndarray:
     array[at] = value
     return array
 
 
 BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
-    "rotation vectors": ("bad_shape", poses(lambda a: a[..., 0].reshape(*a.shape[:2], 72))),
-    "one dancer without an axis of its own": ("bad_shape", poses(lambda a: a[0])),
-    "translation of fewer dancers": ("bad_shape", places(lambda a: a[:1])),
-    "mirrored, determinant -1": ("bad_rotation", poses(lambda a: put(a, (1, 5, 18), np.diag([1, 1, -1])))),
-    "scaled, determinant 1.0013": ("bad_rotation", poses(lambda a: put(a, (0, 5, 4), a[0, 5, 4] * 1.00044))),
+    "rotation vectors": ("bad_shape", replaced("smpl_poses", lambda a: a[..., 0].reshape(*a.shape[:2], 72))),
+    "one dancer without an axis of its own": ("bad_shape", replaced("smpl_poses", lambda a: a[0])),
+    "translation of fewer dancers": ("bad_shape", replaced("smpl_trans", lambda a: a[:1])),
+    "mirrored, determinant -1": (
+        "bad_rotation",
+        replaced("smpl_poses", lambda a: put(a, (1, 5, 18), np.diag([1, 1, -1]))),
+    ),
+    "scaled, determinant 1.0013": (
+        "bad_rotation",
+        replaced("smpl_poses", lambda a: put(a, (0, 5, 4), a[0, 5, 4] * 1.00044)),
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from dancedata.core.grid import FrameGrid
 from dancedata.core.skeleton import SMPL24_EDGE
 from dancedata.datasets.phantomdance import BONES, PhantomDance, content_of
 from dancedata.synthetic import synthesise_motion
-from tests.datasets.scans import load, notes, splits
+from tests.datasets.scans import load, notes, replaced, splits
 from tests.messages import raises_message
 
 READER = PhantomDance
@@ -89,10 +89,6 @@ def test_bones_in_another_order_and_the_first_releases_key(tmp_path: Path) -> No
     )
     (tmp_path / "c.json").write_text(json.dumps(content), encoding="utf-8-sig")
     np.testing.assert_array_equal(load(PhantomDance(), tmp_path / "c.json").rotations, expected.rotations)
-
-
-def replaced(key: str, change: Callable[[Any], Any]) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    return lambda content: {**content, key: change(content[key])}
 
 
 BAD: dict[str, tuple[str, Callable[[dict[str, Any]], Any]]] = {
