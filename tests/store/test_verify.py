@@ -151,12 +151,14 @@ DAMAGE: list[tuple[Change, str]] = [
     (described(lambda d: d["windows"].update(length="30")), "not a whole number"),
     (described(lambda d: d["shards"][0].update(file="../x-00000-of-00001.h5")), "not the name of a shard"),
     (described(lambda d: d["splits"]["train"].update(clips=5)), "splits: train has 6 clips, not 5"),
+    (described(lambda d: d["splits"]["val"].update(songs=9)), "splits: val has 1 songs, not 9"),
     (described(lambda d: d["splits"]["test"].update(hours=0.5)), "hours, not 0.5"),
     (described(lambda d: d["splits"].pop("val")), "splits are not those of the shards"),
     (described(lambda d: d["fields"][0].update(name="other")), "does not state the rows of every field"),
     (described(lambda d: d["files"].pop("tables.h5")), "does not list tables.h5"),
     (described(lambda d: d["shards"].append(d["shards"][0])), "neighbours"),
     (described(lambda d: d["shards"][0].update(windows=3)), "another number of rows"),
+    (described(lambda d: d["shards"][0].update(clips=3)), "another number of rows"),
     (described(lambda d: d["shards"][1].update(split="dev")), "/clips/split: not that of the clip"),
     (described(lambda d: d["shards"][0]["fields"]["pose"].__setitem__(0, 64)), "rows from byte 64 on"),
     (described(lambda d: d["shards"][0]["fields"]["pose"].__setitem__(1, 9)), "allowed: 9 rows from byte"),
@@ -164,6 +166,7 @@ DAMAGE: list[tuple[Change, str]] = [
     (described(lambda d: d["fields"][0].update(dtype="float16")), "the shape or dtype of a field differs"),
     (values("windows/clip", 0, 99), "/windows/clip: a number is out of bounds"),
     (values("windows/start", 0, -1), "outside their clip"),
+    (values("windows/start", 0, 10**6), "outside their clip"),
     (values("windows/start", 1, 0), "/windows: not by clip and start"),
     (values("clips/n_frames", 0, 0), "not a whole number from 1"),
     (values("clips/n_frames", 0, 31), "rows and frames do not match, in rows 0 (clip train_c00)"),
@@ -188,8 +191,10 @@ DAMAGE: list[tuple[Change, str]] = [
     (layout("clips/lists/values", lambda old: old[1:]), "offsets do not begin at 0 and end at the last entry"),
     (layout("clips/genre", lambda old: np.arange(len(old))), "/clips/genre: a column of a table"),
     (attribute(TRAIN, "/", "format", 1), "attribute format is"),
+    (attribute(TRAIN, "/", "split", np.bytes_("test")), "attribute split is"),
     (attribute(TRAIN, "motion/pose", "rate", np.bytes_("999")), "attribute rate is"),
     (attribute(TABLES, "/", "fps", np.bytes_("60")), "attribute fps is"),
+    (attribute(TABLES, "/", "fps", "30"), "attribute fps is"),
     (attribute(TABLES, "windows", "length", 7), "attribute length is"),
     (lambda folder: edit(folder, "motion/pose", (41, 2), np.nan), "1 values are not finite, first row 41"),
     (lambda folder: edit(folder, "audio/layer", (41, 2), np.inf), "1 values are not finite, first row 41"),
@@ -235,6 +240,22 @@ def test_numbers_of_stats_are_those_of_the_rows(make_store: Any, field: str, nam
         assert f"{field}: not the {name} of the rows" in only_error(made.path)
 
 
+#: Of one clip of 90 frames with windows of 30 frames at 0, 20, 40 and 60: column, row, value and its error.
+WINDOW_CASES: list[tuple[str, int, int, str]] = [
+    ("windows/start", 3, 60, ""),
+    ("windows/start", 3, 61, "/windows: outside their clip"),
+    ("windows/start", 3, 61, "/windows: rows of pose are outside the field"),
+    ("clips/motion/pose/length", 0, 89, "do not fill the"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("dataset", "index", "value", "message"), WINDOW_CASES)
+def test_windows_lie_in_their_clip(make_store: Any, dataset: str, index: int, value: int, message: str) -> None:
+    made = make_store(clips={"train": 1}, n_frames=(90, 90), length=30, stride=20)
+    found = errors_after(made.path, dataset, index, value)
+    assert message in found if message else found == ""
+
+
 CODES = Field(
     "codes", "motion", Columns((Group("code", 2, "1"),), None), Fraction(30), "int16", Codebook("body", (4, 7))
 )
@@ -250,8 +271,10 @@ def write_codes(make_store: Any, out: Path, field: Field) -> None:
 def test_codes_are_those_of_their_codebook(make_store: Any, out: Path) -> None:
     write_codes(make_store, out, CODES)
     assert verify_store(out) == []
-    edit(out, "motion/codes", (61, 1), 7)
-    assert "1 values are not codes of their codebook, first row 61 (clip train_c01)" in only_error(out)
+    for row, column, value in ((60, 0, 4), (61, 1, 7), (119, 1, -2)):
+        edit(out, "motion/codes", (row, column), value)
+        assert f"1 values are not codes of their codebook, first row {row} (clip train_c01)" in only_error(out)
+        edit(out, "motion/codes", (row, column), 0)
 
 
 BAD_BOOKS: dict[str, dict[str, Any]] = {
