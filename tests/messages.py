@@ -1,11 +1,14 @@
 """Errors as tests expect them: by class, place, reason and a word that teaches. The rest of the wording is free."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import pytest
+
+from dancedata.core.errors import DataError
 
 E = TypeVar("E", bound=BaseException)
 
@@ -20,3 +23,12 @@ def raises_message(
         yield caught
     assert str(getattr(caught.value, "where", "")).endswith(where), f"another place: {caught.value}"
     assert reason in (None, getattr(caught.value, "reason", None)), f"another reason: {caught.value}"
+
+
+def refused_file(read: Callable[[Path], Any], path: Path, data: bytes, reason: str) -> str:
+    """Write a file and expect `read` to refuse it by name, with a reason; return the message."""
+    path.write_bytes(data)
+    with raises_message(DataError, "", reason=reason) as error:
+        read(path)
+    assert str(path) in str(error.value)
+    return str(error.value)

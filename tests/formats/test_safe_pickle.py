@@ -5,6 +5,7 @@ import pickle
 import struct
 from collections import Counter, OrderedDict
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy._core.multiarray import _reconstruct, scalar
 
 from dancedata.core.errors import DataError
 from dancedata.formats.safe_pickle import as_array, load_pickle
-from tests.messages import raises_message
+from tests.messages import raises_message, refused_file
 
 
 class Call:
@@ -32,12 +33,7 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "ä clip.pkl"
 
 
-def refused(path: Path, data: bytes, reason: str) -> str:
-    path.write_bytes(data)
-    with raises_message(DataError, "", reason=reason) as error:
-        load_pickle(path)
-    assert str(path) in str(error.value)
-    return str(error.value)
+refused = partial(refused_file, load_pickle)
 
 
 @pytest.mark.parametrize("protocol", range(6))

@@ -4,6 +4,7 @@ import io
 import pickle
 import zipfile
 import zlib
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from dancedata.core.errors import DataError
 from dancedata.core.motion import Motion
 from dancedata.datasets.folder import Folder
 from dancedata.formats.values import load_values
-from tests.messages import raises_message
+from tests.messages import raises_message, refused_file
 from tests.video_files import joblib_bytes, torch_file, wham, wham_person
 
 COMPRESSIONS = [0, 3, ("gzip", 3), ("bz2", 1), ("lzma", 1), ("xz", 1)]
@@ -31,12 +32,7 @@ CONTENT = {
 }  # fmt: skip
 
 
-def refused(path: Path, data: bytes, reason: str) -> str:
-    path.write_bytes(data)
-    with raises_message(DataError, "", reason=reason) as error:
-        load_values(path)
-    assert str(path) in str(error.value)
-    return str(error.value)
+refused = partial(refused_file, load_values)
 
 
 @pytest.mark.parametrize("protocol", [2, 3, 4, 5])
