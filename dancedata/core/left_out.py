@@ -25,8 +25,8 @@ def left_out_lines(rejects: Sequence[Reject], *, details: bool = False) -> list[
     lines = []
     for reason in ordered[:_REASONS]:
         lines += _reason(reason, by_reason[reason], details or reason not in BY_CHOICE)
-    rest = sum(len(by_reason[reason]) for reason in ordered[_REASONS:])
-    return [*lines, f"{len(ordered) - _REASONS} more reasons: {rest}"] if rest else lines
+    n_more = sum(len(by_reason[reason]) for reason in ordered[_REASONS:])
+    return [*lines, f"{len(ordered) - _REASONS} more reasons: {n_more}"] if n_more else lines
 
 
 def _rank(reason: str, n: int) -> tuple[int, int, str]:
@@ -59,10 +59,10 @@ def _songs(songs: Counter[str], rejects: Sequence[Reject]) -> list[str]:
     """List the missing songs: first those that most clips need."""
     ordered = sorted(songs, key=lambda song: (-songs[song], song))
     lines = [f"  song {song} is missing: {counted(songs[song], 'clip')}" for song in ordered[:_NAMED]]
-    rest = ordered[_NAMED:]
-    if rest:
-        clips = counted(sum(songs[song] for song in rest), "clip")
-        lines.append(f"  {counted(len(rest), 'song')} more: {clips} ({listed(rest, _NAMED)})")
+    fewer_clips = ordered[_NAMED:]
+    if fewer_clips:
+        clips = counted(sum(songs[song] for song in fewer_clips), "clip")
+        lines.append(f"  {counted(len(fewer_clips), 'song')} more: {clips} ({listed(fewer_clips, _NAMED)})")
     nameless = [r.clip for r in rejects if not r.music]
     if nameless:
         lines.append(f"  no song is named: {counted(len(nameless), 'clip')} ({listed(nameless, _NAMED)})")

@@ -162,7 +162,7 @@ def _reject(segment: Segment, limits: Mapping[str, Limit], place: Segment | None
 
 
 def _touches(seen: Seen, start: int, segment: Segment) -> bool:
-    """Return whether a window overlaps a segment, or has a row interpolated from a frame of the segment."""
+    """Return whether a window overlaps a segment, or has a row that is interpolated from a frame of it."""
     stop = seen.grid.seconds(start + seen.length)
     rates = [f.grid.rate for f in seen.fields if f.kind != "audio" and not f.from_files]
     last = stop - 1 / max([seen.grid.rate, *rates])

@@ -126,7 +126,7 @@ class FineDance(PublishedDataset):
     labels: Literal["required", "optional"] = field(default="required", metadata={"scan": True})
     music_dir: Path | None = field(default=None, metadata={"path": True})
 
-    #: Bones that Lodge and FineDance published: there are no betas, all motion is on the neutral body.
+    #: Bones that Lodge and FineDance published; they published no betas, so all motion is on the neutral body.
     body: ClassVar[Skeleton] = SMPLX55
     licence: ClassVar[str] = (
         "Non-commercial scientific research, education and art only (Tsinghua University's licence for the FineDance "

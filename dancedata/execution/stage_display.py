@@ -11,7 +11,7 @@ LINE_INTERVAL_S = 15.0
 _LABEL = 24
 
 
-def show_bar(stream: TextIO, label: str, total: int | None, known: int) -> Iterator[Callable[[int], None]]:
+def show_bar(stream: TextIO, label: str, total: int | None, n_cached: int) -> Iterator[Callable[[int], None]]:
     """Show a bar while the stage runs; a row of a table replaces it."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -22,7 +22,7 @@ def show_bar(stream: TextIO, label: str, total: int | None, known: int) -> Itera
     columns = [TextColumn("{task.description}"), BarColumn(bar_width=24), *counts]
     started = time.monotonic()
     with Progress(*columns, console=console, transient=True, redirect_stdout=False, redirect_stderr=False) as display:
-        task = display.add_task(label.ljust(_LABEL), total=total, completed=known)
+        task = display.add_task(label.ljust(_LABEL), total=total, completed=n_cached)
         yield lambda n: display.advance(task, n)
     style = None if os.environ.get("NO_COLOR") else "dim"
     console.print(stage_row(label, total, f"{time.monotonic() - started:.1f} s"), style=style, markup=False)
@@ -34,11 +34,11 @@ def stage_row(label: str, total: int | None, end: str) -> str:
 
 
 def show_lines(
-    write: Callable[[str], None], label: str, total: int | None, known: int
+    write: Callable[[str], None], label: str, total: int | None, n_cached: int
 ) -> Iterator[Callable[[int], None]]:
     """Write a line from time to time while the stage runs, and one at its end."""
     started = last = time.monotonic()
-    done = known
+    done = n_cached
 
     def advance(n: int) -> None:
         nonlocal done, last
@@ -46,8 +46,8 @@ def show_lines(
         now = time.monotonic()
         if total is not None and done < total and now - last >= LINE_INTERVAL_S:
             last = now
-            left = (now - started) / (done - known) * (total - done)
-            write(f"{label}: {done}/{total}, about {left:.0f} s left")
+            remaining_s = (now - started) / (done - n_cached) * (total - done)
+            write(f"{label}: {done}/{total}, about {remaining_s:.0f} s left")
 
     yield advance
     count = "done" if total is None else f"{done}/{total}"

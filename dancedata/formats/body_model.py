@@ -47,7 +47,7 @@ def body_model_skeleton(
     `path`: A model file, or a folder, where `gender` and `joints` select one, such as smplh/male/model.npz.
     `joints`: The joints of the result: all of the model's or a subset (SMPLX52 of a SMPL-X model).
     `betas`: (n,) shape of the body; None for the model's mean. Missing ones are 0.
-    Raises UsageError: if there is no such model, or it lacks an array, has other joints or fewer betas.
+    Raises UsageError: if there is no such model, or if it lacks an array or has different joints or too few betas.
     """
     file = find_model(path, joints=joints, gender=gender)
     model = _model(file, file.stat().st_size, file.stat().st_mtime_ns)

@@ -65,8 +65,8 @@ class RhythmPiece:
 class Offset:
     """The offset of music against motion, or why it is unknown."""
 
-    # Seconds to add to the second of the music at frame 0: positive if the dance is early, which is in step with
-    # music that was played before it began. None if there is no peak. Where `unknown`, it is the best guess.
+    # Seconds to add to the second of the music at frame 0: positive if the dance is early, so that it is in step with
+    # music that was played before it began. None without a peak; the best guess where `unknown` is set.
     offset_s: float | None = None
     width_s: float | None = None  # half of its 90 % interval, from resampled segments
     p: float | None = None  # share of songs at other tempos that fit at least as well at their best offset

@@ -220,7 +220,7 @@ class SceneList(ABC):
     place: str  # what they are read from, for messages
     grid: FrameGrid  # rate at which items are counted
     body: Skeleton  # body of positions whose joints have no names in a file
-    fields: tuple[str, ...] = ()  # motion fields that can be drawn; empty where there is no choice
+    fields: tuple[str, ...] = ()  # motion fields that the viewer offers; empty where there is nothing to choose
 
     @property
     @abstractmethod

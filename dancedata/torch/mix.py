@@ -156,8 +156,8 @@ class Mix(EpochDataset):
 
     def state_dict(self) -> dict[str, Any]:
         """Return the hashes of the scalers, {"scalers": {field: hash}}."""
-        stated = self.datasets[0].state_dict()["scalers"]
-        return {"scalers": {name: stated[name] for name in self.normalized}}
+        hashes = self.datasets[0].state_dict()["scalers"]
+        return {"scalers": {name: hashes[name] for name in self.normalized}}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Check that the model of a checkpoint was trained with these scalers; UsageError if not; changes nothing."""
